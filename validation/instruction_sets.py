@@ -35,7 +35,7 @@ class Difference:
         value, value_where: largest relative difference of a force or time, and which.
         probability, probability_where: largest difference of a probability.
         tail, tail_where: largest relative difference of the forces that belong to a tail's probability.
-        ticks: of 1000 sampled runs, those noticed at another tick.
+        ticks: of 1000 sampled runs, those detected at another tick.
     """
 
     figures: int
@@ -85,7 +85,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
                 f"tails {apart.tail:.1e}",
             )
             findings.check(
-                f"{name}, {pair}: 1000 sampled runs are noticed at the same ticks",
+                f"{name}, {pair}: 1000 sampled runs are detected at the same ticks",
                 apart.ticks == 0,
                 f"{apart.ticks} differ",
             )

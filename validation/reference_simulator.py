@@ -33,7 +33,7 @@ class Differences:
 
     Attributes:
         runs, undetected: how many; of the latter only the absence of a detection is compared.
-        ticks, triggers, missed: runs whose tick or whose joints differ, or that only the reference simulator noticed.
+        ticks, triggers, missed: runs whose tick or whose joints differ, or that only the reference simulator detected.
         peak, at_detection: of forces [N].
         residual: [Nm].
         contact_duration: [s]; NaN where the arm stops in contact.

@@ -140,8 +140,8 @@ def free(mass: float, **changes: Any) -> Scenario:
 # Bodies that get away.
 FREE: dict[str, Scenario] = {
     # The distribution of a body that mostly gets away undetected is nearly a point, which no share above a quantile can
-    # be told from: here most are noticed.
-    "light, mostly noticed": free(
+    # be told from: here most are detected.
+    "light, mostly detected": free(
         2.0,
         detector__thresholds_Nm=[4, 2, 4, 4, 4, 4, 4],
         detector__noise_sd_Nm=0.5,

@@ -176,7 +176,7 @@ def test_a_batch_knows_who_triggered_what_is_hardly_ever_detected() -> None:
 
 
 def test_a_batch_feels_no_body_that_the_arm_has_left() -> None:
-    """The arm falls back and ends amid the places where the body may be, none of which it is noticed at."""
+    """The arm falls back and ends amid the places where the body may be, none of which it is detected at."""
     result, batch = alone_and_in_a_batch(
         {
             "robot": "iiwa14",

@@ -21,7 +21,7 @@ from bumpstop.study.prediction import predict_batch
 from cli.support import REPOSITORY
 from collision.cases import control_group, free
 
-# Somebody who waits notices a second; a machine that does much else may take some more.
+# Somebody who waits detects a second; a machine that does much else may take some more.
 AFTER_S, PATIENCE_S = 0.4, 2.0
 COMMAND = Path(sysconfig.get_path("scripts")) / "bumpstop"
 PICK_AND_PLACE = REPOSITORY / "examples" / "06_pick_and_place_trajectory.toml"

@@ -1,4 +1,4 @@
-"""Alarms of the detector: when a contact is noticed, and how long an alarm stays."""
+"""Alarms of the detector: when a contact is detected, and how long an alarm stays."""
 
 from __future__ import annotations
 
@@ -47,7 +47,8 @@ def test_a_larger_force_is_never_noticed_later(weak: float, more: float, ramp_s:
 
 
 def test_with_noise_the_distribution_of_delays_is_ordered() -> None:
-    """At every time at least as many of the stronger contacts are noticed: the same noise, run by run, up to chance."""
+    """At every time at least as many of the stronger contacts are detected: the same noise, run by run, up to
+    chance."""
     detector = Detector(UR5E, None, [12.0] * 6)
     delays = []
     for size in (0.5, 0.6, 0.8):

@@ -142,7 +142,7 @@ class Hits:
 
     Attributes:
         stiffness: in series, as measured [N/m].
-        law: mean peak force of the exact law with that stiffness [N].
+        law: mean peak force of the integrated distribution with that stiffness [N].
         law_sd: its sd [N].
         peaks: of the plant (seeds,) [N].
     """

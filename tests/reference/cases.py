@@ -41,7 +41,7 @@ def sia5d(velocity_m_s, **changes) -> ReferenceSettings:
     return replace(settings, **changes)
 
 
-# A single slide along x: everything about it can be worked out on paper.
+# A single slide along x: everything about it can be computed on paper.
 SPEED = 0.1
 ACCELERATION = 2.0
 SUBSTEP = 0.001 / 5

@@ -1,4 +1,4 @@
-"""One slide, worked out on paper: motion, detection, noise, thresholds and arming."""
+"""One slide, computed on paper: motion, detection, noise, thresholds and arming."""
 
 from __future__ import annotations
 

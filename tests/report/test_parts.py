@@ -63,7 +63,7 @@ def test_bins_reach_the_end_of_the_bounded_part(law):
 
 def test_delays_far_beyond_the_others_are_left_out_and_counted(law):
     path = Path(__file__).parents[2] / "examples" / "06_pick_and_place_trajectory.toml"
-    long = bs.evaluate(bs.load_scenario(path))  # a slow start that is noticed after seconds, one in a hundred
+    long = bs.evaluate(bs.load_scenario(path))  # a slow start that is detected after seconds, one in a hundred
     for each, cut in ((law, False), (long, True)):
         picture = next(p for p in DetectionSection(each).pictures() if p.name == "detection_delay")
         found = re.search(r"([\d.]+) % lie beyond the right edge", picture.caption)

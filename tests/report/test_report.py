@@ -191,7 +191,7 @@ def test_never_detected():
     assert "peak force [N] unbounded unbounded unbounded unbounded unbounded unbounded" in text
     assert "detection delay [ms] none none none none none none" in text
     assert "No collision is ever detected" in text
-    # There is one way not to be noticed, and nothing to say about which joint notices, or when.
+    # There is one way not to be detected, and nothing to say about which joint detects, or when.
     names = [figure.picture.name for figure in page.figures]
     assert names == ["arm", "force_over_time_median", "limits_over_area"]
 

@@ -118,7 +118,7 @@ def test_a_body_that_gets_away_from_a_stopped_arm_is_drawn_until_it_has():
         assert y[-1] == 0
 
 
-@pytest.mark.parametrize("name", ["fast, detected while it rises", "latency, stop", "light, mostly noticed"])
+@pytest.mark.parametrize("name", ["fast, detected while it rises", "latency, stop", "light, mostly detected"])
 def test_single_runs_in_the_report_are_those_of_the_kernels(name: str) -> None:
     result = bs.evaluate(FREE[name], samples=60, seed=8)
     assert result.runs is not None
@@ -152,7 +152,7 @@ def test_single_runs_in_the_report_end_when_the_body_has_got_away(name: str) -> 
 
 
 def test_an_undetected_run_stands_for_a_quantile_where_the_arm_comes_to_rest():
-    """Joint 2 has 0.3 degrees left, the body is a millimetre away, and nobody notices."""
+    """Joint 2 has 0.3 degrees left, the body is a millimetre away, and nobody detects."""
     result = evaluate(
         {
             "pose_deg": [0, 109.7, 0, -20, 0, -40, 0],

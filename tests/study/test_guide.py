@@ -75,7 +75,7 @@ def test_along_a_curve_of_equal_risk_the_risk_is_equal(rates: Any) -> None:
         ),
     ],
 )
-def test_curves_of_equal_risk_are_no_coarser_than_laws(scenario: bs.Scenario, ranges: tuple[str, str]) -> None:
+def test_curves_of_equal_risk_are_no_coarser_than_distributions(scenario: bs.Scenario, ranges: tuple[str, str]) -> None:
     keys = [text.partition("=")[0] for text in ranges]
     study = ParameterStudy.of(scenario, vary=list(ranges), pairs=[",".join(keys)])
     (pair,) = run(study)[1]["equal_risk"]

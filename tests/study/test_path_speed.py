@@ -54,7 +54,7 @@ def slowed(study: TrajectorySpeedLimits, path_speed: Any, folder: Path) -> tuple
 
 
 def worst_risk(scenario: bs.Scenario, moments: Any) -> float:
-    """Of collisions that begin at these moments and are noticed."""
+    """Of collisions that begin at these moments and are detected."""
     risks = []
     for moment in moments:
         result = bs.evaluate(scenario.with_values({"motion.contact_onset_s": float(moment)}))
@@ -168,7 +168,7 @@ def test_values_that_fall_from_both_sides_meet_in_a_corner() -> None:
     [("ur10e", [0, -80, -100, -90, 0, 0], 4), ("iiwa14", [10, 40, 20, 0, 30, 60, 0], 3)],
 )
 @pytest.mark.parametrize(("passes", "end"), [(True, 0.5), (False, -0.1)])
-def test_a_trajectory_that_passes_a_singularity_goes_by_its_own_law_there(
+def test_a_trajectory_that_passes_a_singularity_goes_by_its_own_distribution_there(
     robot: str, pose_deg: list[float], joint: int, passes: bool, end: float, tmp_path: Path
 ) -> None:
     q = np.radians(np.tile(pose_deg, (2, 1)))

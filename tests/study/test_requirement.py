@@ -82,7 +82,7 @@ def test_says_why_no_value_meets_it() -> None:
     found = solve_requirement(undetected_force, "motion.speed")
     assert found.value is None
     assert found.risk_at_value > found.risk
-    assert "stay undetected" in found.reason or "never noticed" in found.reason
+    assert "stay undetected" in found.reason or "never detected" in found.reason
 
 
 def test_a_small_risk_is_not_said_to_be_that_of_most_collisions() -> None:
@@ -253,7 +253,7 @@ _SLOW_TICKS = {"detector.feedback_period_s": 0.012, "verdict.accepted_probabilit
         ("motion.speed", _FIXED | {"detector.feedback_period_s": 0.004}, 124.072),
     ],
 )
-def test_every_milder_value_is_met_where_the_risk_is_a_sawtooth(
+def test_every_more_conservative_value_is_met_where_the_risk_has_a_ripple(
     vary: str, changes: dict[str, Any], high: float | None
 ) -> None:
     case = scenario(**changes)
@@ -263,7 +263,7 @@ def test_every_milder_value_is_met_where_the_risk_is_a_sawtooth(
     assert max(over(case, vary, float(value)) for value in more_conservative) <= case.verdict.accepted_probability
 
 
-def test_every_shorter_feedback_period_is_met_where_the_risk_is_a_sawtooth() -> None:
+def test_every_shorter_feedback_period_is_met_where_the_risk_has_a_ripple() -> None:
     """One period among the more conservative ones, 26 ms, falls on the point of a crest; its neighbours have no
     risk."""
     changes = {
@@ -282,7 +282,7 @@ def test_every_shorter_feedback_period_is_met_where_the_risk_is_a_sawtooth() -> 
 
 
 def test_every_shorter_feedback_period_is_met_where_the_last_ticks_decide() -> None:
-    """A motion too short for every body to be noticed: how long before its end the last tick falls has a sampling
+    """A motion too short for every body to be detected: how long before its end the last tick falls has a sampling
     ripple."""
     case = control_group(
         motion__duration_s=0.3,
@@ -317,7 +317,7 @@ def test_a_risk_that_no_value_meets_is_told_closely() -> None:
     assert found.risk_at_value == pytest.approx(over(case, found.variable, 45.0), rel=2e-3)
 
 
-def test_an_arm_that_starts_from_rest_meets_the_risk_at_milder_values_too() -> None:
+def test_an_arm_that_starts_from_rest_meets_the_risk_at_more_conservative_values_too() -> None:
     """Its ticks are nearer to each other than the distances the body may have."""
     case = bs.Scenario.from_dict({
         "robot": "iiwa14",

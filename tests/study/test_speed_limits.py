@@ -222,7 +222,7 @@ def test_nothing_to_slow_down_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize("path_speed", [1.5, 3.0])
-def test_no_pace_makes_a_path_faster_than_it_was_given(path_speed: float) -> None:
+def test_no_path_speed_makes_a_path_faster_than_it_was_given(path_speed: float) -> None:
     trajectory = wavy(np.random.default_rng(1), 50, True)
     found = retime(trajectory, np.full(50, path_speed), np.full(6, 1e3), np.full(6, 1e4))
     assert (np.diff(found.time[found.waypoint]) >= np.diff(trajectory.time) * (1 - 1e-12)).all()
@@ -282,7 +282,7 @@ def test_a_wider_cone_is_never_faster(pick: TrajectorySpeedLimits, found: Any) -
     assert (wide < narrow * 0.9).any()
 
 
-def test_self_motion_keeps_the_tool_and_feels_no_worse() -> None:
+def test_self_motion_keeps_the_tool_and_detects_no_less() -> None:
     problem = TrajectorySpeedLimits(load_scenario(PICK)).problem
     rng = np.random.default_rng(8)
     robot = problem.robot

@@ -36,7 +36,7 @@ def _collisions(findings: Findings, *, runs: int, speeds: int | None) -> None:
             where = f"{name}, {row.speed_mm_s:g} mm/s"
             forces = row.forces or [0.0]
             if row.source.detected:
-                findings.check(f"{where}: noticed", len(row.hits) == runs, f"{len(row.hits)} of {runs} runs")
+                findings.check(f"{where}: detected", len(row.hits) == runs, f"{len(row.hits)} of {runs} runs")
             findings.check(
                 f"{where}: force at detection inside the band of eq 4.4",
                 min(forces) > 0 and max(forces) <= row.bound_N,

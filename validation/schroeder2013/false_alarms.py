@@ -66,7 +66,7 @@ def _variants(findings: Findings, *, runs: int, speeds: list[float]) -> None:
     made = CollisionExperiment(name="plexiglas")
     findings.say(
         f"{runs} contact-free motions at each speed, with the thresholds of table 4.2: the smallest force that is "
-        f"noticed for sure, {made.threshold_force():.1f} N at the hand, is that of the threshold and alike for all "
+        f"detected for sure, {made.threshold_force():.1f} N at the hand, is that of the threshold and alike for all "
         "variants. Once with Schroeder's arming delay, once armed from the start. An alarm counts once until half a "
         "second was quiet."
     )

@@ -45,7 +45,7 @@ SETTINGS = ProtocolSettings(
 QUICK = ProtocolSettings(
     speed_shares=(0.2, 0.4), repeats=1, ramp_repeats=1, holds=1, hold_s=1.0, acceleration=4.5, half_stroke=0.7
 )
-# The planted model's error and a fifth: a bound set when the figures were seen, to notice when they become worse.
+# The planted model's error and a fifth: a bound set when the figures were seen, to detect when they become worse.
 AS_GOOD = 1.2
 # Joint 2 stands for half of pick and place under a load, with hysteresis that no hold has kept, see docs/plant.md.
 STANDING, AS_GOOD_STANDING = ("pick_and_place", 1), 1.6

@@ -50,7 +50,7 @@ def evaluate_batch(
     limits_N: npt.ArrayLike = (),
     threads: int = 1,
 ) -> BatchResult:
-    """Work out the integrated distributions of many poses and velocities; all else is as in ``scenario``.
+    """Compute the integrated distributions of many poses and velocities; all else is as in ``scenario``.
 
     Args:
         scenario: its pose and velocity are replaced. A checked problem will do too: its robot counts, whose joint

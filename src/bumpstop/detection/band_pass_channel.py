@@ -13,7 +13,7 @@ from bumpstop.detection.settings import DetectorSettings
 if TYPE_CHECKING:
     from bumpstop.detection.tuning.residual_file import ResidualSeries
 
-_ANY = 1e300  # a threshold that nothing reaches: the channel is worked out where some joint has one
+_ANY = 1e300  # a threshold that nothing reaches: the channel is computed where some joint has one
 
 
 def band_pass_channel(series: ResidualSeries, settings: DetectorSettings | None = None) -> FloatArray:

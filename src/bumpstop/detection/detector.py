@@ -4,41 +4,26 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bumpstop import _native
-from bumpstop.arrays import FloatArray, as_float_array, as_number
-from bumpstop.detection.drive_matching import MatchedDrives
+from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.detection.events import FAULTS, DetectionRun, Event, bits, check_rearm, frozen_notes
-from bumpstop.detection.rate import check_rates, period_of
+from bumpstop.detection.loop_detector import LoopDetector
+from bumpstop.detection.rate import period_of
 from bumpstop.detection.settings import DetectorSettings
-from bumpstop.detection.standing import checked_stiction
-from bumpstop.detection.thresholds import Thresholds
 from bumpstop.errors import InputError
-from bumpstop.model import unit_of
 from bumpstop.recording.checks.stamps import stamped_by_a_pc
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from bumpstop.joint import JointTorqueModel
-    from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
-# Of a period: samples closer together repeat each other.
-_MIN_PERIOD_SHARE = 0.1
-_NOISE_PER_THRESHOLD = 3.0
-# Of the speed limits, and at least [rad/s or m/s].
-_UNWATCHED_TIMES = 10.0
-_UNWATCHED_SPEED = 30.0
-# Range of a joint that turns twice around, a little less than that for figures that are rounded [rad].
-_TWO_TURNS = 3.99 * math.pi
 
-
-class Detector:
+class Detector(LoopDetector):
     """Residuals against thresholds. C++ has the same class under the same name; this one makes it and runs it.
 
     *Direct* residual (eq 4.1): torque estimated from the current minus Newton-Euler torque. A contact torque shows at
@@ -61,53 +46,6 @@ class Detector:
         settings: everything else.
         notes: what a reader of any result must know.
     """
-
-    def __init__(
-        self,
-        robot: Robot,
-        model: JointTorqueModel | None,
-        thresholds: Thresholds | npt.ArrayLike,
-        settings: DetectorSettings | None = None,
-    ) -> None:
-        """Check that all parts belong to one arm.
-
-        Without settings they are those that the thresholds say they were found with, and else the defaults.
-
-        Raises:
-            InputError: joints of the model that the robot has not, joints without a model that are monitored,
-                thresholds of another length or found for another residual or rate, no inertia, a link that does not
-                exist.
-        """
-        self.robot = robot
-        self.model = model
-        self.thresholds = Thresholds.of(thresholds, robot.dof, [joint.name for joint in robot.joints])
-        self.settings = settings or DetectorSettings(**self.thresholds.settings)
-        self.thresholds.check_residual(self.settings.residual, self.settings.observer_gain_1_s)
-        check_rates(self.settings, self.thresholds)
-        self.notes: tuple[str, ...] = ()
-        self._drives = MatchedDrives(robot, model, self.thresholds.monitored)
-        _ = robot.dynamics  # says which link has no inertia
-        number, point = robot.frame(self.settings.link, self.settings.point)
-        self._contact = number, point
-        for name, width in (("largest_signal", robot.dof), ("noise_sd", robot.dof)):
-            if (value := getattr(self.settings, name)) is not None:
-                given = as_float_array(value, name, (width,), finite=False)
-                if not (given > 0).all():
-                    raise InputError(name, f"is {given.tolist()}", "wanted numbers above 0")
-        self._note()
-
-    # --- What it can feel -----------------------------------------------------------------------------------------
-
-    @cached_property
-    def dead_zone(self) -> FloatArray:
-        """(n,) torque that friction can hide at standstill, each way [Nm or N].
-
-        While a joint sticks, its motor need not answer a torque below static friction and hysteresis: friction at
-        rest_speed through the map's slope without current, plus T_H. What the settings state as stiction stands in its
-        place. Zero without either.
-        """
-        stated = self.settings.stiction
-        return self._drives.dead_zone() if stated is None else checked_stiction(stated, self.robot.dof)
 
     def smallest_torque(self, *, resting: bool = False) -> FloatArray:
         """(n,) external torque that passes the threshold for sure, without noise [Nm or N]; infinite: not monitored.
@@ -153,8 +91,6 @@ class Detector:
         with np.errstate(divide="ignore", invalid="ignore"):
             forces = np.where(lever > 1e-12, self.smallest_torque(resting=resting) / lever, np.inf)
         return float(forces.min())
-
-    # --- Running ------------------------------------------------------------------------------------------------------
 
     def run(self, recording: Recording, *, rearm_s: float = 0.5) -> DetectionRun:
         """Run over a recording as a control loop would, row by row.
@@ -246,93 +182,6 @@ class Detector:
                 )
         return notes
 
-    def kernel(self, period_s: float | None = None, *, latched: bool = False) -> _native.LoopDetector:
-        """The detector in the kernels' form, for one sample after another.
-
-        Args:
-            period_s: between samples [s]; None: that of the settings.
-            latched: the first alarm stands for good, so that nothing behind it is another event.
-
-        Raises:
-            InputError: neither says how long a period is, or it is no time.
-        """
-        period = self.settings.period_s if period_s is None else period_s
-        if period is None:
-            raise InputError("period_s", "is not known", "give it in the settings")
-        if not as_number(period, "period_s") > 0:
-            raise InputError("period_s", f"is {period}", "wanted more than zero")
-        links, joints, errors = self.parts()
-        settings = self.kernel_settings(period)
-        if latched:
-            settings.decision.event_pause = math.inf
-        return _native.LoopDetector(
-            self.robot.chain,
-            np.array([link.mass for link, _ in links]),
-            np.array([link.center for link, _ in links], dtype=np.float64),
-            np.array([link.tensor for link, _ in links], dtype=np.float64),
-            np.array([rotor for _, rotor in links]),
-            joints,
-            errors,
-            settings,
-        )
-
-    # --- Parts --------------------------------------------------------------------------------------------------------
-
-    def parts(self) -> tuple[list[Any], list[_native.JointTorqueParameters], list[_native.JointTorqueErrors]]:
-        """Inertia and rotor of every link, and parameters and standard errors of every joint, in the robot's order."""
-        return self._drives.links(), self._drives.parameters(), self._drives.errors()
-
-    def kernel_settings(self, period: float) -> _native.DetectorSettings:
-        """The settings in the kernels' form, for samples every ``period`` seconds."""
-        given, robot, n = self.settings, self.robot, self.robot.dof
-        out = _native.DetectorSettings()
-        out.residual = getattr(_native.ResidualKind, given.residual)
-        out.source = _native.TorqueSource.torque if self.model is None else _native.TorqueSource.current
-        out.observer_gain = given.observer_gain_1_s
-        out.window, out.degree = given.window_s, int(given.degree)
-        out.gravity = list(given.gravity)
-        out.max_no_data_time = given.max_no_data_s
-        out.unknown = sum(1 << j for j in self._drives.unknown)
-        out.noise_sd = padded(self.noise_sd, 1.0)
-        out.dead_zone = padded(self.dead_zone)
-        out.direction = list(given.direction)
-        number, point = self._contact
-        out.set_contact(robot.chain, number, point.tolist())
-        samples = out.samples
-        samples.period = period
-        samples.shortest_interval = _MIN_PERIOD_SHARE * period
-        samples.late_interval = given.late_periods * period
-        samples.longest_interval = given.longest_periods * period
-        limited = np.isin(np.arange(n), self._limited)
-        samples.lower = padded(np.where(limited, robot.lower - given.limit_margin, -math.inf))
-        samples.upper = padded(np.where(limited, robot.upper + given.limit_margin, math.inf))
-        # Of a joint that is not monitored only what would spoil the torques of others is impossible.
-        fast = np.maximum(_UNWATCHED_TIMES * robot.velocity, _UNWATCHED_SPEED)
-        samples.velocity = padded(np.where(self._counts, robot.velocity, fast))
-        samples.signal = padded(np.full(n, math.inf) if given.largest_signal is None else given.largest_signal)
-        samples.measured_rates = given.measured_rates
-        samples.frozen_time = given.frozen_s
-        samples.unmonitored = sum(1 << j for j in range(n) if not self._counts[j])
-        samples.endless = sum(1 << j for j in self.endless)
-        self.fill_decision(out.decision)
-        out.payload.mass = given.payload_kg
-        out.payload.center = self.payload_center.tolist()
-        out.payload_monitor.min_mass = given.payload_change_kg
-        out.payload_monitor.window = given.payload_window_s
-        return out
-
-    def fill_decision(self, out: _native.DecisionSettings) -> None:
-        """Put thresholds and arming into the kernels' form."""
-        given, law = self.settings, out.thresholds
-        for name in ("constant", "speed", "acceleration", "rest", "fast"):
-            setattr(law, name, padded(getattr(self.thresholds, name)))
-        law.rest_speed = padded(self.rest_speed, 1.0)
-        law.model_errors = self.thresholds.model_errors
-        out.arming_delay = given.arming_delay_s
-        out.rest_time = given.rest_time_s
-        out.low_hz, out.high_hz = given.low_hz, given.high_hz
-        out.event_pause = given.event_pause_s
-
     def summary(self, period: float) -> dict[str, Any]:
         """What decides about residuals and alarms, by the names of the settings where they have one."""
         given = self.settings
@@ -348,49 +197,6 @@ class Detector:
             "arming_delay_s": given.arming_delay_s,
         }
         return found | ({"observer_gain_1_s": given.observer_gain_1_s} if given.residual == "observer" else {})
-
-    @property
-    def endless(self) -> list[int]:
-        """Numbers from 0 of the joints that turn without end.
-
-        Those without limits, and a last one that turns twice around: its limits guard cables at most.
-        """
-        robot, last = self.robot, self.robot.dof - 1
-        turns = [joint.kind == "revolute" for joint in robot.joints]
-        free = [j for j in range(robot.dof) if turns[j] and math.isinf(robot.upper[j] - robot.lower[j])]
-        twice = turns[last] and last not in free and robot.upper[last] - robot.lower[last] >= _TWO_TURNS
-        return [*free, *([last] if twice else [])]
-
-    @property
-    def _counts(self) -> list[bool]:
-        """Joints whose samples must be believable: those monitored; all, where none is: residuals count then."""
-        monitored = list(self.thresholds.monitored)
-        return monitored if any(monitored) else [True] * self.robot.dof
-
-    @property
-    def _limited(self) -> list[int]:
-        """Numbers from 0 of the joints whose positions have to be within their limits."""
-        return [j for j in range(self.robot.dof) if self._counts[j] and j not in self.endless]
-
-    @property
-    def rest_speed(self) -> FloatArray:
-        """(n,) speed below which a joint rests [rad/s or m/s]."""
-        return self._drives.rest_speed(self.settings.rest_speed)
-
-    @property
-    def noise_sd(self) -> FloatArray:
-        """(n,) of the residual [Nm or N]; infinite: the joint is not monitored and says nothing of contacts."""
-        monitored = np.array(self.thresholds.monitored)
-        assert self.thresholds.fast is not None
-        level = np.minimum(self.thresholds.constant, self.thresholds.fast)
-        noise = level / _NOISE_PER_THRESHOLD if self.settings.noise_sd is None else np.array(self.settings.noise_sd)
-        return np.where(monitored, noise, np.inf)
-
-    @property
-    def payload_center(self) -> FloatArray:
-        """(3,) of the payload, in the frame of the last link [m]."""
-        given = self.settings.payload_center
-        return np.array(self.robot.tip_origin if given is None else given, dtype=np.float64)
 
     def hidden(self, qd: npt.ArrayLike) -> FloatArray:
         """(n,) torque that friction may hide at rates (n,): the dead zone up to rest_speed, none from twice that on."""
@@ -452,21 +258,6 @@ class Detector:
             **fields,
         )
 
-    def _note(self) -> None:
-        notes = self.thresholds.differences(self.settings)
-        if not any(self.thresholds.monitored):
-            notes.append("No joint is monitored: no contact can be detected.")
-        notes += self._drives.notes()
-        if self.model is not None or self.settings.stiction is not None:
-            hidden, unit = ", ".join(f"{value:.3g}" for value in self.dead_zone), unit_of(*self.robot.joints)
-            notes.append(
-                f"At standstill friction may hide up to {hidden} {unit} by joint: an arm at rest detects less."
-            )
-        fast = [joint.name for joint in self.robot.joints if not math.isfinite(joint.velocity)]
-        if fast:
-            notes.append(f"{', '.join(fast)}: without a speed limit, no jump is impossible.")
-        self.notes = tuple(notes)
-
     def _signal(self, recording: Recording) -> FloatArray:
         where = recording.source or "the recording"
         if self.model is None:
@@ -495,9 +286,3 @@ def window_notes(settings: DetectorSettings, period: float) -> list[str]:
     return [
         f"The window is {samples} samples, {spanned:.4g} s, at a row every {period:.4g} s: not {settings.window_s:g} s."
     ]
-
-
-def padded(values: npt.ArrayLike, rest: float = 0.0) -> list[float]:
-    """As many numbers as the kernels' arrays hold."""
-    numbers = [float(value) for value in np.asarray(values)]
-    return numbers + [rest] * (_native.max_joints - len(numbers))

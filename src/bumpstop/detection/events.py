@@ -167,7 +167,7 @@ class DetectionRun:
 
     @property
     def inactive(self) -> str:
-        """Why it cannot have noticed anything in the whole recording; empty: it monitored, for a while at least."""
+        """Why it cannot have detected anything in the whole recording; empty: it monitored, for a while at least."""
         if self.monitored and not any(self.monitored):
             return "no joint is monitored"
         if self.judged.any():

@@ -190,7 +190,7 @@ def undetectable_force_along(
     noise_sd: PerJoint = 0.0,
     z: float = 0.0,
 ) -> FloatArray:
-    """Largest force along a direction that no threshold notices: min over j of (theta_j + z sigma_j -+ mu_j) / |a_j|.
+    """Largest force along a direction that no threshold detects: min over j of (theta_j + z sigma_j -+ mu_j) / |a_j|.
 
     Args:
         robot: as of :func:`undetectable_forces`, like all but ``direction``.
@@ -254,7 +254,7 @@ def residual_band(
 
 
 def required_torque(residual: PerJoint, threshold: PerJoint) -> tuple[FloatArray, FloatArray]:
-    """Contact torques that must be passed to be noticed upward and downward (Schroeder's table 4.1).
+    """Contact torques that must be passed to be detected upward and downward (Schroeder's table 4.1).
 
     Args:
         residual: without contact, a number or (n,) [Nm].

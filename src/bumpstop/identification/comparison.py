@@ -55,7 +55,7 @@ class Comparison:
         measured, predicted: (N, n) [units].
         rate_hz: rows a second.
         filter_hz: cut-off of the zero-phase filter that both pass where they are compared filtered.
-        given: scores by joint that were worked out elsewhere, where rows are not even; None: they are worked out here.
+        given: scores by joint that were computed elsewhere, where rows are not even; None: they are computed here.
     """
 
     names: tuple[str, ...]

@@ -22,7 +22,7 @@ Progress = Callable[[int, int], None]
 def run(
     study: Study, folder: Path | None = None, *, threads: int = 1, progress: Progress | None = None, command: str = ""
 ) -> tuple[pl.DataFrame, dict[str, Any]]:
-    """Work out the shards of a study that are not done yet; returns all rows, in order, and their summary.
+    """Compute the shards of a study that are not done yet; returns all rows, in order, and their summary.
 
     Rows and summary do not depend on ``threads``, nor on where an earlier run was interrupted.
 

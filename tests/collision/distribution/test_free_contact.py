@@ -39,7 +39,7 @@ def test_undetected_impact_is_v_root_mk(mass: float, stiffness: float, kind: str
     assert result.impact_bounds.position_driven == pytest.approx(expected, rel=1e-12)
     assert result.contact_duration is not None
     assert result.contact_duration.mean == pytest.approx(math.pi * math.sqrt(mass / stiffness), rel=1e-4)
-    # A rebound that nobody notices is no failure by itself.
+    # A rebound that nobody detects is no failure by itself.
     assert "never detected" not in result.verdict.reason
 
 

@@ -1,4 +1,4 @@
-"""Collisions that nobody notices: judged by their force where the arm comes to rest, as over every limit elsewhere."""
+"""Collisions that nobody detects: judged by their force where the arm comes to rest, as over every limit elsewhere."""
 
 from __future__ import annotations
 

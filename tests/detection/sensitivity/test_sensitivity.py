@@ -1,4 +1,4 @@
-"""Forces that no threshold notices: against a search over directions, known shapes, and Schroeder's table."""
+"""Forces that no threshold detects: against a search over directions, known shapes, and Schroeder's table."""
 
 from __future__ import annotations
 

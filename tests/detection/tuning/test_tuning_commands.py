@@ -63,7 +63,7 @@ def test_tune_writes_thresholds_that_others_read(noise: Path, tmp_path: Path) ->
     assert "mathdefault" not in page
 
 
-def test_the_trade_says_by_what_a_scenario_fails(noise: Path, tmp_path: Path) -> None:
+def test_the_operating_curve_says_by_what_a_scenario_fails(noise: Path, tmp_path: Path) -> None:
     """Where its period is another, a scenario keeps its own noise: low thresholds drown in it, whatever the forces."""
     deaf = tmp_path / "deaf.toml"
     deaf.write_text(EXAMPLE.read_text().replace("[0, 0, -50]", "[0, 0, -150]").replace("0.004", "0.006"))
@@ -223,7 +223,7 @@ def test_thresholds_as_json_hold_for_their_rate_and_residual_too(loop: tuple[Pat
     assert done.err == "error: --period: is 0.02; the thresholds were found at 0.004\n"
 
 
-def test_joints_that_a_model_cannot_tell_are_not_watched(tmp_path: Path) -> None:
+def test_joints_that_a_model_cannot_tell_are_not_monitored(tmp_path: Path) -> None:
     """The built-in model of the SIA5D has no seventh joint."""
     t = 0.004 * np.arange(3000)
     q = 0.2 + 0.02 * t[:, None] * np.ones(7)

@@ -1,4 +1,4 @@
-"""``bumpstop sensitivity``: forces that no threshold notices at a pose."""
+"""``bumpstop sensitivity``: forces that no threshold detects at a pose."""
 
 from __future__ import annotations
 

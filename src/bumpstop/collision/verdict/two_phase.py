@@ -37,7 +37,7 @@ class TwoPhaseUse:
 
     @classmethod
     def of(cls, result: CollisionResult, transient: ContactLimits, lasting: ContactLimits) -> TwoPhaseUse:
-        """Work out the shares of a distribution of clamped contact.
+        """Compute the shares of a distribution of clamped contact.
 
         Args:
             result: exact or sampled.

@@ -42,7 +42,7 @@ class JointMotion:
         return JointMotion(self.torque[which], self.qd[which], self.qdd[which], self.held[which])
 
 
-def stiction_share(qd: FloatArray, rest_speed: float, noticed: npt.NDArray[np.bool_] | None = None) -> FloatArray:
+def stiction_share(qd: FloatArray, rest_speed: float, moving_rows: npt.NDArray[np.bool_] | None = None) -> FloatArray:
     """Share of hysteresis that acts at each row, with the sign of the last motion (eqs 2.22 and 2.23).
 
     All of it up to ``rest_speed``, nothing from twice that on, none before the first motion; as
@@ -51,11 +51,11 @@ def stiction_share(qd: FloatArray, rest_speed: float, noticed: npt.NDArray[np.bo
     Args:
         qd: (N,) rates in time [rad/s].
         rest_speed: [rad/s].
-        noticed: (N,) rows whose motion is remembered; default: all.
+        moving_rows: (N,) rows whose motion is remembered; default: all.
     """
     speed = np.abs(qd)
     at_rest = np.clip(2 - speed / rest_speed, 0.0, 1.0)
-    moved = at_rest == 0 if noticed is None else (at_rest == 0) & noticed
+    moved = at_rest == 0 if moving_rows is None else (at_rest == 0) & moving_rows
     last = np.maximum.accumulate(np.where(moved, np.arange(qd.size), -1))
     direction = np.where(last >= 0, np.sign(qd[last]), 0.0)
     share: FloatArray = direction * at_rest

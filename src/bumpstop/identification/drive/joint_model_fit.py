@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 # Samples that a joint is fitted to; of more, blocks spread over the time.
 _ENOUGH_TO_FIT = 30_000
-# No parameter that is given comes near these ends, and what is worked out of them are numbers.
+# No parameter that is given comes near these ends, and what is computed of them are numbers.
 _MIN_GAIN, _MAX_VALUE = 1e-9, 1e9
 
 

@@ -140,7 +140,7 @@ def drive_samples(
     trim_s: float | None = None,
     gravity: tuple[float, float, float] = GRAVITY,
 ) -> DriveSamples:
-    """Filter, differentiate and thin out recordings, and work out the torque of their motion.
+    """Filter, differentiate and thin out recordings, and compute the torque of their motion.
 
     Positions (or recorded rates) and currents pass the same zero-phase filter, and no more rows are kept than it leaves
     something to say in: ten a period of the cut-off.

@@ -1,4 +1,4 @@
-"""Which joint notices, and how long it takes."""
+"""Which joint detects, and how long it takes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _FAR = 1.5
 
 
 class DetectionSection(Section):
-    """Trigger joints, detection delay, and what every joint would need to notice."""
+    """Trigger joints, detection delay, and what every joint would need to detect."""
 
     title = "Detection"
     anchor = "detection"

@@ -38,7 +38,7 @@ class Rollout:
         displacement: of a body that gets away (times,) [m]; zero where it is clamped.
         peak_force: the greatest at those times; of a body that gets away the distribution's own, between them too [N].
         touch: when the point first reaches the body [s], or None.
-        detection: the tick that noticed [s], or None.
+        detection: the tick that detected [s], or None.
         reaction: when the arm began to react [s], or None.
         joint: whose residual is shown, from 0: of those that fired the one farthest over its threshold.
         tick_time: feedback ticks up to the detection (ticks,) [s].

@@ -1,4 +1,4 @@
-"""Report of ``bumpstop detect``: what was noticed, when nothing could be, and the settings that decided."""
+"""Report of ``bumpstop detect``: what was detected, when nothing could be, and the settings that decided."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _REMEDIES = {
 
 
 def conclusion(run: DetectionRun) -> str:
-    """One sentence: alarms, or that the detector could not have noticed anything."""
+    """One sentence: alarms, or that the detector could not have detected anything."""
     seconds, count = float(run.t[-1] - run.t[0]), len(run.events)
     alarms = f"{count} alarm{'' if count == 1 else 's'} in {seconds:.6g} s, {run.t.size} rows"
     if run.inactive:

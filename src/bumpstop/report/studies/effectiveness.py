@@ -211,7 +211,7 @@ class CollisionsPart(Part):
 
 
 class TriggersPart(Part):
-    """Which joints notice."""
+    """Which joints detect."""
 
     title = "Joints that trigger"
     anchor = "triggers"

@@ -38,7 +38,7 @@ class SpeedRow:
 
     @property
     def hits(self) -> tuple[Collision, ...]:
-        """Runs that noticed the contact."""
+        """Runs that detected the contact."""
         return tuple(run for run in self.runs if run.detected)
 
     @property

@@ -75,7 +75,7 @@ class SourceRow:
 
     @property
     def detected(self) -> bool:
-        """Whether Schroeder (2013) noticed every contact at this speed."""
+        """Whether Schroeder (2013) detected every contact at this speed."""
         return self.false_alarms == 0
 
 
@@ -136,7 +136,7 @@ class Collision:
 
 @dataclass(frozen=True, kw_only=True)
 class CollisionExperiment:
-    """The arm of Schroeder (2013) runs into an object, notices, stops and goes back.
+    """The arm of Schroeder (2013) runs into an object, detects, stops and goes back.
 
     The arm is the SIA5D with the friction of table 2.2 and rotors that are planted. The contact pose is Schroeder's;
     the hand moves down to it from rest. What a run draws from its seed: where within one feedback period of travel the

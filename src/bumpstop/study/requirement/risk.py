@@ -113,7 +113,7 @@ class VariedRisk:
 
     @property
     def undetected(self) -> float:
-        """The largest force along the normal that no threshold notices at the start, min_j theta_j / |a_j| [N]."""
+        """The largest force along the normal that no threshold detects at the start, min_j theta_j / |a_j| [N]."""
         problem = self.problem
         contact = problem.scenario.contact
         normal = np.array(contact.normal or problem.start.point_velocity)

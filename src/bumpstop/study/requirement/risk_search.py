@@ -125,7 +125,7 @@ class RiskSearch:
     def _refine_ripple(self, met: float, fails: float | None) -> tuple[float, float | None]:
         """Look below the first failure, or the last value, for earlier ones, where the risk has a sampling ripple."""
         last = self.least_conservative if fails is None else fails
-        # Whether a collision is noticed before the motion ends hangs on where the last ticks fall.
+        # Whether a collision is detected before the motion ends hangs on where the last ticks fall.
         last_ticks_decide = self.quantum is not None and self.risk(last).undetected > _SOME_RISK * self.accepted
         if not (last_ticks_decide or has_ripple(self.scenario)):
             return met, fails

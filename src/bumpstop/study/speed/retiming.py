@@ -109,7 +109,7 @@ class _Pieces:
     def __init__(
         self, rate: FloatArray, after: FloatArray, before: FloatArray, step: FloatArray, limit: FloatArray
     ) -> None:
-        """Work out the bounds, two for each joint.
+        """Compute the bounds, two for each joint.
 
         Args:
             rate: q' at the waypoints (rows, dof).
