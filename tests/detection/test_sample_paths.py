@@ -27,10 +27,10 @@ paths = st.lists(st.tuples(steps, spoilt), min_size=1, max_size=80)
 @settings(max_examples=150, deadline=None)
 @given(paths, st.sampled_from(["direct", "observer"]), st.booleans())
 def test_any_path_is_judged_or_without_data(
-    path: list[tuple[float, tuple[int, float] | None]], kind: str, grace: bool
+    path: list[tuple[float, tuple[int, float] | None]], kind: str, patient: bool
 ) -> None:
     """Row by row as a loop would see them."""
-    made = DetectorSettings(residual=kind, max_no_data_s=0.02 if grace else 0.0, period_s=DT)  # type: ignore[arg-type]
+    made = DetectorSettings(residual=kind, max_no_data_s=0.02 if patient else 0.0, period_s=DT)  # type: ignore[arg-type]
     loop = Detector(SIA5D, MODEL, THRESHOLDS, made).kernel()
     still = np.zeros(7)
     now, believed = 0.0, -np.inf
@@ -47,7 +47,7 @@ def test_any_path_is_judged_or_without_data(
         if state == "no_data":
             assert fault != "none"
             assert np.isnan(residual).all()
-            assert found.stop or grace
+            assert found.stop or patient
             continue
         assert fault == "none"
         assert np.isfinite(residual).all()

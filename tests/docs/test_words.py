@@ -29,6 +29,10 @@ WORDS = {
     r"pass(?:es|ing)? (?:a|the|its|their) (?:force |pressure )?limits?": "exceed",
 }
 PRIVATE = re.compile(rf"(?<![\w.`/-])(?:{'|'.join(WORDS)})(?![\w`/])", re.IGNORECASE)
+# Names that the field has better ones for: once gone from the code they stay gone. The changelog says what they became.
+NAMES = Path(__file__).with_name("private_names.txt").read_text(encoding="utf-8").split()
+PRIVATE_NAME = re.compile(rf"\b(?:{'|'.join(NAMES)})\b")
+CODE = ("src/bumpstop", "include", "bindings", "tests", "validation", "benchmarks", "examples")
 # Pages that are written elsewhere: the fits and the numerics have words of their own.
 LEFT_OUT = {"identification.md", "math.md"}
 
@@ -88,4 +92,23 @@ def test_messages_help_and_pages_use_the_field_s_words(room: str) -> None:
 def test_documents_use_the_field_s_words(page: Path) -> None:
     lines = page.read_text(encoding="utf-8").splitlines()
     found = {f"{k}: {line}": words for k, line in enumerate(lines, start=1) if (words := private_words(line))}
+    assert not found
+
+
+def test_the_search_finds_a_private_name() -> None:
+    assert PRIVATE_NAME.findall("QuietTicks of a stretch; blind_stretches, not_blind_at_all") == [
+        "QuietTicks",
+        "blind_stretches",
+    ]
+
+
+@pytest.mark.parametrize("tree", CODE)
+def test_names_that_are_gone_stay_gone(tree: str) -> None:
+    found = {
+        f"{path.relative_to(ROOT)}:{number}": names
+        for path in sorted((ROOT / tree).rglob("*"))
+        if path.suffix in (".py", ".hpp", ".cpp", ".toml") and path != Path(__file__).resolve()
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1)
+        if (names := PRIVATE_NAME.findall(line))
+    }
     assert not found

@@ -124,7 +124,7 @@ TWO_SIDED = {
         {"detector__thresholds_Nm": [12.0, 6.0, 12.0, 12.0, 12.0, 12.0, 12.0], "contact__area_cm2": 2.0},
         {"detector.thresholds": (4.0, 30.0)},
     ),
-    "deaf": (
+    "undetecting": (
         {
             "motion__velocity_mm_s": [0.0, 0.0, -100.0],
             "detector__thresholds_Nm": [2000.0] * 7,

@@ -140,8 +140,8 @@ def detect(
     nothing = np.zeros(motion.t.size, dtype=bool)
     notes = ["Fitted dynamics: residuals on an even grid, by filters that look ahead; not what a loop would have seen."]
     if unscaled.any():
-        unseen = [robot.joints[j] for j in np.flatnonzero(unscaled)]
-        names, unit = ", ".join(joint.name for joint in unseen), unit_of(*unseen)
+        unknown = [robot.joints[j] for j in np.flatnonzero(unscaled)]
+        names, unit = ", ".join(joint.name for joint in unknown), unit_of(*unknown)
         notes.append(f"{names}: of unknown gain: residuals and thresholds are no {unit}, and forces do not count them.")
     return DetectionRun(
         t=motion.t,

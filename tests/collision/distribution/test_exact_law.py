@@ -91,7 +91,7 @@ def test_far_tail_joins_the_near_one() -> None:
 
 
 def test_noise_that_vanishes_tends_to_no_noise() -> None:
-    """Without noise the distribution is that of the offset alone: the peak is a sawtooth of it."""
+    """Without noise the distribution is that of the offset alone: the peak is piecewise linear in it."""
     none = bs.evaluate(control_group(detector__noise_sd_Nm=0.0))
     for sd, tolerance in ((1e-2, 1e-3), (1e-4, 1e-5)):
         little = bs.evaluate(control_group(detector__noise_sd_Nm=sd))

@@ -1,4 +1,4 @@
-"""Arms that cannot follow their line any farther: they brake, and more latency makes no collision milder."""
+"""Arms that cannot follow their line any farther: they brake, and more latency makes no collision weaker."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ NEVER_TURNS: dict[str, Any] = {
 
 
 @pytest.mark.parametrize("kind", ["reverse", "stop"])
-def test_more_latency_makes_no_collision_milder_at_a_joint_limit(kind: str) -> None:
+def test_more_latency_makes_no_collision_weaker_at_a_joint_limit(kind: str) -> None:
     forces, shares = [], []
     for latency in (0, 0.004, 0.008, 0.02, 0.1):
         result = bs.evaluate(control_group(**NEAR_LIMIT, reaction__kind=kind, reaction__latency_s=latency))

@@ -80,13 +80,13 @@ def test_profile_interval_against_likelihood_worked_out_apart() -> None:
 @pytest.mark.parametrize("degrees", [None, 5.0])
 def test_achieved_rate_lies_in_its_interval(degrees: float | None) -> None:
     """Tuned on six minutes, twelve times; counted on an hour and a half that was not used."""
-    unseen = [residuals(0.5, 900 + k, degrees=degrees) for k in range(3)]
+    others = [residuals(0.5, 900 + k, degrees=degrees) for k in range(3)]
     inside = 0
     for seed in range(12):
         tuning = tune(residuals(0.1, seed, degrees=degrees), 30.0)
         low, high = tuning.per_hour_interval()
         assert low < 30 < high
-        count = sum(achieved(part, tuning.thresholds(), tuning.cluster_rows) for part in unseen)
+        count = sum(achieved(part, tuning.thresholds(), tuning.cluster_rows) for part in others)
         inside += low <= count / 1.5 <= high
     # Of twelve with 95 % each fewer than 9 come once in four hundred and fifty times.
     assert inside >= 9

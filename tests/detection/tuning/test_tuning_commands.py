@@ -65,11 +65,11 @@ def test_tune_writes_thresholds_that_others_read(noise: Path, tmp_path: Path) ->
 
 def test_the_operating_curve_says_by_what_a_scenario_fails(noise: Path, tmp_path: Path) -> None:
     """Where its period is another, a scenario keeps its own noise: low thresholds drown in it, whatever the forces."""
-    deaf = tmp_path / "deaf.toml"
-    deaf.write_text(EXAMPLE.read_text().replace("[0, 0, -50]", "[0, 0, -150]").replace("0.004", "0.006"))
-    options = ("tune", noise, "--per-hour", 60, "--scenario", EXAMPLE, "--scenario", deaf)
+    undetecting = tmp_path / "undetecting.toml"
+    undetecting.write_text(EXAMPLE.read_text().replace("[0, 0, -50]", "[0, 0, -150]").replace("0.004", "0.006"))
+    options = ("tune", noise, "--per-hour", 60, "--scenario", EXAMPLE, "--scenario", undetecting)
     found = strict_json(run(*options, "--json").out)
-    for path, measured in ((EXAMPLE, noise), (deaf, None)):
+    for path, measured in ((EXAMPLE, noise), (undetecting, None)):
         scenario = bs.load_scenario(path)
         if measured is not None:
             data = scenario.to_dict()
@@ -88,14 +88,16 @@ def test_the_operating_curve_says_by_what_a_scenario_fails(noise: Path, tmp_path
             assert ("force" in forces["fails_by"]) is ((verdict.p_over_force or 0) > 0.001)
             assert ("pressure" in forces["fails_by"]) is ((verdict.p_over_pressure or 0) > 0.001)
     notes = " ".join(found["notes"])
-    loud = sum("false_alarm" in point["scenarios"][str(deaf)]["fails_by"] for point in found["operating_curve"])
+    loud = sum("false_alarm" in point["scenarios"][str(undetecting)]["fails_by"] for point in found["operating_curve"])
     assert 0 < loud < len(found["operating_curve"])
-    assert f"deaf: at {loud} of {len(found['operating_curve'])} rates" in notes
-    assert "deaf: its feedback period is 0.006 s, and the thresholds were found at 0.004 s" in notes
+    assert f"undetecting: at {loud} of {len(found['operating_curve'])} rates" in notes
+    assert "undetecting: its feedback period is 0.006 s, and the thresholds were found at 0.004 s" in notes
     assert f"{EXAMPLE.stem}: its noise is the residuals of the recordings, in place of its own" in notes
     assert f"{EXAMPLE.stem}: its feedback period" not in notes
-    printed = run("tune", noise, "--per-hour", 60, "--scenario", deaf).out
-    assert printed.count("no: ") == sum(not p["scenarios"][str(deaf)]["acceptable"] for p in found["operating_curve"])
+    printed = run("tune", noise, "--per-hour", 60, "--scenario", undetecting).out
+    assert printed.count("no: ") == sum(
+        not p["scenarios"][str(undetecting)]["acceptable"] for p in found["operating_curve"]
+    )
 
 
 def test_tune_for_people(noise: Path) -> None:

@@ -16,7 +16,7 @@ from detection.tuning_runs import KINDS, runs
 
 def test_joints_of_other_tails_alarm_as_often_as_each_other() -> None:
     """Slow, heavy-tailed and spiky residuals: none takes the alarms of all, and none hides behind its largest one."""
-    unseen = runs(1, 40.0, 999)
+    others = runs(1, 40.0, 999)
     for seed in (2,):
         (one,) = runs(1, 15.0, seed)
         tuning = tune(one, 60.0)
@@ -24,7 +24,7 @@ def test_joints_of_other_tails_alarm_as_often_as_each_other() -> None:
         # Equal quantiles: before, one joint's was 0.55 of its largest residual, and another's 1.3 of its.
         of_largest = theta / np.abs(one.rows).max(axis=0)
         assert of_largest.max() / of_largest.min() < 1.75
-        alone = [sum(achieved(_only(part, j), theta[[j]], 50) for part in unseen) * 1.5 for j in range(len(KINDS))]
+        alone = [sum(achieved(_only(part, j), theta[[j]], 50) for part in others) * 1.5 for j in range(len(KINDS))]
         # Wanted: ten each. A level off by a tenth is a rate off by a factor of three.
         assert max(alone) <= 45
         assert min(alone) >= 2
@@ -38,10 +38,10 @@ def test_all_joints_together_alarm_at_the_wanted_rate() -> None:
     theta = tuning.thresholds()
     # Joints that have nothing in common need no factor beyond their own shares: with all sixty each it would be 1.13.
     assert tuning.tail.level_of(60.0) == pytest.approx(1.0, abs=0.05)
-    unseen = runs(4, 30.0, 77, kinds=("normal",) * 6)
-    both = sum(achieved(part, theta, 20) for part in unseen) / 2
+    others = runs(4, 30.0, 77, kinds=("normal",) * 6)
+    both = sum(achieved(part, theta, 20) for part in others) / 2
     assert both == pytest.approx(60, rel=0.35)
-    alone = [sum(achieved(_only(part, j), theta[[j]], 20) for part in unseen) / 2 for j in range(6)]
+    alone = [sum(achieved(_only(part, j), theta[[j]], 20) for part in others) / 2 for j in range(6)]
     assert max(alone) < 25
 
 
@@ -117,22 +117,22 @@ def test_ends_of_several_recordings_are_told_together() -> None:
 
 
 def test_the_fast_channel_is_tuned_for_its_share_of_the_alarms() -> None:
-    one, *unseen = runs(4, 15.0, 33, kinds=("normal", "slow", "heavy"))
+    one, *others = runs(4, 15.0, 33, kinds=("normal", "slow", "heavy"))
     tuning = tune(one, 60.0, terms=("fast",))
     law = tuning.law()
     assert law.fast is not None
     assert np.isfinite(law.fast).all()
     # A slow error is none of the fast channel.
     assert law.fast[1] < 0.5 * law.constant[1]
-    slow = sum(achieved(part, law.constant, 50) for part in unseen) / 0.75
-    fast = sum(achieved(ResidualSeries(part.t, band_pass_channel(part)), law.fast, 50) for part in unseen) / 0.75
+    slow = sum(achieved(part, law.constant, 50) for part in others) / 0.75
+    fast = sum(achieved(ResidualSeries(part.t, band_pass_channel(part)), law.fast, 50) for part in others) / 0.75
     both = sum(
         achieved(
             ResidualSeries(part.t, np.hstack([part.rows, band_pass_channel(part)])),
             np.concatenate([law.constant, law.fast]),
             tuning.cluster_rows,
         )
-        for part in unseen
+        for part in others
     )
     low, high = tuning.per_hour_interval()
     assert low <= both / 0.75 <= high
@@ -142,7 +142,7 @@ def test_the_fast_channel_is_tuned_for_its_share_of_the_alarms() -> None:
 
 
 def test_thresholds_grow_with_what_residuals_grow_with() -> None:
-    one, unseen = (_growing(seed) for seed in (1, 2))
+    one, others = (_growing(seed) for seed in (1, 2))
     flat, grown = tune(one, 60.0), tune(one, 60.0, terms=("speed", "acceleration"))
     law = grown.law()
     assert law.speed is not None
@@ -154,10 +154,10 @@ def test_thresholds_grow_with_what_residuals_grow_with() -> None:
     # At rest a quarter of the flat threshold will do, at the same rate of alarms.
     assert law.constant[0] < 0.5 * flat.thresholds()[0]
     assert one.qd is not None
-    assert unseen.qd is not None
-    assert unseen.qdd is not None
-    theta = law.constant + law.speed * np.abs(unseen.qd) + law.acceleration * np.abs(unseen.qdd)
-    count = achieved(ResidualSeries(unseen.t, unseen.rows / theta), np.ones(2), grown.cluster_rows)
+    assert others.qd is not None
+    assert others.qdd is not None
+    theta = law.constant + law.speed * np.abs(others.qd) + law.acceleration * np.abs(others.qdd)
+    count = achieved(ResidualSeries(others.t, others.rows / theta), np.ones(2), grown.cluster_rows)
     low, high = grown.per_hour_interval()
     assert low / 2 <= count / 0.5 <= 2 * high
     with pytest.raises(bs.InputError, match="terms: noise 1 does not hold the speed of the joints"):

@@ -247,7 +247,7 @@ class ResidualSource(Watcher):
 
 
 def takes_residual_source(command: Callable[..., int | None]) -> Callable[..., int | None]:
-    """A command for typer whose keyword ``residual_source``, an Origin or a Watcher, is made of its options."""
+    """A command for typer whose keyword ``residual_source``, a ResidualSource or a Watcher, is made of its options."""
     signature = inspect.signature(command, eval_str=True)
     kind = signature.parameters["residual_source"].annotation
     hints = get_type_hints(kind, include_extras=True)

@@ -251,13 +251,13 @@ def _tail(rows: Sequence[Segment], period: float, per_hour: float) -> tuple[Prop
     few = too_few(residual, size, period)
     passed = None if few else per_hour / residual[0].shape[1] * count * period / 3600
     whole = proportions(rows, passed, size)
-    unseen = PeaksOverThreshold.fit(largest_held_out(rows, whole, passed, size), period)
+    held_out = PeaksOverThreshold.fit(largest_held_out(rows, whole, passed, size), period)
     if not few:
-        return whole, unseen, 0.0
+        return whole, held_out, 0.0
     tail = PeaksOverThreshold.fit([whole.largest(one) for one in rows], period)
-    if not per_hour < min(tail.rate, unseen.rate):  # refused where the rate is asked for
+    if not per_hour < min(tail.rate, held_out.rate):  # refused where the rate is asked for
         return whole, tail, 0.0
-    return whole, tail, abs(math.log(unseen.level_of(per_hour) / tail.level_of(per_hour)))
+    return whole, tail, abs(math.log(held_out.level_of(per_hour) / tail.level_of(per_hour)))
 
 
 def _segments(part: ResidualSeries, run: int, monitored: Sequence[int], terms: Sequence[Term]) -> list[Segment]:

@@ -99,8 +99,8 @@ class AlarmsPart(Part):
             reasons = [(name, str(rows), _REMEDIES.get(name, "")) for name, rows in run.no_data_rows().items()]
             text.append(table(("fault", "rows", "meaning"), reasons, caption=f"No data for {run.no_data_s:.4g} s"))
         if run.arming_s:
-            unseen = int(run.masked_while_arming.sum())
-            text.append(paragraph(f"Arming for {run.arming_s:.4g} s; {unseen} rows were over a threshold meanwhile."))
+            masked = int(run.masked_while_arming.sum())
+            text.append(paragraph(f"Arming for {run.arming_s:.4g} s; {masked} rows were over a threshold meanwhile."))
         return [*text, bullets(run.notes)] if run.notes else text
 
     def _row(self, place: int) -> tuple[str, ...]:
