@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from bumpstop.collision import load_scenario
+from bumpstop.collision.trajectory.trajectory import Trajectory
 from bumpstop.study.speed.trajectory_speed_limits import TrajectorySpeedLimits
 
 PICK = Path(__file__).resolve().parents[2] / "examples/06_pick_and_place_trajectory.toml"
@@ -23,3 +24,12 @@ def few_rows(path: Path, t: Any, q: Any, qd: Any = None) -> TrajectorySpeedLimit
 
 def begin() -> Any:
     return TrajectorySpeedLimits(load_scenario(PICK)).trajectory.position[0]
+
+
+def wavy(rng: np.random.Generator, rows: int, with_velocity: bool) -> Trajectory:
+    t = np.linspace(0, 4, rows)
+    phase, size = rng.uniform(0, 6, (3, 6)), rng.uniform(0.1, 0.5, (3, 6))
+    order = np.arange(1, 4)[:, None]
+    q = (size[:, None] * np.sin(order[:, :, None] * t[None, :, None] + phase[:, None])).sum(axis=0)
+    qd = (size[:, None] * order[:, :, None] * np.cos(order[:, :, None] * t[None, :, None] + phase[:, None])).sum(axis=0)
+    return Trajectory(t, q, qd if with_velocity else None)

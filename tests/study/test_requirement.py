@@ -12,35 +12,14 @@ import pytest
 import bumpstop as bs
 from bumpstop.cli.main import main
 from bumpstop.errors import InputError
-from bumpstop.study.requirement.requirement import HIGHER_IS_WORSE, _Answer, require_curve, solve_requirement
-from bumpstop.study.requirement.risk import Risk
-from bumpstop.study.requirement.risk_search import RiskSearch
+from bumpstop.study.requirement.requirement import HIGHER_IS_WORSE, require_curve, solve_requirement
 from bumpstop.study.variable import Range, Variable
 from collision.cases import control_group, ur10e
+from study.requirement_cases import over, scenario
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples/02_lower_arm_downward.toml"
 # Two figures of the issue: half a percent, and twice as far the requirement is no longer met.
 AGREES, BEYOND = 0.005, 1.02
-
-
-def scenario(**changes: Any) -> bs.Scenario:
-    """A forearm under an arm that stops quickly: distributions of few ticks."""
-    data: dict[str, Any] = {
-        "robot": "ur10e",
-        "pose_deg": [10, -80, 110, -120, -90, 20],
-        "motion": {"velocity_mm_s": [80, 40, -80]},
-        "contact": {"body": "lower_arm_wrist", "limits": "ts15066", "area_cm2": 2.0},
-        "detector": {"thresholds_Nm": [40, 40, 30, 12, 12, 12], "noise_sd_Nm": [7, 7, 5, 2, 2, 2]},
-        "reaction": {"kind": "stop", "joint_acceleration_rad_s2": 10, "latency_s": 0.006},
-    }
-    data["detector"]["feedback_period_s"] = 0.002
-    return bs.Scenario.from_dict(data).with_values(changes)
-
-
-def over(case: bs.Scenario, vary: str, value: float) -> float:
-    """Probability of passing a limit, by the public way."""
-    verdict = bs.evaluate(Variable(vary).apply(case, value)).verdict
-    return max(verdict.p_over_force or 0.0, verdict.p_over_pressure or 0.0)
 
 
 @pytest.mark.parametrize("vary", HIGHER_IS_WORSE)
@@ -238,67 +217,6 @@ def test_an_arm_that_passes_a_singularity_meets_no_risk() -> None:
     assert solve_requirement(case, "contact.padding").binding != "singularity"
 
 
-_FIXED = {"contact.offset_law": "fixed", "contact.offset_mm": 4.0}
-_SLOW_TICKS = {"detector.feedback_period_s": 0.012, "verdict.accepted_probability": 1e-9}
-
-
-@pytest.mark.parametrize(
-    ("vary", "changes", "high"),
-    [
-        # As good as a fixed distance: far less than one tick apart.
-        ("motion.speed", {"contact.offset_law": "half_normal", "contact.offset_sd_s": 2e-4, **_SLOW_TICKS}, None),
-        # A crest that fails at its point alone, narrower than the distance of the values looked at.
-        ("motion.speed", {"contact.offset_law": "fixed", "contact.offset_mm": 11.0, **_SLOW_TICKS}, None),
-        # The less conservative end itself is met, and slower ones are not.
-        ("motion.speed", _FIXED | {"detector.feedback_period_s": 0.004}, 124.072),
-    ],
-)
-def test_every_more_conservative_value_is_met_where_the_risk_has_a_ripple(
-    vary: str, changes: dict[str, Any], high: float | None
-) -> None:
-    case = scenario(**changes)
-    found = solve_requirement(case, vary, high=high)
-    assert found.value is not None
-    more_conservative = np.geomspace(0.5 * found.value, found.value, 60)
-    assert max(over(case, vary, float(value)) for value in more_conservative) <= case.verdict.accepted_probability
-
-
-def test_every_shorter_feedback_period_is_met_where_the_risk_has_a_ripple() -> None:
-    """One period among the more conservative ones, 26 ms, falls on the point of a crest; its neighbours have no
-    risk."""
-    changes = {
-        "motion.velocity_mm_s": [48.25, 24.125, -48.25],
-        "contact.offset_law": "fixed",
-        "contact.offset_mm": 6.18,
-        "verdict.accepted_probability": 0.01,
-    }
-    case = scenario(**changes)
-    found = solve_requirement(case, "detector.feedback_period_s")
-    assert found.value is not None
-    tried = {step: over(case, "detector.feedback_period_s", 1e-3 * step) for step in range(1, 51)}
-    least = min(step for step, risk in tried.items() if risk > 0.01)
-    assert max(tried[least - 1], tried[least + 1]) < 1e-3
-    assert found.value == pytest.approx(1e-3 * (least - 1))
-
-
-def test_every_shorter_feedback_period_is_met_where_the_last_ticks_decide() -> None:
-    """A motion too short for every body to be detected: how long before its end the last tick falls has a sampling
-    ripple."""
-    case = control_group(
-        motion__duration_s=0.3,
-        contact__body="hand_finger",
-        contact__area_cm2=20.0,
-        contact__stiffness_N_m=5600.0,
-        detector__thresholds_Nm=[5, 3, 5, 5, 5, 5, 5],
-        detector__noise_sd_Nm=0.6,
-        verdict__accepted_probability=0.02,
-    )
-    vary = "detector.feedback_period_s"
-    fails = [ms for ms in range(1, 61) if over(case, vary, ms / 1000) > 0.02]
-    assert over(case, vary, 0.059) < 0.02 < over(case, vary, 0.05)
-    assert solve_requirement(case, vary, low=0.001, high=0.06).value == pytest.approx((fails[0] - 1) / 1000)
-
-
 def test_a_risk_that_no_value_meets_is_told_closely() -> None:
     """From rest, where risks far from the accepted one are only bounded while values are looked for."""
     changes = {
@@ -315,113 +233,6 @@ def test_a_risk_that_no_value_meets_is_told_closely() -> None:
     assert found.value is None
     assert 1e-3 < found.risk_at_value < 0.1
     assert found.risk_at_value == pytest.approx(over(case, found.variable, 45.0), rel=2e-3)
-
-
-def test_an_arm_that_starts_from_rest_meets_the_risk_at_more_conservative_values_too() -> None:
-    """Its ticks are nearer to each other than the distances the body may have."""
-    case = bs.Scenario.from_dict({
-        "robot": "iiwa14",
-        "pose_deg": [20, 37, 9, -77, 24, 68, 0],
-        "motion": {"velocity_mm_s": [-78, 48, -10], "start": "rest"},
-        "contact": {"body": "thigh_knee", "area_cm2": 0.72},
-        "detector": {
-            "thresholds_Nm": [29.3, 17.7, 7.3, 10.0, 21.3, 11.1, 25.6],
-            "noise_sd_Nm": [5.23, 3.16, 1.3, 1.79, 3.8, 1.98, 4.57],
-            "feedback_period_s": 0.001,
-        },
-        "reaction": {"kind": "stop", "joint_acceleration_rad_s2": 4.84},
-        "verdict": {"accepted_probability": 1.8e-5},
-    })  # fmt: skip
-    found = solve_requirement(case, "contact.padding")
-    assert found.value is not None
-    more_conservative = np.geomspace(found.value / 4, found.value, 40)
-    assert (
-        max(over(case, "contact.padding", float(value)) for value in more_conservative)
-        <= case.verdict.accepted_probability
-    )
-
-
-def test_an_arm_that_starts_from_rest_meets_the_risk_at_lower_speeds_too() -> None:
-    """It speeds up all the way to the body, as fast whatever speed is asked: one crest reaches over many values."""
-    case = scenario(**{
-        "motion.start": "rest",
-        "contact.offset_law": "fixed",
-        "contact.offset_mm": 4.7,
-        "detector.feedback_period_s": 0.004,
-        "reaction.joint_acceleration_rad_s2": 2.64,
-        "verdict.accepted_probability": 5.5e-5,
-    })  # fmt: skip
-    found = solve_requirement(case, "motion.speed")
-    assert found.value is not None
-    lower = np.geomspace(0.8 * found.value, found.value, 60)
-    assert max(over(case, "motion.speed", float(value)) for value in lower) <= case.verdict.accepted_probability
-    beyond = found.value * np.linspace(1.0005, 1.005, 10)
-    assert max(over(case, "motion.speed", float(value)) for value in beyond) > case.verdict.accepted_probability
-
-
-# An arm that lags behind its line: the risk falls for a while with harder padding, and jumps where it is a step later.
-LAGGING = {
-    "robot": "sia5d",
-    "pose_rad": [-0.363094726, -0.004907327, -1.003024240, -0.668798952, 0.266017168, -1.855768757, -2.216611018],
-    "motion": {"velocity_mm_s": [71.0627454, 134.0381230, -72.2386140], "held_joints": [7]},
-    "contact": {"body": "upper_arm_elbow", "limits": "bgia2011", "area_cm2": 2.03869461},
-    "detector": {
-        "thresholds_Nm": [22.5951897, 39.2544407, 14.0980883, 12.2826232, 29.0908350, 12.3529798, 15.8620814],
-        "noise_sd_Nm": [3.49700380, 6.07531649, 2.18192762, 1.90095239, 4.50231939, 1.91184132, 2.45493663],
-        "feedback_period_s": 0.008,
-    },
-    "reaction": {"kind": "stop", "joint_acceleration_rad_s2": 10.4317903},
-}
-
-
-@pytest.mark.parametrize("high", [2.1e3, 3e3, 2e4, 1e8])
-def test_values_close_below_a_crossing_are_met_where_the_risk_jumps(high: float) -> None:
-    case = bs.Scenario.from_dict(LAGGING)
-    found = solve_requirement(case, "contact.padding", low=1e3, high=high)
-    assert found.value is not None
-    assert found.ill_conditioned
-    for step in np.linspace(0, 0.03, 7):
-        assert over(case, "contact.padding", found.value * math.exp(-step)) <= found.risk
-
-
-class Step:
-    """A risk that passes what is accepted at one value, and none beside it."""
-
-    def __init__(self, search: RiskSearch, last: float) -> None:
-        self.evaluations, self._last, self._upward = 0, last, search.upward
-        self.problem, self.force_limit, self.undetected = search.risks.problem, 1.0, 0.0
-
-    def at(self, value: float) -> Risk:
-        met = value <= self._last if self._upward else value >= self._last
-        return Risk(1e-9 if met else 0.5, 0.0, 0.0, "force", 0.0, met)
-
-
-def stepped(vary: str, last: float, ends: tuple[float, float]) -> tuple[RiskSearch, Any]:
-    """A search whose values are met up to ``last`` in the less conservative direction, and its answer."""
-    variable, upward = Variable(vary), HIGHER_IS_WORSE[vary]
-    search = RiskSearch(scenario(), variable, ends, 1e-3, upward=upward)
-    search.risks = Step(search, last)  # type: ignore[assignment]
-    return search, _Answer(search, ends).requirement()
-
-
-@pytest.mark.parametrize("seed", range(30))
-@pytest.mark.parametrize("vary", ["motion.speed", "reaction.joint_acceleration_rad_s2"])
-def test_four_digits_are_kept_on_the_safe_side(vary: str, seed: int) -> None:
-    last = float(10 ** np.random.default_rng(seed).uniform(0.5, 2.5))
-    search, found = stepped(vary, last, (1.0, 1000.0))
-    assert found.value is not None
-    assert found.value == float(f"{found.value:.4g}")
-    assert found.value <= last if search.upward else found.value >= last
-    assert abs(found.value / last - 1) < 1.2e-3
-    assert found.reason.startswith("Above " if search.upward else "Below ")
-    assert f" {found.value:g} " in found.reason
-
-
-@pytest.mark.parametrize("last", [0.004, 0.0041, 0.0045, 0.0049, 0.004999])
-def test_whole_steps_are_taken_on_the_safe_side(last: float) -> None:
-    """The nearest step to 4.9 ms is one that fails."""
-    assert stepped("detector.feedback_period_s", last, (0.001, 0.05))[1].value == 0.004
-    assert stepped("detector.feedback_period_s", 0.05, (0.001, 0.05))[1].binding == "range"
 
 
 def test_the_terminal_says_at_most_or_at_least(capsys: pytest.CaptureFixture[str]) -> None:
