@@ -13,7 +13,7 @@ LONGEST = [
     "math/test_cpp_programs.py",
     "validation/test_validation.py",
     "cpp/test_package.py",
-    "study/test_path_speed.py",
+    "study/speed/test_path_speed.py",
     "report/test_report.py",
     "docs/test_commands.py",
     "cli/test_study.py",

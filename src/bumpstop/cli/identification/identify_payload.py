@@ -79,7 +79,7 @@ def identify_what_is_carried(
         typer.echo(json.dumps({"verdict": verdict.to_json()} | _payload_json(found, log), allow_nan=False, indent=2))
         return exit_status(verdict)
     print_verdict(verdict)
-    _print(found, arm)
+    typer.echo(str(found))
     print_reading([log])
     if model_file is not None:
         typer.echo(f"payload: {model_file}")
@@ -106,27 +106,3 @@ def _payload_json(found: PayloadFit, log: Recording) -> dict[str, Any]:
         "rows_left": found.rows_left,
         "rows_dropped": log.report.rows_dropped,
     }
-
-
-def _print(found: PayloadFit, arm: Robot) -> None:
-    from bumpstop.model import unit_of
-
-    units = {joint.name: unit_of(joint) for joint in arm.joints}
-    typer.echo(
-        f"payload at the tip from {found.rows_used} rows; {found.rows_left} recorded ones are left away at the ends, "
-        "beside gaps, or in segments too short to use"
-    )
-    for name, (value, unit) in found.parameters.items():
-        error = found.standard_errors[name]
-        shown = "not visible in this motion"
-        if value is not None and error is not None:
-            shown = f"{value:.4g} {'(given)' if error == 0 else f'+- {error:.2g}'} {unit}"
-        typer.echo(f"  {name:<4}{shown}")
-    if found.center is not None and found.center_errors is not None:
-        at = ", ".join(f"{x:.4g} +- {e:.2g}" for x, e in zip(found.center, found.center_errors, strict=True))
-        typer.echo(f"centre of mass [m]: {at}")
-        typer.echo(f"for --payload: {found.parameters['m'].value:.4g}," + ",".join(f"{x:.4g}" for x in found.center))
-    for name, rmse, without in zip(found.joints, found.rmse, found.rmse_without, strict=True):
-        typer.echo(f"  {name}: {rmse:.3g} {units[name]} left, {without:.3g} {units[name]} without the payload")
-    if found.joints_left_out:
-        typer.echo(f"left out, of unknown gain: {', '.join(found.joints_left_out)}")

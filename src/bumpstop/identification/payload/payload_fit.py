@@ -133,6 +133,29 @@ class PayloadFit:
         """How well the torque of the loaded arm is predicted, joint by joint."""
         return self.predict(recording).scores()
 
+    def __str__(self) -> str:
+        units = {joint.name: unit_of(joint) for joint in self.source.robot.joints}
+        lines = [
+            f"payload at the tip from {self.rows_used} rows; {self.rows_left} recorded ones are left away at the ends, "
+            "beside gaps, or in segments too short to use"
+        ]
+        for name, (value, unit) in self.parameters.items():
+            error = self.standard_errors[name]
+            shown = "not visible in this motion"
+            if value is not None and error is not None:
+                shown = f"{value:.4g} {'(given)' if error == 0 else f'+- {error:.2g}'} {unit}"
+            lines.append(f"  {name:<4}{shown}")
+        if self.center is not None and self.center_errors is not None:
+            at = ", ".join(f"{x:.4g} +- {e:.2g}" for x, e in zip(self.center, self.center_errors, strict=True))
+            lines.append(f"centre of mass [m]: {at}")
+            told = ",".join(f"{x:.4g}" for x in (self.parameters["m"].value, *self.center))
+            lines.append(f"for --payload: {told}")
+        for name, rmse, without in zip(self.joints, self.rmse, self.rmse_without, strict=True):
+            lines.append(f"  {name}: {rmse:.3g} {units[name]} left, {without:.3g} {units[name]} without the payload")
+        if self.joints_left_out:
+            lines.append(f"left out, of unknown gain: {', '.join(self.joints_left_out)}")
+        return "\n".join(lines)
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write what was seen with its errors as TOML; what was not is listed.
 

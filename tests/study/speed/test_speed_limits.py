@@ -27,7 +27,7 @@ from bumpstop.study.speed.workspace_speed_limits import WorkspaceSpeedLimits
 from bumpstop.study.speed.worst_direction import worst_directions
 from study.speed_limit_cases import PICK, begin, few_rows
 
-REPOSITORY = Path(__file__).resolve().parents[2]
+REPOSITORY = Path(__file__).resolve().parents[3]
 HAND = REPOSITORY / "examples/01_hand_downward.toml"
 LINE = REPOSITORY / "examples/05_ur10e.toml"
 

@@ -1,0 +1,44 @@
+"""Probabilities in words: never nothing for what is only improbable, and the text that results are printed as."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+import bumpstop as bs
+from bumpstop.collision.probability_text import decimal, percent, small_percent
+from cli.support import EXAMPLE, run
+
+
+@pytest.mark.parametrize(
+    ("p", "counted", "integrated"),
+    [
+        (0.0, ("0 %", "0.0000"), ("less than 0.0001 %", "< 1e-12")),
+        (1e-14, ("less than 0.0001 %", "< 1e-12"), ("less than 0.0001 %", "< 1e-12")),
+        (5.4e-6, ("0.00054 %", "5.4e-06"), ("0.00054 %", "5.4e-06")),
+        (0.25, ("25 %", "0.2500"), ("25 %", "0.2500")),
+        (1.0, ("100 %", "1.0000"), ("100 %", "1.0000")),
+        (math.nextafter(1, 0), ("over 99.9999 %", "1.0000"), ("over 99.9999 %", "1.0000")),
+    ],
+)
+def test_zero_of_a_quadrature_is_less_than_it_follows(
+    p: float, counted: tuple[str, str], integrated: tuple[str, str]
+) -> None:
+    assert (percent(p), decimal(p)) == counted
+    assert (percent(p, integrated=True), decimal(p, integrated=True)) == integrated
+
+
+def test_what_is_next_to_nothing_has_figures_beside_what_is_accepted() -> None:
+    assert small_percent(2e-20) == "2e-18 %"
+    assert small_percent(0.0, integrated=True) == "less than 1e-10 %"
+    assert small_percent(0.0) == "0 %"
+    assert small_percent(0.5) == "50 %"
+
+
+def test_a_result_prints_what_the_terminal_shows() -> None:
+    shown = run("evaluate", EXAMPLE).out
+    assert [line.rstrip() for line in shown.splitlines()] == str(bs.evaluate(bs.load_scenario(EXAMPLE))).splitlines()
+    assert "never detected < 1e-12" in shown
+    drawn = str(bs.evaluate(bs.load_scenario(EXAMPLE), samples=1000, seed=1))
+    assert "never detected 0.0000" in drawn
