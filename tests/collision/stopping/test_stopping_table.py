@@ -10,6 +10,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.collision.stopping import StoppingTable, load_stopping_table
+from bumpstop.collision.stopping.column_names import read_column
 
 ROOT = Path(__file__).resolve().parents[3]
 TM5_700 = ROOT / "examples" / "stopping" / "tm5_700.toml"
@@ -95,6 +96,26 @@ def test_toml_by_columns_and_by_rows(tmp_path: Path) -> None:
     same(load(tmp_path, tables, "tables.toml"), plain)
 
 
+@pytest.mark.parametrize(
+    ("name", "quantity", "joint", "unit"),
+    [
+        ("s1_deg", "distance", 1, "deg"),
+        ("A1 [°]", "distance", 1, "deg"),
+        ("Joint 0 (BASE) stopping distance (rad)", "distance", 1, "rad"),
+        ("wrist 2 time [s]", "time", 5, "s"),
+        ("TCP distance mm", "distance", 0, "mm"),
+        ("v_percent", "speed", None, "percent"),
+        ("velocity_deg_s", "speed", None, "deg/s"),
+        ("Speed (°/s)", "speed", None, "deg/s"),
+        ("Axis", "joint", None, ""),
+    ],
+)
+def test_names_of_columns(name: str, quantity: str, joint: int | None, unit: str) -> None:
+    column = read_column(name)
+    assert column is not None
+    assert (column.quantity, column.joint, column.unit) == (quantity, joint, unit)
+
+
 def test_unsorted_and_repeated_rows_are_mended_and_told(tmp_path: Path) -> None:
     head, rows = PLAIN.splitlines()[:2], PLAIN.splitlines()[2:]
     table = load(tmp_path, "\n".join([*head, *reversed(rows), rows[0]]) + "\n")
@@ -154,6 +175,8 @@ def test_of_several_stop_categories_one_must_be_chosen(tmp_path: Path) -> None:
         ("payload_kg,distance_1_deg\n1,2\n2,3\n", "table.csv", "has no speeds"),
         ("speed_deg_s,payload_kg\n50,1\n60,2\n", "table.csv", "has no distances"),
         ("", "table.csv", "is empty"),
+        (PLAIN.replace("distance_2", "distance_j0"), "column 'distance_j0_deg'", "from 0"),
+        ("joint,speed_deg_s,distance_deg\n0,1,1\n0,2,2\n", "row 1, column 'joint'", "from 0"),
     ],
 )
 def test_bad_tables_are_refused_by_name(tmp_path: Path, text: str, field: str, problem: str) -> None:

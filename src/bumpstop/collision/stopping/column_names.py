@@ -27,7 +27,7 @@ _QUANTITIES = {
     "category": ("category", "cat"),
     "payload": ("payload", "load"),
     "extension": ("extension", "reach", "radius"),
-    "speed": ("speed", "velocity"),
+    "speed": ("speed", "velocity", "v"),
     "time": ("time", "duration", "t"),
     "distance": ("distance", "angle", "path", "travel", "overtravel", "displacement", "d", "s"),
 }
@@ -72,18 +72,23 @@ def read_column(name: str) -> Column | None:
 
     Args:
         name: such as ``speed_percent``, ``distance_2_deg``, ``J1 stopping time [ms]``.
+
+    Raises:
+        InputError: it counts joints from 0 and does not name them.
     """
     text = name.lower().replace("°", " deg ").replace("%", " percent ").replace("φ", " angle ")
     text = re.sub(r"deg\s*/\s*s(ec)?\b|degrees?\s*(per|/)\s*s(econd|ec)?\b", "deg/s", text)
     text = re.sub(r"\b(mm|m|rad)\s*/\s*s(ec)?\b", r"\1/s", text)
     words = [word for word in re.split(r"[^a-z0-9/]+", text) if word]
     unit, words = _take_unit(words)
+    if not set(words) & set(_JOINTS) and any(re.fullmatch(r"(joint|axis|j|a)?0+", word) for word in words):
+        raise InputError(f"column {name!r}", "counts joints from 0", "wanted numbers from 1")
     joint: int | None = None
     rest: list[str] = []
     for word in words:
         numbered = re.fullmatch(r"(joint|axis|j|a|t|d|s|time|distance|angle)?(\d+)", word)
         if numbered and joint is None and int(numbered[2]) >= 1:
-            joint = int(numbered[2])
+            joint = int(numbered[2]) + (3 if "wrist" in words else 0)  # the first of them is joint 4
             rest += [numbered[1]] if numbered[1] not in (None, "joint", "axis", "j", "a") else []
         elif word in _JOINTS and joint is None:
             joint = _JOINTS[word]

@@ -82,6 +82,9 @@ class TableReader:
             if value is None or math.isinf(value):
                 field = f"{self.name}, row {number}, column {column.name!r}"
                 raise InputError(field, f"{str(cell)[:40]!r} is not a number", "wanted a number, or nothing")
+            if column.quantity == "joint" and value == 0 and number_of(cell) is not None:
+                field = f"{self.name}, row {number}, column {column.name!r}"
+                raise InputError(field, "counts joints from 0", "wanted numbers from 1")
             if value < 0 or (value == 0 and column.quantity in ("speed", "distance", "extension")):
                 field = f"{self.name}, row {number}, column {column.name!r}"
                 raise InputError(field, f"{value:g} cannot be used", "wanted more than zero")
