@@ -191,7 +191,7 @@ def test_the_readme_counts_the_scenarios_that_are_compared() -> None:
     claims = " ".join(claim for claim, *_ in rows(read("README.md"), "claim"))
     for scenarios, what in (
         (VARIED, "scenarios with white noise"),
-        (REMEMBERING, "with noise or residuals that remember"),
+        (REMEMBERING, "with correlated noise or residuals"),
         (FREE, "scenarios of free contact"),
     ):
         assert f"{words[len(scenarios)]} {what}" in claims
