@@ -130,6 +130,7 @@ def test_completion_answers() -> None:
         "tune",
         "score",
         "sensitivity",
+        "stopping",
     }
     options = bumpstop(COMP_WORDS="bumpstop evaluate --s", **(asked | {"COMP_CWORD": "2"})).stdout.split()
     assert set(options) == {"--sampled", "--seed", "--set"}

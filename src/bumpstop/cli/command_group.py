@@ -8,7 +8,7 @@ from typer.core import TyperGroup
 
 # From the question of how hard a collision is, over what makes it harmless, to recordings and what is made of them.
 _ORDER = (
-    *("evaluate", "require", "sensitivity", "study", "robots", "bodies"),
+    *("evaluate", "require", "sensitivity", "stopping", "study", "robots", "bodies"),
     *("recording", "plan", "identify", "validate", "tune", "detect", "score", "detector"),
     *("plant", "experiment"),
 )
