@@ -65,10 +65,10 @@ struct Problem {
     // The reaction and the simulation.
     std::int32_t reaction;  // Reaction
     std::int32_t latency_steps;
-    std::int32_t deceleration;    // Deceleration: how a reacting arm, or one that gave up its line, slows down
-    std::int32_t uncoordinated;   // 1: every joint brakes at its own limit, whatever the others do
-    double stopping_time;         // kFixedTime: all joints stand after it
-    double brake_time;            // kLateBrake: until the brakes hold with full force
+    std::int32_t deceleration;   // Deceleration: how a reacting arm, or one that gave up its line, slows down
+    std::int32_t uncoordinated;  // 1: every joint brakes at its own limit, whatever the others do
+    double stopping_time;        // kFixedTime: all joints stand after it
+    double brake_time;           // kLateBrake: until the brakes hold with full force
     std::int32_t run_length_slip;
     std::int32_t run_until_free;
     double release_limit;  // how much longer run_until_free may wait

@@ -346,7 +346,8 @@ class ArmIntegrator {
             share = never;
             for (int f = 0; f < motion_.free_count; ++f)
                 if (any(saturation_[f] > T(1.0)))
-                    cross(max(saturation_[f] - 1.0, T(0.0)), select(saturation_[f] > T(1.0), saturation[f] - 1.0, T(0.0)));
+                    cross(max(saturation_[f] - 1.0, T(0.0)),
+                          select(saturation_[f] > T(1.0), saturation[f] - 1.0, T(0.0)));
         }
         const T sign = select(lags, T(1.0), T(-1.0)), way = select(velocity_saturation_ > T(1.0), T(1.0), T(-1.0));
         cross(sign * (max_step - 1.0), sign * (most_later - 1.0));

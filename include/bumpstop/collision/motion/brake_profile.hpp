@@ -37,15 +37,16 @@ inline double extension_at(const Chain& chain, const LinkPoint& tip, const doubl
 /// The law for a reaction that begins at the positions `q` (by joint) with these rates (by free joint). Where the joints
 /// keep their ratios, the one with the longest stop decides for all. An arm that goes back after a stop in a given time does
 /// so at its limits; a ramp goes on growing.
-inline BrakeProfile brake_profile(const Chain& chain, const MotionSettings& motion, const double* q,
-                                  const double* rate, bool reverses) {
+inline BrakeProfile brake_profile(const Chain& chain, const MotionSettings& motion, const double* q, const double* rate,
+                                  bool reverses) {
     const Deceleration& deceleration = motion.deceleration;
     const int n = motion.free_count;
     const bool from_table = deceleration.law == DecelerationLaw::table;
     const double extended = from_table && deceleration.times.extension.size() > 1
                                 ? extension_at(chain, motion.tip, q, deceleration.times.reach)
                                 : 0.0;
-    std::array<double, max_joints> at_limit{}, own{};  // times that the joints would take, at their limits and by the law
+    std::array<double, max_joints> at_limit{},
+        own{};  // times that the joints would take, at their limits and by the law
     double limit_time = 0, longest = 0;
     for (int f = 0; f < n; ++f) {
         const int j = motion.free_joint[f];

@@ -65,10 +65,12 @@ struct Deceleration {
     /// Until an arm stands whose slowest joint would need `limit_time` at its acceleration limit [s].
     double time_to_stop(double limit_time) const {
         switch (law) {
-            case DecelerationLaw::constant_time: return stopping_time;
+            case DecelerationLaw::constant_time:
+                return stopping_time;
             case DecelerationLaw::ramp:
                 return limit_time <= ramp_time / 2 ? std::sqrt(2 * limit_time * ramp_time) : limit_time + ramp_time / 2;
-            default: return limit_time;
+            default:
+                return limit_time;
         }
     }
 };

@@ -26,8 +26,8 @@ void brake_by_law(const Chain& chain, const MotionSettings& motion, Rate qd, dou
             double load[max_joints], most = 0;  // sub-steps to standstill
             for (int f = 0; f < n; ++f) {
                 const int j = motion.free_joint[f];
-                load[f] = std::fabs(rate[f]) /
-                          (motion.acceleration_limit[j] * motion.substep() * profile.of(f, substep));
+                load[f] =
+                    std::fabs(rate[f]) / (motion.acceleration_limit[j] * motion.substep() * profile.of(f, substep));
                 most = std::max(most, load[f]);
             }
             for (int f = 0; f < n; ++f) {

@@ -71,8 +71,7 @@ void follow_reactions(const CollisionSetup& setup, ReactionJob* jobs, int count,
             arm.brake(lane, profile, motion.deceleration.independent);
             stop_time = std::max(stop_time, profile.stop_time);
         }
-        running.begin(lane, job, path.s[std::size_t(LinePath::reaction_step(job.tick, setup.timing))],
-                      stop_time);
+        running.begin(lane, job, path.s[std::size_t(LinePath::reaction_step(job.tick, setup.timing))], stop_time);
     };
     int next = std::min(count, lanes);
     for (int lane = 0; lane < lanes; ++lane) {
