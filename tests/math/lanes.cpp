@@ -209,30 +209,8 @@ void exponential() {
     CHECK(exp_minus(708.0, 0.0) == 0 && exp_minus(707.99, 0.0) > 0 && exp_minus(745.0, 0.0) == 0);
 }
 
-/// Products that round by themselves, whatever the compiler would make of them.
-template <int N>
-void separate_roundings() {
-    using U = Unfused<Lanes<N>>;
-    for (int trial = 0; trial < 1000; ++trial) {
-        const double a = checks::uniform(-2, 2), b = checks::uniform(-2, 2), c = checks::uniform(-2, 2);
-        volatile double product = a * b;
-        const double kept = product;
-        U x = a, y = a;
-        y *= b;
-        x = x * b + c;
-        const U both = U(Lanes<N>(a)) * Lanes<N>(b) - Lanes<N>(kept);
-        for (int lane = 0; lane < N; ++lane) {
-            CHECK(same_bits(x[lane], kept + c));
-            CHECK(same_bits((y + c)[lane], kept + c));
-            CHECK(both[lane] == 0);
-        }
-        CHECK(rounded_product(a, b) - kept == 0);
-    }
-}
-
 template <int N>
 void run() {
-    if constexpr (N <= native_lanes) separate_roundings<N>();
     arithmetic<N>();
     sums<N>();
     transposition<N>();

@@ -168,9 +168,8 @@ void write_distribution(const BatchProblem& problem, std::size_t pose, PathEnd e
 /// The paths of `count` poses into worker.path.
 template <class L>
 void trace_poses(const BatchProblem& problem, BatchWorker<L>& worker, const int* poses, int count) {
-    using P = Unfused<L>;  // loose leaps enlarge what instruction sets round otherwise
     std::vector<LineRequest> requests;
-    std::vector<SurvivalCriterion<P>> criteria;
+    std::vector<SurvivalCriterion<L>> criteria;
     auto add = [&](int i) {
         requests.push_back(problem.request(poses[i]));
         // The approach speed is the tool's own speed along its line.
@@ -180,7 +179,7 @@ void trace_poses(const BatchProblem& problem, BatchWorker<L>& worker, const int*
     };
     for (int i = 0; i < count; ++i) add(i);
     worker.path.resize(std::max(worker.path.size(), std::size_t(count)));
-    LineTracer<P, Tracing::fast, SurvivalCriterion<P>>(problem.setup)
+    LineTracer<L, Tracing::fast, SurvivalCriterion<L>>(problem.setup)
         .trace(requests.data(), criteria.data(), worker.path.data(), count);
     // Near a singularity what a leap leaves out decides where the arm goes, and whether it meets the singularity: there a
     // batch traces as a single law does.
@@ -193,7 +192,7 @@ void trace_poses(const BatchProblem& problem, BatchWorker<L>& worker, const int*
     criteria.clear();
     for (int i : again) add(i);
     std::vector<LinePath> path(again.size());
-    LineTracer<P, Tracing::exact, SurvivalCriterion<P>>(problem.setup)
+    LineTracer<L, Tracing::exact, SurvivalCriterion<L>>(problem.setup)
         .trace(requests.data(), criteria.data(), path.data(), int(again.size()));
     for (std::size_t i = 0; i < again.size(); ++i) worker.path[std::size_t(again[i])] = std::move(path[i]);
 }

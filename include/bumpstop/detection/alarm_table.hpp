@@ -88,26 +88,23 @@ class AlarmTable {
     /// Chebyshev's nodes on [-1, 1].
     static double node(int n) { return -std::cos(std::numbers::pi * (n + 0.5) / terms); }
 
-    /// Of the polynomial that takes the alarms' values at the nodes about `centre` [standard deviations]. Rare alarms share it
-    /// with frequent ones, whose roundings they feel: those are the same on every instruction set.
+    /// Of the polynomial that takes the alarms' values at the nodes about `centre` [standard deviations].
     static Piece powers(const GaussianThresholds& detector, int w, double centre) {
-        using U = Unfused<Lanes<native_lanes>>;  // all lanes alike
-        U d[terms];
+        double d[terms];
         for (int n = 0; n < terms; ++n) {
-            const U place = U(centre) + U(reach) * node(n);
+            const double place = centre + reach * node(n);
             d[n] = joint_alarm(detector, w, place * detector.sd[w] - detector.mean[w]).alarm;
         }
         // Newton's divided differences, then powers.
         for (int order = 1; order < terms; ++order)
             for (int n = terms - 1; n >= order; --n) d[n] = (d[n] - d[n - 1]) / (node(n) - node(n - order));
-        U c[terms] = {d[terms - 1]};
-        for (int p = 1; p < terms; ++p) c[p] = 0.0;
+        double c[terms] = {d[terms - 1]};
         for (int n = terms - 2; n >= 0; --n) {
             for (int p = terms - 1; p > 0; --p) c[p] = c[p - 1] - node(n) * c[p];
             c[0] = d[n] - node(n) * c[0];
         }
         Piece piece;
-        for (int p = 0; p < terms; ++p) piece.power[p] = lane_of(c[p], 0);
+        for (int p = 0; p < terms; ++p) piece.power[p] = c[p];
         return piece;
     }
 

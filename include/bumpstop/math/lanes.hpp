@@ -35,40 +35,14 @@ struct IntLanes {
     friend Mask<N> operator==(IntLanes a, IntLanes b) { return Mask<N>::equal(a.v, b.v); }
 };
 
-/// x, a product: from here on it is no longer one that a compiler may make part of a sum, to be rounded only then.
+/// N doubles.
 template <int N>
-void round_by_itself([[maybe_unused]] typename Register<N>::Real& x) {
-#if defined(__AVX512F__)
-    asm("" : "+v"(x));
-#elif defined(__FMA__)
-    if constexpr (N <= native_lanes) asm("" : "+x"(x));
-#elif defined(__aarch64__)
-    if constexpr (N <= native_lanes) asm("" : "+w"(x));
-#endif
-}
-
-/// a b, rounded whatever becomes of it.
-inline double rounded_product(double a, double b) {
-    double product = a * b;
-#if defined(__FMA__)
-    asm("" : "+x"(product));
-#elif defined(__aarch64__)
-    asm("" : "+w"(product));
-#endif
-    return product;
-}
-
-/// N doubles. `fuses`: where a processor can, sums of products are rounded once, and instruction sets differ by that; else
-/// every product is rounded, and all of them agree to the last bit. Together with the latter the former become such.
-template <int N, bool fuses = true>
 struct Lanes {
     using Real = typename Register<N>::Real;
     Real v;
 
     Lanes() = default;
     Lanes(double x) : v(x - Real{}) {}  ///< x - 0 is x for a compiler too; x + 0 is not, where x is -0
-    template <bool others>
-    requires(!fuses && others) Lanes(Lanes<N, others> x) : v(x.v) {}
     static Lanes of(Real v) {
         Lanes r;
         r.v = v;
@@ -85,11 +59,7 @@ struct Lanes {
 
     friend Lanes operator+(Lanes a, Lanes b) { return of(a.v + b.v); }
     friend Lanes operator-(Lanes a, Lanes b) { return of(a.v - b.v); }
-    friend Lanes operator*(Lanes a, Lanes b) {
-        Real product = a.v * b.v;
-        if constexpr (!fuses) round_by_itself<N>(product);
-        return of(product);
-    }
+    friend Lanes operator*(Lanes a, Lanes b) { return of(a.v * b.v); }
     friend Lanes operator/(Lanes a, Lanes b) { return of(a.v / b.v); }
     friend Lanes operator-(Lanes a) { return of(-a.v); }
     Lanes& operator+=(Lanes b) { return v += b.v, *this; }
@@ -111,8 +81,8 @@ struct Scalar<double> {
     using Mask = bool;
     using Int = std::int64_t;
 };
-template <int N, bool fuses>
-struct Scalar<Lanes<N, fuses>> {
+template <int N>
+struct Scalar<Lanes<N>> {
     static constexpr int lanes = N;
     using Mask = bumpstop::Mask<N>;
     using Int = IntLanes<N>;
@@ -122,27 +92,10 @@ using MaskOf = typename Scalar<T>::Mask;
 template <class T>
 using IntOf = typename Scalar<T>::Int;
 
-namespace detail {
-
-template <class T>
-struct UnfusedOf {
-    using Type = T;
-};
-template <int N>
-struct UnfusedOf<Lanes<N>> {
-    using Type = Lanes<N, false>;
-};
-
-}  // namespace detail
-
-/// The lanes that agree on every instruction set, for what roundings grow in.
-template <class T>
-using Unfused = typename detail::UnfusedOf<T>::Type;
-
 inline std::int64_t bits_of(double x) { return std::bit_cast<std::int64_t>(x); }
 inline double real_of(std::int64_t x) { return std::bit_cast<double>(x); }
-template <int N, bool fuses>
-IntLanes<N> bits_of(Lanes<N, fuses> x) {
+template <int N>
+IntLanes<N> bits_of(Lanes<N> x) {
     return IntLanes<N>::of(std::bit_cast<typename Register<N>::Int>(x.v));
 }
 template <int N>
@@ -159,51 +112,51 @@ IntLanes<N> shifted_right(IntLanes<N> x, int n) {
 }
 
 inline double select(bool m, double a, double b) { return m ? a : b; }
-template <int N, bool fuses>
-Lanes<N, fuses> select(Mask<N> m, Lanes<N, fuses> a, Lanes<N, fuses> b) {
-    return Lanes<N, fuses>::of(m.choose(a.v, b.v));
+template <int N>
+Lanes<N> select(Mask<N> m, Lanes<N> a, Lanes<N> b) {
+    return Lanes<N>::of(m.choose(a.v, b.v));
 }
 
 inline double min(double a, double b) { return a < b ? a : b; }
 inline double max(double a, double b) { return a > b ? a : b; }
-template <int N, bool fuses>
-Lanes<N, fuses> min(Lanes<N, fuses> a, Lanes<N, fuses> b) {
+template <int N>
+Lanes<N> min(Lanes<N> a, Lanes<N> b) {
     // The second of the two where one is NaN, as below.
 #if defined(__AVX512F__)
-    if constexpr (N == 8) return Lanes<N, fuses>::of(_mm512_maskz_min_pd(all_lanes, a.v, b.v));
+    if constexpr (N == 8) return Lanes<N>::of(_mm512_maskz_min_pd(all_lanes, a.v, b.v));
 #endif
 #if defined(__AVX__)
-    if constexpr (N == 4) return Lanes<N, fuses>::of(_mm256_min_pd(a.v, b.v));
+    if constexpr (N == 4) return Lanes<N>::of(_mm256_min_pd(a.v, b.v));
 #endif
-    return Lanes<N, fuses>::of(a.v < b.v ? a.v : b.v);
+    return Lanes<N>::of(a.v < b.v ? a.v : b.v);
 }
-template <int N, bool fuses>
-Lanes<N, fuses> max(Lanes<N, fuses> a, Lanes<N, fuses> b) {
+template <int N>
+Lanes<N> max(Lanes<N> a, Lanes<N> b) {
     // The second of the two where one is NaN, as below.
 #if defined(__AVX512F__)
-    if constexpr (N == 8) return Lanes<N, fuses>::of(_mm512_maskz_max_pd(all_lanes, a.v, b.v));
+    if constexpr (N == 8) return Lanes<N>::of(_mm512_maskz_max_pd(all_lanes, a.v, b.v));
 #endif
 #if defined(__AVX__)
-    if constexpr (N == 4) return Lanes<N, fuses>::of(_mm256_max_pd(a.v, b.v));
+    if constexpr (N == 4) return Lanes<N>::of(_mm256_max_pd(a.v, b.v));
 #endif
-    return Lanes<N, fuses>::of(a.v > b.v ? a.v : b.v);
+    return Lanes<N>::of(a.v > b.v ? a.v : b.v);
 }
 
-/// x, a product that is worked out once: a compiler would else make it part of every sum it is in, and AVX-512 registers
+/// x, a product that is computed once: a compiler would else make it part of every sum it is in, and AVX-512 registers
 /// have fewer units that multiply than units that add.
 inline double unfused(double x) { return x; }
 template <int N>
 Lanes<N> unfused(Lanes<N> x) {
 #if defined(__AVX512F__)
-    if constexpr (N == 8) round_by_itself<N>(x.v);
+    if constexpr (N == 8) asm("" : "+v"(x.v));
 #endif
     return x;
 }
 
 /// Of all lanes.
 inline double sum_of_lanes(double x) { return x; }
-template <int N, bool fuses>
-double sum_of_lanes(Lanes<N, fuses> x) {
+template <int N>
+double sum_of_lanes(Lanes<N> x) {
 #if defined(__AVX512F__)
     if constexpr (N == 8) {
         return sum_of_lanes(Lanes<4>::of(_mm512_maskz_extractf64x4_pd(all_lanes, x.v, 0)) +
@@ -222,13 +175,13 @@ double sum_of_lanes(Lanes<N, fuses> x) {
 namespace detail {
 
 /// Exchanges blocks of S by S off the diagonal, then those of half the size in each.
-template <int S, int N, bool fuses, int... I>
-void transpose_blocks(Lanes<N, fuses>* row, std::integer_sequence<int, I...> lanes) {
+template <int S, int N, int... I>
+void transpose_blocks(Lanes<N>* row, std::integer_sequence<int, I...> lanes) {
     for (int i = 0; i < N; ++i) {
         if (i & S) continue;
         const auto a = row[i].v, b = row[i + S].v;
-        row[i] = Lanes<N, fuses>::of(__builtin_shufflevector(a, b, ((I & S) == 0 ? I : N + I - S)...));
-        row[i + S] = Lanes<N, fuses>::of(__builtin_shufflevector(a, b, ((I & S) == 0 ? I + S : N + I)...));
+        row[i] = Lanes<N>::of(__builtin_shufflevector(a, b, ((I & S) == 0 ? I : N + I - S)...));
+        row[i + S] = Lanes<N>::of(__builtin_shufflevector(a, b, ((I & S) == 0 ? I + S : N + I)...));
     }
     if constexpr (S > 1) transpose_blocks<S / 2>(row, lanes);
 }
@@ -237,44 +190,44 @@ void transpose_blocks(Lanes<N, fuses>* row, std::integer_sequence<int, I...> lan
 
 /// As many registers as each has lanes: lane j of row[i] and lane i of row[j] change places.
 inline void transpose(double*) {}
-template <int N, bool fuses>
-void transpose(Lanes<N, fuses>* row) {
+template <int N>
+void transpose(Lanes<N>* row) {
     detail::transpose_blocks<N / 2>(row, std::make_integer_sequence<int, N>());
 }
 
 inline constexpr std::int64_t sign_bit = std::int64_t(1) << 63;
 inline double abs(double x) { return std::fabs(x); }
-template <int N, bool fuses>
-Lanes<N, fuses> abs(Lanes<N, fuses> x) {
-    return Lanes<N, fuses>::of(real_of(bits_of(x) & IntLanes<N>(~sign_bit)).v);
+template <int N>
+Lanes<N> abs(Lanes<N> x) {
+    return Lanes<N>::of(real_of(bits_of(x) & IntLanes<N>(~sign_bit)).v);
 }
 
 inline double sqrt(double x) { return std::sqrt(x); }
-template <int N, bool fuses>
-Lanes<N, fuses> sqrt(Lanes<N, fuses> x) {
+template <int N>
+Lanes<N> sqrt(Lanes<N> x) {
 #if defined(__AVX512F__)
-    if constexpr (N == 8) return Lanes<N, fuses>::of(_mm512_maskz_sqrt_pd(all_lanes, x.v));
+    if constexpr (N == 8) return Lanes<N>::of(_mm512_maskz_sqrt_pd(all_lanes, x.v));
 #endif
 #if defined(__AVX__)
-    if constexpr (N == 4) return Lanes<N, fuses>::of(_mm256_sqrt_pd(x.v));
+    if constexpr (N == 4) return Lanes<N>::of(_mm256_sqrt_pd(x.v));
 #endif
 #if defined(__SSE2__)
-    if constexpr (N == 2) return Lanes<N, fuses>::of(_mm_sqrt_pd(x.v));
+    if constexpr (N == 2) return Lanes<N>::of(_mm_sqrt_pd(x.v));
 #endif
-    Lanes<N, fuses> r;
+    Lanes<N> r;
     for (int lane = 0; lane < N; ++lane) r.v[lane] = std::sqrt(x.v[lane]);
     return r;
 }
 
 /// Lane `lane` of x; a double has the one lane.
 inline double lane_of(double x, int) { return x; }
-template <int N, bool fuses>
-double lane_of(Lanes<N, fuses> x, int lane) {
+template <int N>
+double lane_of(Lanes<N> x, int lane) {
     return x.v[lane];
 }
 inline void set_lane(double& x, int, double value) { x = value; }
-template <int N, bool fuses>
-void set_lane(Lanes<N, fuses>& x, int lane, double value) {
+template <int N>
+void set_lane(Lanes<N>& x, int lane, double value) {
     x.v[lane] = value;
 }
 template <class T>
@@ -286,8 +239,8 @@ T load(const double* p) {
     }
 }
 inline void store(double x, double* p) { *p = x; }
-template <int N, bool fuses>
-void store(Lanes<N, fuses> x, double* p) {
+template <int N>
+void store(Lanes<N> x, double* p) {
     x.store(p);
 }
 

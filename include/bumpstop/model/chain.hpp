@@ -15,18 +15,17 @@ inline constexpr int max_joints = 16;
 using Vector3 = std::array<double, 3>;
 using Matrix3 = std::array<double, 9>;  // row-major
 
-// A chain is the same to the last bit on every instruction set, for arms near singularities enlarge what differs.
 inline Vector3 operator*(const Matrix3& m, const Vector3& v) {
     Vector3 r{};
     for (int i = 0; i < 3; ++i)
-        for (int k = 0; k < 3; ++k) r[i] += rounded_product(m[3 * i + k], v[k]);
+        for (int k = 0; k < 3; ++k) r[i] += m[3 * i + k] * v[k];
     return r;
 }
 inline Matrix3 operator*(const Matrix3& a, const Matrix3& b) {
     Matrix3 r{};
     for (int i = 0; i < 3; ++i)
         for (int j = 0; j < 3; ++j)
-            for (int k = 0; k < 3; ++k) r[3 * i + j] += rounded_product(a[3 * i + k], b[3 * k + j]);
+            for (int k = 0; k < 3; ++k) r[3 * i + j] += a[3 * i + k] * b[3 * k + j];
     return r;
 }
 inline Matrix3 transposed(const Matrix3& m) { return {m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8]}; }

@@ -6,7 +6,7 @@
 namespace {
 
 using namespace bumpstop;
-using L = Unfused<Lanes<native_lanes>>;
+using L = Lanes<native_lanes>;
 using Braking = ArmIntegrator<L, batch_order>;
 
 bool same_bits(double a, double b) { return std::bit_cast<std::int64_t>(a) == std::bit_cast<std::int64_t>(b); }

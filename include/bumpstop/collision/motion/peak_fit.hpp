@@ -51,21 +51,20 @@ inline PeakFit peak_fit(const ReactionJob& job) {
         break;
     }
     if (first < 0) return {nan, nan, nan, nan};
-    // Newton's form on the steps first .. first + 3, then powers of x = time - first. Flat peaks enlarge roundings, so
-    // these are lanes, all alike, that round the same on every instruction set.
-    using R = Unfused<Lanes<2>>;
-    R y[4];
+    // Newton's form on the steps first .. first + 3, then powers of x = time - first.
+    double y[4];
     for (int i = 0; i < 4; ++i) y[i] = distance[first + i] - distance[0];
-    const R d1 = y[1] - y[0], d2 = 0.5 * (y[2] - 2.0 * y[1] + y[0]), d3 = (y[3] - 3.0 * y[2] + 3.0 * y[1] - y[0]) / 6.0;
-    const R c1 = d1 - d2 + 2.0 * d3, c2 = d2 - 3.0 * d3, c3 = d3;
-    R x = double(peak - first);
+    const double d1 = y[1] - y[0], d2 = 0.5 * (y[2] - 2.0 * y[1] + y[0]),
+                 d3 = (y[3] - 3.0 * y[2] + 3.0 * y[1] - y[0]) / 6.0;
+    const double c1 = d1 - d2 + 2.0 * d3, c2 = d2 - 3.0 * d3, c3 = d3;
+    double x = double(peak - first);
     for (int i = 0; i < 20; ++i) {
-        const R step = (c1 + x * (2.0 * c2 + 3.0 * c3 * x)) / (2.0 * c2 + 6.0 * c3 * x);
+        const double step = (c1 + x * (2.0 * c2 + 3.0 * c3 * x)) / (2.0 * c2 + 6.0 * c3 * x);
         x -= step;
-        if (all(abs(step) < R(1e-14))) break;
+        if (std::fabs(step) < 1e-14) break;
     }
-    const R value = y[0] + x * (c1 + x * (c2 + x * c3)), second = 2.0 * c2 + 6.0 * c3 * x;
-    return {job.step[first] + lane_of(x, 0), lane_of(value, 0), lane_of(second, 0), lane_of(6.0 * c3, 0)};
+    const double value = y[0] + x * (c1 + x * (c2 + x * c3)), second = 2.0 * c2 + 6.0 * c3 * x;
+    return {job.step[first] + x, value, second, 6.0 * c3};
 }
 
 /// The overtravel at tick k from reactions simulated at a few ticks. Its greatest value over the simulation steps

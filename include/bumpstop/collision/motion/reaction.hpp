@@ -126,9 +126,7 @@ void simulate_reactions(const CollisionSetup& setup, ReactionJob* jobs, int coun
     if (jobs->exact()) {
         detail::follow_reactions<exact_order, T>(setup, jobs, count, detail);
     } else {
-        // Near singularities their long leaps enlarge roundings, which must be the same on every instruction set.
-        using U = Unfused<T>;
-        detail::follow_reactions<batch_order, U>(setup, jobs, count, detail);
+        detail::follow_reactions<batch_order, T>(setup, jobs, count, detail);
     }
 }
 
@@ -145,8 +143,7 @@ void refine_near_singularities(const CollisionSetup& setup, std::vector<Reaction
         again.back().tolerance = near_singular_tolerance;
     }
     if (again.empty()) return;
-    // Singularities enlarge roundings, which must be the same on every instruction set.
-    detail::follow_reactions<batch_order, Unfused<T>>(setup, again.data(), int(again.size()), what);
+    detail::follow_reactions<batch_order, T>(setup, again.data(), int(again.size()), what);
     for (std::size_t i = 0; i < of.size(); ++i) jobs[of[i]] = std::move(again[i]);
 }
 
