@@ -92,6 +92,12 @@ void bind_curves(nb::module_& module) {
         .def_prop_ro("cut_step", [](const LineStoppingCurve& self) { return self.path.cut_step; })
         .def_prop_ro("braking", [](const LineStoppingCurve& self) { return view(self.path.braking); })
         .def_prop_ro("velocity_limited", [](const LineStoppingCurve& self) { return self.path.velocity_limited; })
+        .def(
+            "elastic_arm",
+            [](const LineStoppingCurve& self, double distance) {
+                return elastic_arm_on_line(self.setup, self.path, distance);
+            },
+            nb::arg("distance"), "An arm that gives way, in the pose in which it has come so far [m].")
         .def("reaction_paths", &reaction_paths, nb::arg("ticks"), nb::arg("return_to"),
              nb::sig("def reaction_paths(self, ticks: Sequence[int], return_to: Sequence[float]) -> "
                      "list[NDArray[numpy.float64]]"))

@@ -57,6 +57,16 @@ View<Scalar> view(const std::vector<Scalar>& values) {
     return view(values.data(), {values.size()});
 }
 
+// A member array with a number for each joint; as many as the chain has joints are written.
+template <class Of, auto Member>
+View<double> by_joint(const Of& self) {
+    return view((self.*Member).data(), {(self.*Member).size()});
+}
+template <class Of, auto Member>
+void set_by_joint(Of& self, Vector values) {
+    std::copy_n(values.data(), values.shape(0), (self.*Member).begin());
+}
+
 inline NewArray<double>::Array array_of(const std::vector<double>& values, std::vector<std::size_t> shape) {
     NewArray<double> array(std::move(shape));
     std::copy(values.begin(), values.end(), array.data.get());
@@ -85,6 +95,7 @@ void bind_joint(nb::module_& module);
 void bind_detection(nb::module_& module);
 void bind_sensitivity(nb::module_& module);
 void bind_workspace(nb::module_& module);
+void bind_contact(nb::module_& module);
 void bind_deceleration(nb::module_& module);
 void bind_setup(nb::module_& module);
 void bind_distribution(nb::module_& module);

@@ -2,6 +2,7 @@
 #include "bumpstop/model/dynamics.hpp"
 
 #include "bumpstop/model/singular_values.hpp"
+#include "dynamics.hpp"
 #include "links.hpp"
 #include "registers.hpp"
 
@@ -10,12 +11,6 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 namespace {
 
 using L = NativeLanes;
-
-// A chain, and its inertia in the form that belongs to it.
-struct Dynamics {
-    Chain chain;
-    Inertias inertias;
-};
 
 Dynamics make_dynamics(const Chain& chain, Vector mass, Matrix center, Tensor tensor, Vector rotor) {
     return {chain, Inertias(chain, make_links(mass, center, tensor, rotor))};

@@ -16,6 +16,7 @@ NB_MODULE(BUMPSTOP_MODULE, module) {
     bumpstop::bind_detection(module);
     bumpstop::bind_sensitivity(module);
     bumpstop::bind_workspace(module);
+    bumpstop::bind_contact(module);
     bumpstop::bind_deceleration(module);
     bumpstop::bind_setup(module);
     bumpstop::bind_distribution(module);

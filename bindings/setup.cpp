@@ -6,20 +6,6 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-namespace {
-
-template <auto Member>
-View<double> by_joint(const MotionSettings& self) {
-    return view((self.*Member).data(), {max_joints});
-}
-// As many values as the chain has joints.
-template <auto Member>
-void set_by_joint(MotionSettings& self, Vector values) {
-    std::copy_n(values.data(), values.shape(0), (self.*Member).begin());
-}
-
-}  // namespace
-
 void bind_setup(nb::module_& module) {
     nb::enum_<ReactionKind>(module, "ReactionKind")
         .value("stop", ReactionKind::stop)
@@ -44,12 +30,14 @@ void bind_setup(nb::module_& module) {
         .def_rw("damping", &MotionSettings::damping)
         .def_rw("step", &MotionSettings::step)
         .def_rw("substeps", &MotionSettings::substeps)
-        .def_prop_rw("acceleration_limit", &by_joint<&MotionSettings::acceleration_limit>,
-                     &set_by_joint<&MotionSettings::acceleration_limit>)
-        .def_prop_rw("velocity_limit", &by_joint<&MotionSettings::velocity_limit>,
-                     &set_by_joint<&MotionSettings::velocity_limit>)
-        .def_prop_rw("lower", &by_joint<&MotionSettings::lower>, &set_by_joint<&MotionSettings::lower>)
-        .def_prop_rw("upper", &by_joint<&MotionSettings::upper>, &set_by_joint<&MotionSettings::upper>)
+        .def_prop_rw("acceleration_limit", &by_joint<MotionSettings, &MotionSettings::acceleration_limit>,
+                     &set_by_joint<MotionSettings, &MotionSettings::acceleration_limit>)
+        .def_prop_rw("velocity_limit", &by_joint<MotionSettings, &MotionSettings::velocity_limit>,
+                     &set_by_joint<MotionSettings, &MotionSettings::velocity_limit>)
+        .def_prop_rw("lower", &by_joint<MotionSettings, &MotionSettings::lower>,
+                     &set_by_joint<MotionSettings, &MotionSettings::lower>)
+        .def_prop_rw("upper", &by_joint<MotionSettings, &MotionSettings::upper>,
+                     &set_by_joint<MotionSettings, &MotionSettings::upper>)
         .def_rw("deceleration", &MotionSettings::deceleration);
     nb::class_<ContactGeometry>(module, "ContactGeometry", "Where and in which direction the arm hits.")
         .def_rw("point", &ContactGeometry::point)
@@ -71,11 +59,13 @@ void bind_setup(nb::module_& module) {
         .def_rw("motion", &CollisionSetup::motion)
         .def_rw("contact", &CollisionSetup::contact)
         .def_rw("timing", &CollisionSetup::timing)
+        .def_rw("arm", &CollisionSetup::arm)
         .def_rw("reaction", &CollisionSetup::reaction);
     nb::class_<OffsetDistribution>(module, "OffsetDistribution", "How far the body is when the motion begins.")
         .def_rw("kind", &OffsetDistribution::kind)
         .def_rw("size", &OffsetDistribution::size);
     nb::class_<ContactBody>(module, "ContactBody", "A spring with damping against the ground or against a mass.")
+        .def(nb::init<>())
         .def_rw("stiffness", &ContactBody::stiffness)
         .def_rw("damping", &ContactBody::damping)
         .def_rw("mass", &ContactBody::mass)

@@ -175,7 +175,7 @@ def test_rooms_import_only_what_they_may() -> None:
         folders = {path.name for path in (ROOT / tree).iterdir() if path.is_dir() and path.name != "__pycache__"}
         assert folders <= set(allowed)
     for room, may in allowed.items():
-        for path in (ROOT / "include" / "bumpstop" / room).glob("*.hpp"):
+        for path in (ROOT / "include" / "bumpstop" / room).rglob("*.hpp"):
             used = set(re.findall(r'^#include "bumpstop/(\w+)/', path.read_text(encoding="utf-8"), re.MULTILINE))
             assert used <= may | {room}, path
         for path in (ROOT / "src" / "bumpstop" / room).rglob("*.py"):

@@ -12,17 +12,53 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace detail {
 
+/// Whether the collision with the farthest body is detected for certain before the last tick of a path.
+inline bool surely_detected(const CollisionSetup& setup, const LinePath& path, const ContactPropagator& by,
+                            const GaussianThresholds& detector, const Contact& contact) {
+    const ContactDynamics<double> dynamics(by);
+    ContactState<double> state = dynamics.begin();
+    SurvivalCriterion<double> criterion(setup, detector, contact);
+    double residual[max_joints];
+    for (int i = 0; i < int(path.s.size()); ++i) {
+        if (i > 0)
+            dynamics.step(state, path.s[std::size_t(i) - 1], path.s[std::size_t(i)], contact.offset.largest(), 1.0);
+        if (i < 1 || (i - 1) % setup.timing.period != 0) continue;
+        dynamics.residuals(state, path, (i - 1) / setup.timing.period, residual);
+        criterion.observe_contact(state.touched, residual);
+        if (criterion.finished(0)) return true;
+    }
+    return false;
+}
+
 /// The path of a line as far as a distribution needs it.
 template <class T>
 LinePath trace_until_decided(const CollisionSetup& setup, const LineRequest& line, const GaussianThresholds& detector,
                              const Contact& contact) {
-    const std::optional<ContactPropagator> by = contact.propagator(setup.motion.step);
-    if (!by) return trace_line<T>(setup, line, SurvivalCriterion<T>(setup, detector, contact));
     const double largest = contact.offset.largest();
+    if (!contact.body.gets_away()) {
+        LinePath path = trace_line<T>(setup, line, SurvivalCriterion<T>(setup, detector, contact));
+        std::optional<ContactPropagator> by = contact_propagator(setup, path, contact);
+        if (!by) return path;
+        // In the end the arm presses as its gears and servos let it; until then it lags behind.
+        Contact pressed = contact;
+        pressed.body.stiffness = by->static_stiffness;
+        double lag = settling_time(setup, *by);
+        for (int doubling = 0; doubling < 8; ++doubling, lag *= 2) {
+            const int ticks = int(std::ceil(lag / (setup.timing.period * setup.motion.step)));
+            path =
+                trace_line<T>(setup, line, LingeringCriterion(SurvivalCriterion<T>(setup, detector, pressed), ticks));
+            by = contact_propagator(setup, path, contact);
+            if (path.end != PathEnd::certain_detection || surely_detected(setup, path, *by, detector, contact)) break;
+        }
+        return path;
+    }
+    const std::optional<ContactPropagator> by = contact.propagator(setup.motion.step);
     for (double half_oscillations = 3;; half_oscillations *= 4) {
         LinePath path =
             trace_line<T>(setup, line, SeparationCriterion<T>(*by, setup.timing, largest, half_oscillations));
-        if (path.end != PathEnd::certain_detection || all_separated(path, *by, setup.timing, largest)) return path;
+        if (path.end != PathEnd::certain_detection ||
+            all_separated(path, *contact_propagator(setup, path, contact), setup.timing, largest))
+            return path;
     }
 }
 

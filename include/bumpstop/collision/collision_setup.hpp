@@ -2,8 +2,11 @@
 /// What a collision is made of, but for the pose it begins in, the detector and the body that is hit.
 #pragma once
 
+#include <optional>
+
+#include "bumpstop/collision/contact/arm_compliance.hpp"
 #include "bumpstop/collision/motion/deceleration.hpp"
-#include "bumpstop/model/chain.hpp"
+#include "bumpstop/model/kinematics.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -48,6 +51,7 @@ struct CollisionSetup {
     ContactGeometry contact;
     Timing timing;
     ReactionKind reaction = ReactionKind::reverse;
+    std::optional<ArmCompliance> arm{};  ///< of an arm that gives way; none: it follows its path whatever it hits
 
     /// When tick k comes after the start of the motion [s].
     double tick_time(int k) const { return (double(k) * timing.period + 1) * motion.step; }

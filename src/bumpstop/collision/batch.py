@@ -72,6 +72,9 @@ def evaluate_batch(
         raise InputError("motion.kind", "batches are computed for straight lines only", "wanted 'line'")
     if problem.body_mass is not None:
         raise InputError("contact.kind", "batches are computed for clamped contact only", "wanted 'clamped'")
+    if problem.gives_way:
+        field = "arm.model" if problem.elastic else "contact.damping_Ns_m or contact.gauge_mass_kg"
+        raise InputError(field, "is not computed in batches", "wanted a rigid arm and a clamped spring")
     if problem.residuals is not None:
         raise InputError(
             "detector.residuals", "measured residuals have no integrated distribution", "give detector.noise_sd_Nm"

@@ -25,11 +25,11 @@ class TrajectoryReactions:
 
     def __init__(self, trajectory: _native.Trajectory, onset: float, normal: FloatArray) -> None:
         """Of the contact that begins at a time [s], on a plane across ``normal`` (3,)."""
-        self._trajectory, self._onset, self._normal = trajectory, onset, normal.tolist()
+        self._trajectory, self.onset, self._normal = trajectory, onset, normal.tolist()
 
     def reaction_paths(self, ticks: Sequence[int], return_to: Sequence[float]) -> list[FloatArray]:
         """Distances [m] after every simulation step of the reactions to ticks, until contact is over."""
-        return [self._trajectory.reaction_distances(tick, self._onset, self._normal) for tick in ticks]
+        return [self._trajectory.reaction_distances(tick, self.onset, self._normal) for tick in ticks]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

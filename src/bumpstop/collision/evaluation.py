@@ -11,10 +11,10 @@ import numpy.typing as npt
 from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_whole_number
 from bumpstop.collision.curve import AT_REST, StoppingCurve, stopping_curve
+from bumpstop.collision.distribution.contact_distribution import ContactDistribution
 from bumpstop.collision.distribution.contact_duration import first_passage_times
 from bumpstop.collision.distribution.distribution import Distribution, ExactDistribution, SampledDistribution
 from bumpstop.collision.distribution.monte_carlo_blocks import Progress, block_seed, in_blocks
-from bumpstop.collision.distribution.transient_contact import TransientQuantities
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.result import CollisionResult
 from bumpstop.collision.scenario.scenario import as_scenario
@@ -100,11 +100,17 @@ def integrate(problem: CollisionProblem, curve: StoppingCurve, *, refinement: in
     detected = after_contact + law.false_alarm
     with np.errstate(invalid="ignore"):
         triggers = np.minimum(1.0, law.trigger[: problem.robot.dof] / (detected if detected > 0 else math.nan))
-    if problem.body_mass is not None:
-        free = TransientQuantities(law)
-        peak_force: Distribution = free.peak_force()
-        force_at_detection: Distribution = free.force_at_detection()
-        contact_duration: Distribution | None = free.contact_duration()
+    peak_force: Distribution
+    force_at_detection: Distribution
+    contact_duration: Distribution | None = None
+    if problem.gives_way:
+        quantity = _native.ContactQuantity
+        # A held body that is never detected is pressed on.
+        never = math.inf if not problem.gets_away and curve.end not in AT_REST else None
+        peak_force = ContactDistribution(_native.contact_mixture(law, quantity.peak_force, never))
+        force_at_detection = ContactDistribution(_native.contact_mixture(law, quantity.force_at_detection))
+        if problem.gets_away or problem.scenario.reaction.kind == "reverse":
+            contact_duration = ContactDistribution(_native.contact_mixture(law, quantity.duration, never))
     else:
         peak_force = ExactDistribution(
             law,
@@ -114,7 +120,6 @@ def integrate(problem: CollisionProblem, curve: StoppingCurve, *, refinement: in
             far_tail=lambda force: curve.line.tail_without_interpolation(problem.detector, problem.contact, force),
         )
         force_at_detection = ExactDistribution(law, "force_at_detection", condition=after_contact)
-        contact_duration = None
     return CollisionResult(
         problem=problem,
         curve=curve,
@@ -165,7 +170,7 @@ def monte_carlo(
     # The path goes on for a latency beyond the horizon, for the reactions; the motion does not.
     motion = curve.distance[: _horizon(problem) + 1]
     braking = curve.line.braking if curve.end in ("joint_limit", "singularity") else np.zeros(0)
-    if problem.body_mass is not None:
+    if problem.gives_way:
         motion, braking = np.append(motion, braking), np.zeros(0)
     touches = offset < motion.max()
     # A body that the arm reaches only while it brakes at the end of its line is pressed as deep as any other.
@@ -178,10 +183,15 @@ def monte_carlo(
     after_contact = detected & (
         tick >= np.searchsorted(np.maximum.accumulate(curve.tick_distance), offset, side="right")
     )
-    if problem.body_mass is not None:
-        peak, force = runs.peak_force, np.where(detected, runs.force_at_detection, 0.0)
-        after_contact = detected & (force > 0)
-        transient_contact_duration = SampledDistribution(runs.duration[runs.duration > 0])
+    unbounded = missed & (curve.end not in AT_REST and not problem.gets_away)
+    if problem.gives_way:
+        peak = np.where(unbounded, math.inf, runs.peak_force)
+        force = np.where(detected, runs.force_at_detection, 0.0)
+        if problem.gets_away:
+            after_contact = detected & (force > 0)
+        if problem.gets_away or problem.scenario.reaction.kind == "reverse":
+            duration = np.where(unbounded, math.inf, runs.duration)
+            transient_contact_duration = SampledDistribution(duration[duration > 0])
     delay = at_tick(curve.tick_time) - first_passage_times(curve.distance, offset, step)
     dof = problem.robot.dof
     fired = (runs.triggers[:, None] >> np.arange(dof, dtype=np.uint32)) & 1
@@ -196,13 +206,13 @@ def monte_carlo(
         "force_at_detection": force,
         "detected_after_contact": after_contact,
     }
-    if problem.body_mass is not None:
+    if problem.gives_way:
         kept["duration"] = runs.duration
     return CollisionResult(
         problem=problem,
         curve=curve,
         kind="sampled",
-        peak_force=SampledDistribution(peak, None if problem.body_mass is not None or curve.end in AT_REST else missed),
+        peak_force=SampledDistribution(peak, unbounded if unbounded.any() else None),
         transient_contact_duration=transient_contact_duration,
         force_at_detection=SampledDistribution(force[after_contact]),
         detection_delay=SampledDistribution(delay[after_contact]),

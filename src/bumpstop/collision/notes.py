@@ -100,20 +100,42 @@ def swing_notes(result: CollisionResult) -> list[str]:
     ]
 
 
+def _elastic_notes(result: CollisionResult) -> list[str]:
+    """Which arm was judged, and what of it nobody has measured."""
+    drive_train = result.problem.drive_train
+    known = [
+        f"{name.replace('_', ' ')} ({status})"
+        for name, status in drive_train.status.items()
+        if status != "assumed" and name != "torque_limit"
+    ]
+    notes = [
+        "The arm gives way: gears are springs between links and rotors, position servos hold the rotors on the "
+        "reference, all linear about the pose of contact. The detector's residual comes from the same motion."
+    ]
+    if known:
+        notes.append(f"Known of it: {', '.join(known)}.")
+    notes.append(
+        "Such an arm may pass the rigid one's forces: it overshoots its reference when it stops, and is detected later."
+    )
+    return notes
+
+
 def _contact_notes(result: CollisionResult) -> list[str]:
     problem = result.problem
     if problem.body_mass is None:
-        return [
-            "The arm is position-driven: contact does not slow it, and the body is clamped behind a linear spring of "
-            f"{problem.stiffness:g} N/m."
-        ]
+        body = f"the body is clamped behind a linear spring of {problem.stiffness:g} N/m"
+        if problem.elastic:
+            return [*_elastic_notes(result), f"{body[0].upper()}{body[1:]}."]
+        return [f"The arm is position-driven: contact does not slow it, and {body}."]
     notes = [
         f"The body can get away: a mass of {problem.body_mass:g} kg behind a linear spring of {problem.stiffness:g} "
         "N/m, judged by transient limits. Contact ends where body and arm part."
     ]
     bounds = result.impact_bounds
     assert bounds is not None
-    if problem.scenario.contact.arm == "two_mass":
+    if problem.elastic:
+        notes.extend(_elastic_notes(result))
+    elif problem.scenario.contact.arm == "two_mass":
         notes.append(
             f"Arm and body are two masses: {problem.moving_mass:.4g} kg reduced, the arm's share from its "
             f"{bounds.status} inertia."

@@ -11,6 +11,7 @@ import numpy as np
 
 from bumpstop import _native
 from bumpstop.arrays import FloatArray
+from bumpstop.collision.arm import check_inertia, compliance_of, drive_train_of
 from bumpstop.collision.arm_mass import arm_mass_at, reduced_mass
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.collision.scenario.scenario_file import robot_of
@@ -18,7 +19,7 @@ from bumpstop.collision.stopping.deceleration import Deceleration
 from bumpstop.contact import ContactLimits, LimitTable
 from bumpstop.detection import ResidualRecord
 from bumpstop.errors import InputError
-from bumpstop.model import Robot
+from bumpstop.model import DriveTrain, Robot
 from bumpstop.model.pose_limits import check_pose
 
 if TYPE_CHECKING:
@@ -90,6 +91,12 @@ class CollisionProblem:
             assert limits is not None
             stiffness = limits.stiffness_N_m
         body_stiffness = stiffness
+        if contact.gauge_spring_N_m is not None and contact.gauge_mass_kg is None:
+            stiffness = 1 / (1 / stiffness + 1 / contact.gauge_spring_N_m)
+            notes.append(
+                f"A gauge with a spring of {contact.gauge_spring_N_m:g} N/m behind {body_stiffness:g} N/m, without a "
+                f"mass of its own: {stiffness:.5g} N/m together."
+            )
         if contact.padding_N_m is not None:
             stiffness = 1 / (1 / stiffness + 1 / contact.padding_N_m)
             notes.append(
@@ -134,6 +141,12 @@ class CollisionProblem:
             body_mass=_body_mass(scenario, limits),
             trajectory=trajectory,
         )
+        if problem.gives_way and not problem.gets_away and scenario.verdict.clamped_limit == "two_phase":
+            raise InputError(
+                "verdict.clamped_limit",
+                "'two_phase' needs a rigid arm and a clamped spring, whose force is known at all times",
+                "valid: 'quasi_static'",
+            )
         if trajectory is None:
             problem._check_motion()
         return problem
@@ -185,6 +198,9 @@ class CollisionProblem:
         motion.tip = robot.chain.link_point(tip_link, tip_point.tolist())
         timing.period, timing.latency = self.period_steps, self.latency_steps
         setup.reaction = _native.ReactionKind[scenario.reaction.kind]
+        if self.elastic:
+            check_inertia(robot)
+            setup.arm = compliance_of(self.drive_train, robot)
         if self.trajectory is None:
             self._add_line(setup)
         return setup
@@ -228,11 +244,36 @@ class CollisionProblem:
         detector.filter = self.observer_memory
         return detector
 
+    @property
+    def elastic(self) -> bool:
+        """Whether the arm gives way."""
+        return self.scenario.arm.model == "elastic"
+
+    @property
+    def gets_away(self) -> bool:
+        """Whether nothing holds the body."""
+        return self.body_mass is not None
+
+    @property
+    def gives_way(self) -> bool:
+        """Whether more than a clamped spring gives: the arm, a mass behind the spring, or damping."""
+        contact = self.scenario.contact
+        return self.elastic or self.gets_away or contact.gauge_mass_kg is not None or contact.damping_Ns_m > 0
+
+    @cached_property
+    def drive_train(self) -> DriveTrain:
+        """Rotors, gears and servos: the robot's own, then those of the scenario."""
+        return drive_train_of(self.scenario, self.robot)
+
     @cached_property
     def contact(self) -> _native.Contact:
         """What is hit; of a trajectory its offset does not count."""
-        contact = _native.Contact()
+        contact, table = _native.Contact(), self.scenario.contact
         contact.body.stiffness, contact.body.mass = self.stiffness, self.moving_mass
+        contact.body.damping = table.damping_Ns_m
+        if table.gauge_mass_kg is not None:
+            assert table.gauge_spring_N_m is not None
+            contact.body.mass, contact.body.ground_stiffness = table.gauge_mass_kg, table.gauge_spring_N_m
         if self.trajectory is None:
             contact.offset.kind, contact.offset.size = _native.OffsetKind[self.offset_kind], self.offset_size
         return contact

@@ -106,7 +106,7 @@ class CollisionResult:
     @cached_property
     def contact_duration(self) -> Distribution | None:
         """From contact until arm and body have parted [s], given that; None where the arm stops in clamped contact."""
-        if self.problem.body_mass is not None:
+        if self.problem.gives_way:
             return self.transient_contact_duration
         if self.scenario.reaction.kind == "stop":
             return None
@@ -123,7 +123,7 @@ class CollisionResult:
     @property
     def left_in_contact_probability(self) -> float:
         """Detected, and in clamped contact where the reversing arm is followed no farther; integrated results only."""
-        if self.kind != "exact" or self.problem.body_mass is not None or self.scenario.reaction.kind == "stop":
+        if self.kind != "exact" or self.problem.gives_way or self.scenario.reaction.kind == "stop":
             return 0.0
         return self._integrated_contact_duration[1]
 
@@ -291,6 +291,10 @@ class CollisionResult:
             "no_contact_probability": self.no_contact_probability,
             "law": self.kind,
         }
+        arm: dict[str, Any] = {"model": self.scenario.arm.model}
+        if self.problem.elastic:
+            arm |= {"status": dict(self.problem.drive_train.status)}
+        result["arm"] = arm
         if self.impact_bounds is not None:
             result["impact_bounds"] = self.impact_bounds.to_json()
         if self.kind == "sampled":

@@ -15,7 +15,7 @@ struct Contact {
 
     /// Arm and body go their own ways by this in every simulation step [s]; none where all that gives is a clamped spring.
     std::optional<ContactPropagator> propagator(double step) const {
-        if (body.clamped()) return std::nullopt;
+        if (body.clamped() && !(body.damping > 0)) return std::nullopt;
         return ContactPropagator(ContactSystem(ElasticArm{}, body), step);
     }
     /// The same body where contact begins.

@@ -52,7 +52,7 @@ class ContactReactions {
     }
 
   private:
-    static constexpr int max_retreat = 1 << 18;  ///< steps; an arm that falls back more slowly stands
+    static constexpr int max_retreat = 1 << 15;  ///< steps; an arm that falls back more slowly stands
 
     static T place(const PathAfter* path, int i) {
         double here[lanes];
@@ -82,6 +82,16 @@ class ContactReactions {
                     set_lane(active, lane, 0.0);
             }
             if (all((active < T(0.5)) | (state.parted > T(0.5)))) return;
+            if (all((active < T(0.5)) | state.together())) {
+                T ahead[ContactBlock::steps + 1];
+                ahead[0] = from;
+                for (int n = 1; n <= ContactBlock::steps; ++n) ahead[n] = place(path, i + n);
+                if (dynamics_.leap(state, ahead, offset, active)) {
+                    from = ahead[ContactBlock::steps];
+                    i += ContactBlock::steps - 1;
+                    continue;
+                }
+            }
             const T to = place(path, i + 1);
             if (any((active > T(0.5)) & state.meets(to, offset))) dynamics_.step(state, from, to, offset, active);
             from = to;

@@ -7,9 +7,6 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// An arm this far from a body does not touch it, whatever rounding does [m].
-inline constexpr double separation_tolerance = 1e-12;
-
 /// One collision in each lane.
 template <class T>
 struct ContactState {
@@ -20,6 +17,7 @@ struct ContactState {
     T force = 0.0;    ///< of the contact [N]
     T peak = 0.0;     ///< greatest force so far [N]
     T since = 0.0;    ///< time in contact [s]
+    T begun = 0.0;    ///< 1 after the first step, before which the reference went on as in it
     T speed = 0.0;    ///< of the reference in the step before [m/s]
     std::array<T, ContactSystem::max_states> z;
 
@@ -49,7 +47,7 @@ struct ContactState {
   private:
     static constexpr auto values() {
         return std::array{&ContactState::touched, &ContactState::contact, &ContactState::parted, &ContactState::force,
-                          &ContactState::peak,    &ContactState::since,   &ContactState::speed};
+                          &ContactState::peak,    &ContactState::begun,   &ContactState::since,  &ContactState::speed};
     }
 };
 
@@ -71,12 +69,48 @@ class ContactDynamics {
         const T speed = (to - from) * (1 / by_->step);
         const auto moves = (active > T(0.5)) & (at.parted < T(0.5));
         if (by_->jerks) {
-            const T change = select(moves, speed - at.speed, T(0.0));
+            const T change = select(moves & (at.begun > T(0.5)), speed - at.speed, T(0.0));
             for (int i = 0; i < states_; ++i) at.z[std::size_t(i)] += by_->jump[std::size_t(i)] * change;
         }
         at.speed = select(moves, speed, at.speed);
+        at.begun = select(moves, T(1.0), at.begun);
         for (int piece = 0; piece < by_->pieces; ++piece)
             advance(at, from - offset + speed * (by_->piece * piece), speed, moves & (at.parted < T(0.5)));
+    }
+
+    /// Goes on by a block of steps, whose begins and end are `place`, where the active lanes stay in contact and meet no new
+    /// peak; else nothing happens, and the answer is no.
+    bool leap(State& at, const T* place, T offset, T active) const {
+        constexpr int steps = ContactBlock::steps;
+        const auto moves = active > T(0.5);
+        if (!by_->leaps || any(moves & !at.together())) return false;
+        std::array<T, ContactBlock::max_columns> in;
+        std::array<T, ContactBlock::max_rows> out;
+        std::copy_n(at.z.begin(), states_, in.begin());
+        in[std::size_t(states_)] = place[0] - offset;
+        for (int i = 0; i < steps; ++i) in[std::size_t(states_ + 1 + i)] = (place[i + 1] - place[i]) * (1 / by_->step);
+        std::fill_n(out.begin(), states_ + 2 * steps, T(0.0));
+        by_->block(in.data(), out.data());
+        const T *force = &out[std::size_t(states_)], *rate = force + steps;
+        // A step's own peak is little above its ends.
+        constexpr double margin = 1 + ContactPropagator::max_turn * ContactPropagator::max_turn / 4;
+        const T rate0 = dot(by_->force[1], at, in[std::size_t(states_)], in[std::size_t(states_) + 1]);
+        T peak = at.peak, before = at.force;
+        auto broken = T(0.0) > T(1.0);
+        for (int i = 0; i < steps; ++i) {
+            const auto turns = ((i == 0 ? rate0 : rate[i - 1]) > T(0.0)) & (rate[i] < T(0.0));
+            broken = broken | (force[i] < T(0.0)) | (turns & (max(before, force[i]) * margin > peak));
+            peak = max(peak, force[i]);
+            before = force[i];
+        }
+        if (any(moves & broken)) return false;
+        for (int i = 0; i < states_; ++i)
+            at.z[std::size_t(i)] = select(moves, out[std::size_t(i)], at.z[std::size_t(i)]);
+        at.force = select(moves, force[steps - 1], at.force);
+        at.peak = select(moves, peak, at.peak);
+        at.since = select(moves, at.since + steps * by_->step, at.since);
+        at.speed = select(moves, in[std::size_t(states_ + steps)], at.speed);
+        return true;
     }
 
     /// What a detector sees of a joint of an elastic arm [Nm].
@@ -85,6 +119,13 @@ class ContactDynamics {
         T sum = 0.0;
         for (int i = 0; i < states_; ++i) sum += row[std::size_t(i)] * at.z[std::size_t(i)];
         return sum;
+    }
+    /// What it sees of all joints at a tick of a path, whose torques per newton count where the arm is rigid.
+    template <class Path>
+    void residuals(const State& at, const Path& path, int tick, T* residual) const {
+        for (int j = 0; j < path.dof; ++j)
+            residual[j] =
+                by_->elastic ? this->residual(at, j) : at.force * path.torque_per_N[std::size_t(tick * path.dof + j)];
     }
     /// The arm of a lane stands still for good, its reference `beyond` the body's place: a clamped body is pressed on.
     void rest(State& at, T beyond, int lane) const {
@@ -174,7 +215,7 @@ class ContactDynamics {
             if (any(in_contact)) {
                 const T rate0 = dot(by_->force[1], at, r, speed) * time,
                         rate1 = dot(by_->force[1], next, end, speed) * time;
-                parts = in_contact & (force1 < T(0.0));
+                parts = in_contact & (force1 < T(-by_->grazing));
                 const auto turns = in_contact & (rate0 > T(0.0)) & (rate1 < T(0.0));
                 T highest = max(force0, force1);
                 if (any(turns | parts)) {
@@ -189,7 +230,7 @@ class ContactDynamics {
             }
             if (any(loose)) {
                 const T gap0 = dot(by_->gap[0], at, r, speed), gap1 = dot(by_->gap[0], next, end, speed);
-                meets = loose & (gap1 > T(0.0)) & (force1 > T(0.0));
+                meets = loose & (gap1 > T(0.0)) & (force1 > T(by_->grazing));
                 if (any(meets)) {
                     const HermiteCourse<T> course(gap0, dot(by_->gap[1], at, r, speed) * time, gap1,
                                                   dot(by_->gap[1], next, end, speed) * time);

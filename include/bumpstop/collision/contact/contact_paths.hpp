@@ -12,6 +12,7 @@ struct ContactPaths {
     int period = 0, latency = 0;                ///< as of Timing [simulation steps]
     int end_step = 0;                           ///< in which the undetected motion ends
     double step = 0;                            ///< simulation step [s]
+    bool reverses = false;                      ///< reactions go back, and do not stand at last
     std::vector<std::vector<double>> reaction;  ///< by tick: distances [m] from the step it begins in on; may be empty
     std::vector<double> farthest;               ///< by tick: the greatest distance from the tick on [m]
     std::vector<std::vector<double>>
@@ -65,7 +66,7 @@ class PathAfter {
           from_(paths.tick_step(tick) + first),
           lead_(paths.latency - first) {
         const std::vector<double>& own = *own_;
-        if (own.size() > 1) retreat_ = std::min(0.0, own.back() - own[own.size() - 2]);
+        if (paths.reverses && own.size() > 1) retreat_ = std::min(0.0, own.back() - own[own.size() - 2]);
         if (own.empty()) own_ = nullptr;
     }
     /// Nothing reacts: the motion goes on from a step to its end.
@@ -203,17 +204,21 @@ class ReactionFamily {
 }  // namespace detail
 
 /// The paths of a line motion. Reactions that reverse are followed until every body that they find in contact has been
-/// left behind: at the latest `certain` ticks after contact, when a body that is held has been detected.
+/// left behind. One that is held up to `largest_offset` [m] has been detected by the end of a path that ends with certainty.
 template <class T>
 ContactPaths contact_paths(const CollisionSetup& setup, const StoppingCurve& curve, const ContactPropagator& by,
-                           int certain) {
+                           double largest_offset) {
     const LinePath& path = curve.path;
     const Timing& timing = setup.timing;
+    int certain = path.ticks;  // ticks of contact after which a detection is
+    for (int k = 0; path.end == PathEnd::certain_detection && k < path.ticks; ++k)
+        certain -= path.at_tick(k, timing.period) <= largest_offset;
     ContactPaths paths{&path,
                        timing.period,
                        timing.latency,
                        int(path.brakes() ? path.s.size() + path.braking.size() - 1 : path.end_step(timing)),
                        setup.motion.step,
+                       setup.reaction == ReactionKind::reverse,
                        {},
                        {},
                        {},

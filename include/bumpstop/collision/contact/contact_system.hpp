@@ -8,6 +8,7 @@
 #include <numbers>
 #include <vector>
 
+#include "bumpstop/math/lanes.hpp"
 #include "bumpstop/model/chain.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -67,15 +68,20 @@ class SquareMatrix {
     double operator()(int i, int j) const { return value_[std::size_t(i * stride_ + j)]; }
 
     friend SquareMatrix operator*(const SquareMatrix& a, const SquareMatrix& b) {
+        using Native = Lanes<native_lanes>;
+        constexpr int block = 4;  // rows at a time, which share what they load
         SquareMatrix c(a.n_);
         const int s = a.stride_;
-        for (int i = 0; i < a.n_; ++i) {
-            double* to = &c.value_[std::size_t(i * s)];
-            for (int k = 0; k < a.n_; ++k) {
-                const double factor = a(i, k);
-                if (factor == 0) continue;
-                const double* row = &b.value_[std::size_t(k * s)];
-                for (int j = 0; j < s; ++j) to[j] += factor * row[j];
+        for (int i = 0; i < a.n_; i += block) {
+            const double* row[block];
+            for (int r = 0; r < block; ++r) row[r] = &a.value_[std::size_t(std::min(i + r, a.n_ - 1) * s)];
+            for (int j = 0; j < s; j += native_lanes) {
+                Native sum[block] = {0.0, 0.0, 0.0, 0.0};
+                for (int k = 0; k < a.n_; ++k) {
+                    const Native here = Native::load(&b.value_[std::size_t(k * s + j)]);
+                    for (int r = 0; r < block; ++r) sum[r] += row[r][k] * here;
+                }
+                for (int r = 0; r < block && i + r < a.n_; ++r) sum[r].store(&c.value_[std::size_t((i + r) * s + j)]);
             }
         }
         return c;

@@ -9,6 +9,7 @@
 
 #include "bumpstop/collision/contact/contact.hpp"
 #include "bumpstop/collision/contact/contact_collision.hpp"
+#include "bumpstop/collision/contact/elastic_arm.hpp"
 #include "bumpstop/detection/gaussian_thresholds.hpp"
 #include "bumpstop/math/philox.hpp"
 
@@ -34,13 +35,13 @@ struct MonteCarloRuns {
     std::vector<double> force_at_detection;  ///< [N]; zero when never, or before contact
     int dof;
 
-    MonteCarloRuns(const MonteCarloSettings& settings, int joints, const Contact& contact)
+    MonteCarloRuns(const MonteCarloSettings& settings, int joints, bool gives_way)
         : offset(std::size_t(settings.count)),
           tick(offset.size()),
           triggers(offset.size()),
           noise(settings.noise ? offset.size() * std::size_t(joints) : 0),
           residual(noise.size()),
-          peak_force(contact.body.clamped() ? 0 : offset.size()),
+          peak_force(gives_way ? offset.size() : 0),
           duration(peak_force.size()),
           force_at_detection(peak_force.size()),
           dof(joints) {}
@@ -386,9 +387,9 @@ template <class T>
 MonteCarloRuns monte_carlo(const CollisionSetup& setup, const StoppingCurve& curve, const GaussianThresholds& detector,
                            const Contact& contact, const MonteCarloSettings& settings,
                            const ResidualRecord* record = nullptr) {
-    MonteCarloRuns out(settings, setup.chain.dof, contact);
-    const std::optional<ContactPropagator> by = contact.propagator(setup.motion.step);
-    const ContactPaths paths = by ? contact_paths<T>(setup, curve, *by, curve.path.ticks) : ContactPaths{};
+    const std::optional<ContactPropagator> by = contact_propagator(setup, curve.path, contact);
+    MonteCarloRuns out(settings, setup.chain.dof, by.has_value());
+    const ContactPaths paths = by ? contact_paths<T>(setup, curve, *by, contact.offset.largest()) : ContactPaths{};
     const MonteCarlo<T> runs(setup, curve, detector, contact, settings, record, by ? &paths : nullptr,
                              by ? &*by : nullptr);
     // Whole blocks of runs go to threads: a run's numbers depend on its own number alone.

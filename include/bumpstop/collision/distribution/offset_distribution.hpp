@@ -23,6 +23,12 @@ struct OffsetDistribution {
     /// Of one whose size is in seconds of travel, at an approach speed [m/s]; a fixed one stays as it is.
     OffsetDistribution at_speed(double speed) const { return {kind, kind == OffsetKind::fixed ? size : size * speed}; }
 
+    double median() const {
+        constexpr double of_half_normal = 0.67448975019608171;
+        return kind == OffsetKind::half_normal ? of_half_normal * size
+               : kind == OffsetKind::uniform   ? 0.5 * size
+                                               : size;
+    }
     double largest() const { return kind == OffsetKind::half_normal ? reach * size : size; }
 
     /// Probability per metre, inside [0, largest()]. Not for a fixed offset.

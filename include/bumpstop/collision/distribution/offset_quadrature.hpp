@@ -4,6 +4,7 @@
 
 #include <optional>
 
+#include "bumpstop/collision/contact/elastic_arm.hpp"
 #include "bumpstop/collision/distribution/collision_distribution.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -388,15 +389,23 @@ class OffsetQuadrature {
     /// False alarms whose reaction still reaches the body.
     void add_early_reactions() {
         const ContactReactions<T> reactions(*settings_.paths, *settings_.propagator);
-        for (int k = before_.unarmed(); k < path_->ticks; ++k) {
-            const double chance = before_.survival_before(k) * before_.no_contact(k).alarm;
-            if (chance > 0)
+        // Where alarms before contact are rare, what one comes to stands for those of some ticks.
+        const int group = before_.false_alarm_before(path_->ticks) < rare_alarms ? max_group : 1;
+        for (int first = before_.unarmed(); first < path_->ticks; first += group) {
+            const int end = std::min(first + group, path_->ticks), k = (first + end - 1) / 2;
+            double chance = 0;
+            for (int i = first; i < end; ++i) chance += before_.survival_before(i) * before_.no_contact(i).alarm;
+            if (chance > negligible_chance)
                 bumpstop::add_alarms<T>(reactions, settings_.contact.offset, k, chance,
                                         mesh_.edges()[std::size_t(k) + 1], result_.early_reactions);
         }
         harmless_from_ -= result_.early_reactions.total;
     }
 
+    static constexpr double rare_alarms = 1e-4;  ///< before contact, in all
+    static constexpr int max_group = 8;          ///< ticks
+    static constexpr double negligible_chance =
+        1e-18;  ///< of an alarm before contact: nothing that is printed changes by it
     alignas(64) static constexpr double alternating[8] = {1, -1, 1, -1, 1, -1, 1, -1};
 
     const CollisionSetup& setup_;
@@ -425,8 +434,8 @@ CollisionDistribution integrate(const CollisionSetup& setup, const StoppingCurve
                                 const PreContactAlarms* before = nullptr) {
     std::optional<ContactPropagator> propagator;
     ContactPaths paths;
-    if (settings.paths == nullptr && (propagator = settings.contact.propagator(setup.motion.step))) {
-        paths = contact_paths<T>(setup, curve, *propagator, curve.path.ticks);
+    if (settings.paths == nullptr && (propagator = contact_propagator(setup, curve.path, settings.contact))) {
+        paths = contact_paths<T>(setup, curve, *propagator, settings.contact.offset.largest());
         settings.paths = &paths;
         settings.propagator = &*propagator;
     }

@@ -23,15 +23,23 @@ class SurvivalCriterion {
 
     /// Some moments of the line, one in each lane: distances [m] and contact torques by joint [Nm/N or 1].
     void observe(const T& s, const T* torque_per_N) {
-        force_ = max(s - largest_offset_, T(0.0)) * stiffness_;
-        for (int w = 0; w < detector_->watched; ++w) residual_[w] = torque_per_N[detector_->joint[w]] * force_;
+        const T force = max(s - largest_offset_, T(0.0)) * stiffness_;
+        T torque[max_joints];
+        for (int w = 0; w < detector_->watched; ++w)
+            torque[detector_->joint[std::size_t(w)]] = torque_per_N[detector_->joint[std::size_t(w)]] * force;
+        observe_contact(force, torque);
+    }
+    /// The same where the residuals by joint, without noise, are known [Nm]; `touched` is above zero once contact has begun.
+    void observe_contact(const T& touched, const T* residual) {
+        touched_ = touched;
+        for (int w = 0; w < detector_->watched; ++w) residual_[w] = residual[detector_->joint[std::size_t(w)]];
         no_alarm_ = 1.0;
-        if (detector_->filter == 0 && any(force_ > T(0.0)))
+        if (detector_->filter == 0 && any(touched > T(0.0)))
             no_alarm_ = any_alarm<T>(*detector_, [&](int w) { return residual_[w]; }).silent;
     }
     /// Called once for each moment that is a tick, in order: whether no further tick is needed.
     bool finished(int moment) {
-        const bool touched = lane_of(force_, moment) > 0;
+        const bool touched = lane_of(touched_, moment) > 0;
         double no_alarm = lane_of(no_alarm_, moment);
         if (detector_->filter != 0) {
             for (int w = 0; w < detector_->watched; ++w)
@@ -48,10 +56,31 @@ class SurvivalCriterion {
   private:
     const GaussianThresholds* detector_;
     double stiffness_, largest_offset_;
-    T force_, no_alarm_, residual_[max_joints];  ///< at the moments observed, without noise [N], [1], [Nm]
-    double filtered_[max_joints] = {};           ///< residual after the detector's filter, without noise [Nm]
+    T touched_, no_alarm_, residual_[max_joints];  ///< at the moments observed, residuals without noise [Nm]
+    double filtered_[max_joints] = {};             ///< residual after the detector's filter, without noise [Nm]
     int tick_ = 0, unarmed_ticks_ = 0;
     double survival_ = 1;
+};
+
+/// Ends a line some ticks after another criterion would: what the detector meets lags behind.
+template <class Criterion>
+class LingeringCriterion {
+  public:
+    LingeringCriterion(const Criterion& criterion, int ticks) : criterion_(criterion), ticks_(ticks) {}
+
+    template <class T>
+    void observe(const T& s, const T* torque_per_N) {
+        criterion_.observe(s, torque_per_N);
+    }
+    bool finished(int moment) {
+        over_ = criterion_.finished(moment) || over_;
+        return over_ && ticks_-- <= 0;
+    }
+
+  private:
+    Criterion criterion_;
+    int ticks_;
+    bool over_ = false;
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

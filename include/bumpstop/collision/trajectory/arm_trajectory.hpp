@@ -4,6 +4,7 @@
 #pragma once
 
 #include "bumpstop/collision/contact/contact_paths.hpp"
+#include "bumpstop/collision/contact/elastic_arm.hpp"
 #include "bumpstop/collision/distribution/survival_criterion.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -123,6 +124,29 @@ class ArmTrajectory {
         return posture.position(setup_.contact.point);
     }
 
+    /// How arm and body go on in every simulation step of a contact that begins at time `begin`; none where all that gives is
+    /// a clamped spring.
+    std::optional<ContactPropagator> propagator(double begin, const Point3<double>& normal,
+                                                const Contact& contact) const {
+        if (!setup_.arm) return contact.propagator(step());
+        ArmState<double> state;
+        Posture<double> posture;
+        double second[max_joints], torque_per_N[max_joints] = {}, rate_per_speed[max_joints];
+        spline_.at(begin, state.q, state.qd, second);
+        state.refresh_angles(setup_.chain);
+        forward_kinematics(setup_.chain, state.q, state.angle, posture);
+        const Point3<double> point = posture.position(setup_.contact.point);
+        double speed = 0;
+        for (int j = 0; j <= setup_.contact.point.link && j < setup_.chain.dof; ++j) {
+            torque_per_N[j] = dot(linear_column(setup_.chain, posture, point, j), normal);
+            speed += torque_per_N[j] * state.qd[j];
+        }
+        for (int j = 0; j < setup_.chain.dof; ++j) rate_per_speed[j] = speed > 0 ? state.qd[j] / speed : 0.0;
+        return ContactPropagator(
+            ContactSystem(elastic_arm(setup_.chain, *setup_.arm, state.q, torque_per_N, rate_per_speed), contact.body),
+            step());
+    }
+
     /// The stopping curve of a contact that begins at time `begin` on a plane across `normal`, from the trajectory's start
     /// on. Distances are those along the normal from the place of contact; none is above zero before it. With a detector
     /// the curve ends where contact has been noticed for certain, or a tick after a body of a mass above zero [kg] has got
@@ -138,11 +162,10 @@ class ArmTrajectory {
         path.s.reserve(std::size_t(steps_) + 1);
         GaussianThresholds nobody;
         SurvivalCriterion<double> criterion(setup_, detector ? *detector : nobody, contact.at_body());
-        // An arm that speeds up pushes a body for as long as it does so: only the collision itself says when they part.
-        const bool free = by != nullptr;
+        // Where something gives way, only the collision itself says when it is detected, or arm and body part.
         std::optional<ContactDynamics<double>> dynamics;
         ContactState<double> body;
-        if (free) body = dynamics.emplace(*by).begin();
+        if (by != nullptr) body = dynamics.emplace(*by).begin();
         bool away = false;  // at the tick before
         const std::size_t n = std::size_t(setup_.chain.dof);
         double greatest = 0;  // distance since contact began
@@ -152,16 +175,21 @@ class ArmTrajectory {
             const bool touched = i * step() > begin;
             path.s.push_back(touched ? s : std::min(s, not_yet));
             if (touched) greatest = std::max(greatest, s);
-            if (free && touched && i > 0) dynamics->step(body, path.s[std::size_t(i) - 1], path.s.back(), 0.0, 1.0);
+            if (dynamics && touched && i > 0) dynamics->step(body, path.s[std::size_t(i) - 1], path.s.back(), 0.0, 1.0);
             if (i < 1 || (i - 1) % setup_.timing.period != 0) continue;
             allow_interruption();
             const int k = path.ticks++;
             for (std::size_t j = 0; j < n; ++j) torque[j] = touched ? dot(lever_[std::size_t(k) * n + j], normal) : 0.0;
             path.torque_per_N.insert(path.torque_per_N.end(), torque.begin(), torque.end());
             curve.farthest.push_back(farthest(k, begin, origin, normal, greatest));
-            criterion.observe(path.s.back(), torque.data());
-            const bool survives = !criterion.finished(0);
-            if (detector && (free ? away : !survives)) {
+            if (dynamics) {
+                dynamics->residuals(body, path, k, torque.data());
+                criterion.observe_contact(body.touched, torque.data());
+            } else {
+                criterion.observe(path.s.back(), torque.data());
+            }
+            const bool decided = criterion.finished(0);
+            if (detector && (by != nullptr && by->gets_away ? away : decided)) {
                 path.end = PathEnd::certain_detection;
                 break;
             }
@@ -191,7 +219,16 @@ class ArmTrajectory {
     ContactPaths contact_paths(const StoppingCurve& curve, double begin, const Point3<double>& normal,
                                int only_tick = -1) const {
         const int end = int(std::min(curve.path.s.size() - 1, std::size_t(steps_)));
-        ContactPaths paths{&curve.path, setup_.timing.period, setup_.timing.latency, end, step(), {}, {}, {}, {}};
+        ContactPaths paths{&curve.path,
+                           setup_.timing.period,
+                           setup_.timing.latency,
+                           end,
+                           step(),
+                           setup_.reaction == ReactionKind::reverse,
+                           {},
+                           {},
+                           {},
+                           {}};
         paths.reaction.resize(std::size_t(curve.path.ticks));
         for (int k = 0; k < curve.path.ticks; ++k) {
             if (only_tick < 0 ? curve.farthest[std::size_t(k)] > 0 : k == only_tick)

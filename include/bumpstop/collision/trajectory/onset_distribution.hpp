@@ -104,12 +104,13 @@ OnsetDistribution integrate_onset(const ArmTrajectory& trajectory, double begin,
 template <class T>
 std::vector<OnsetDistribution> integrate_onsets(const ArmTrajectory& trajectory, const Onsets& onsets,
                                                 const GaussianThresholds& detector, const Contact& contact) {
-    const std::optional<ContactPropagator> by = contact.propagator(trajectory.step());
     const PreContactAlarms before(trajectory.setup(), detector, trajectory.ticks());
     std::vector<OnsetDistribution> out;
-    for (std::size_t i = 0; i < onsets.count; ++i)
+    for (std::size_t i = 0; i < onsets.count; ++i) {
+        const auto by = trajectory.propagator(onsets.time[i], onsets.normal_of(i), contact);
         out.push_back(integrate_onset<T>(trajectory, onsets.time[i], onsets.normal_of(i), detector, contact,
                                          by ? &*by : nullptr, before));
+    }
     return out;
 }
 

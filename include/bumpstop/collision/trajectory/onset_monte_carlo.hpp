@@ -14,8 +14,8 @@ struct OnsetRuns : MonteCarloRuns {
         distance;  ///< at the tick of detection, 0 behind the contact; negative: never, or before contact
     std::vector<double> greatest;  ///< of the undisturbed motion, from contact to its end
 
-    OnsetRuns(const MonteCarloSettings& settings, int dof, const Contact& contact)
-        : MonteCarloRuns(settings, dof, contact),
+    OnsetRuns(const MonteCarloSettings& settings, int dof, bool gives_way)
+        : MonteCarloRuns(settings, dof, gives_way),
           farthest(offset.size()),
           distance(offset.size()),
           greatest(offset.size()) {}
@@ -60,15 +60,16 @@ inline void sample_onset(const ArmTrajectory& trajectory, const Onsets& onsets, 
 inline OnsetRuns monte_carlo_onsets(const ArmTrajectory& trajectory, const Onsets& onsets,
                                     const GaussianThresholds& detector, const Contact& contact,
                                     const MonteCarloSettings& settings, const ResidualRecord* record = nullptr) {
-    OnsetRuns out(settings, trajectory.dof(), contact);
-    const std::optional<ContactPropagator> by = contact.propagator(trajectory.step());
+    OnsetRuns out(settings, trajectory.dof(), trajectory.setup().arm || contact.propagator(1.0));
     constexpr std::size_t block = 256;
     std::atomic<std::size_t> next{0};
     work_in_threads(settings.threads, [&] {
         for (std::size_t first = block * next++; first < onsets.count; first = block * next++)
-            for (std::size_t i = first; i < std::min(onsets.count, first + block); ++i)
+            for (std::size_t i = first; i < std::min(onsets.count, first + block); ++i) {
+                const auto by = trajectory.propagator(onsets.time[i], onsets.normal_of(i), contact);
                 detail::sample_onset(trajectory, onsets, detector, contact, by ? &*by : nullptr, settings, record, i,
                                      out);
+            }
     });
     return out;
 }

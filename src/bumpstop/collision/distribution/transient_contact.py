@@ -1,4 +1,4 @@
-"""Free contact in the exact law: forces that bend with the offset, as cells and quadratures."""
+"""Free contact: single runs, and bounds by formula."""
 
 from __future__ import annotations
 
@@ -8,106 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop import _native
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.arm_mass import reduced_mass
-from bumpstop.collision.distribution.contact_duration import antiderivatives
-from bumpstop.collision.distribution.mixture import MixtureDistribution
 
 if TYPE_CHECKING:
     from bumpstop.collision.problem import CollisionProblem
-
-# Cells per panel, by the order of its quadrature: eight and two for every standard deviation of the noise by which a
-# residual grows in it. In a far tail probability falls steeply across a cell over which it is spread evenly.
-_CELLS = {8: 4, 10: 8, 14: 16}
-_MAX_CELLS = 32
-# With fewer panels than these there is time for more cells.
-_FEW_PANELS, _CELLS_OF_FEW = 64, 16
-
-
-def _cell_count(order: int, panels: int) -> int:
-    cells = next((cells for highest, cells in _CELLS.items() if order <= highest), _MAX_CELLS)
-    return max(cells, _CELLS_OF_FEW) if panels <= _FEW_PANELS else cells
-
-
-class TransientQuantities:
-    """Peak force, contact time and force at detection of an exact law of free contact."""
-
-    def __init__(self, kernel: _native.CollisionDistribution) -> None:
-        """Take the compiled distribution apart."""
-        self._nodes, self._alarms = kernel.free_nodes(), kernel.free_alarms()
-        coefficients: FloatArray = kernel.coefficients
-        self._harmless = float(kernel.harmless)
-        _, order, panels = coefficients.shape
-        node, weight = np.polynomial.legendre.leggauss(order)
-        edge = np.linspace(-1.0, 1.0, _cell_count(order, panels) + 1)
-        legendre = np.polynomial.legendre.legvander
-        below = np.diff(antiderivatives(edge, order), axis=0)
-        self._mass = np.maximum(below @ coefficients, 0)
-        self._node_mass = (legendre(node, order - 1) * weight[:, None]) @ coefficients
-        # From the nodes to the ends of the cells: the polynomial through the nodes.
-        self._to_edges = legendre(edge, order - 1) @ np.linalg.inv(legendre(node, order - 1))
-
-    def peak_force(self) -> MixtureDistribution:
-        """Peak force [N] of every collision, detected or not; no contact is no force."""
-        return self._distribution("peak_force", slice(None), "force", self._harmless)
-
-    def contact_duration(self) -> MixtureDistribution:
-        """Time in contact [s], given contact."""
-        return self._distribution("duration", slice(None), "duration", positive=True)
-
-    def force_at_detection(self) -> MixtureDistribution:
-        """Force at the tick of detection [N], given a detection in contact."""
-        return self._distribution("force_at_detection", slice(-1))
-
-    def _distribution(
-        self, name: str, slots: slice, of_alarms: str | None = None, at_zero: float = 0.0, *, positive: bool = False
-    ) -> MixtureDistribution:
-        value = self._nodes[name][slots]
-        edge = np.maximum(self._to_edges @ value, 0.0)
-        pieces = [_Pieces(edge, self._mass[slots], value, self._node_mass[slots])]
-        if of_alarms is not None:
-            alarms = self._alarms
-            pieces.append(
-                _Pieces(
-                    alarms[f"edge_{of_alarms}"],
-                    alarms["mass"],
-                    alarms[f"node_{of_alarms}"],
-                    alarms["node_mass"],
-                )
-            )
-        zero = np.zeros(1 if at_zero > 0 else 0)
-        cells = [piece.cells(positive=positive) for piece in pieces] + [(zero, zero, zero + at_zero)]
-        nodes = [piece.nodes(positive=positive) for piece in pieces] + [(zero, zero + at_zero)]
-        low, high, mass = (np.concatenate(arrays) for arrays in zip(*cells, strict=True))
-        node, node_mass = (np.concatenate(arrays) for arrays in zip(*nodes, strict=True))
-        return MixtureDistribution.of_cells(low=low, high=high, mass=mass, node=node, node_mass=node_mass)
-
-
-@dataclass(frozen=True)
-class _Pieces:
-    """Values at the ends of cells and at nodes along the second axis, and the probabilities of both."""
-
-    edge: FloatArray
-    mass: FloatArray
-    node: FloatArray
-    node_mass: FloatArray
-
-    def cells(self, *, positive: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Ends and probabilities of the cells that have any; with ``positive`` of those above zero."""
-        left, right = self.edge[:, :-1], self.edge[:, 1:]
-        low, high = np.minimum(left, right), np.maximum(left, right)
-        used = self.mass > 0
-        if positive:
-            used &= high > 0
-        return low[used], high[used], self.mass[used]
-
-    def nodes(self, *, positive: bool) -> tuple[FloatArray, FloatArray]:
-        """Values and probabilities of the nodes."""
-        used = self.node_mass != 0
-        if positive:
-            used &= self.node > 0
-        return self.node[used], self.node_mass[used]
 
 
 def body_displacement(path: FloatArray, offset: float, stiffness: float, mass: float, step: float) -> FloatArray:

@@ -7,39 +7,30 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import ConfigDict, Field, ValidationError, model_validator
 
+from bumpstop.collision.scenario.arm_table import ArmTable
 from bumpstop.collision.scenario.scenario_words import as_written, explain, short, unknown_key, words
 from bumpstop.collision.scenario.spellings import check_one_spelling, replace_other_spelling
+from bumpstop.collision.scenario.table import Table, between
 from bumpstop.collision.scenario.unused_keys import given_without_effect, keys_without_effect
 from bumpstop.collision.stopping.braking_keys import BrakingKeys
 from bumpstop.errors import InputError
 from bumpstop.text_files import is_path
 
-
-def _between(low: float, high: float) -> Any:
-    return Field(ge=low, le=high, allow_inf_nan=False)
-
-
-# Every number has a range: wide enough for any arm and any unit slip, narrow enough that no product of them overflows
-# or vanishes and no simulation takes for ever.
 Probability = Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)]
-JointPosition = Annotated[float, _between(-1e6, 1e6)]
-Velocity = Annotated[list[Annotated[float, _between(-1e5, 1e5)]], Field(min_length=3, max_length=3)]
-Point = Annotated[list[Annotated[float, _between(-100, 100)]], Field(min_length=3, max_length=3)]
-Direction = Annotated[list[Annotated[float, _between(-1e6, 1e6)]], Field(min_length=3, max_length=3)]
-NoiseSd = Annotated[float, _between(0, 1e6)]
-NoiseMean = Annotated[float, _between(-1e6, 1e6)]
-JointAcceleration = Annotated[float, _between(0.1, 1e5)]
+JointPosition = Annotated[float, between(-1e6, 1e6)]
+Velocity = Annotated[list[Annotated[float, between(-1e5, 1e5)]], Field(min_length=3, max_length=3)]
+Point = Annotated[list[Annotated[float, between(-100, 100)]], Field(min_length=3, max_length=3)]
+Direction = Annotated[list[Annotated[float, between(-1e6, 1e6)]], Field(min_length=3, max_length=3)]
+NoiseSd = Annotated[float, between(0, 1e6)]
+NoiseMean = Annotated[float, between(-1e6, 1e6)]
+JointAcceleration = Annotated[float, between(0.1, 1e5)]
 _MIN_SPEED_MM_S = 1e-3
 _MIN_SUBSTEP_S = 1e-6
 _MIN_THRESHOLD_NM, _MAX_THRESHOLD_NM = 1e-6, 1e9
 # The table that ``settings.toml`` has more than a scenario.
 MADE_BY = "made_by"
-
-
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
 # Keys of [motion] that belong to one kind of motion alone.
@@ -55,7 +46,7 @@ def _check_direction(field: str, direction: list[float]) -> None:
         raise InputError(field, f"{as_written(direction)} is no direction", "wanted three numbers, not all zero")
 
 
-class MotionTable(_Table):
+class MotionTable(Table):
     """A straight line of the tip at constant speed, base frame, or a joint trajectory."""
 
     # Of the kind that is meant where none is given.
@@ -63,15 +54,15 @@ class MotionTable(_Table):
 
     kind: Literal["line", "trajectory"] = "line"
     velocity_mm_s: Velocity | None = None
-    speed_mm_s: Annotated[float, _between(_MIN_SPEED_MM_S, 1e5)] | None = None
+    speed_mm_s: Annotated[float, between(_MIN_SPEED_MM_S, 1e5)] | None = None
     direction: Direction | None = None
     start: Literal["moving", "rest"] = "moving"
-    duration_s: Annotated[float, _between(1e-5, 1e5)] = 5.0
+    duration_s: Annotated[float, between(1e-5, 1e5)] = 5.0
     task: Literal["pose", "position"] = "pose"
-    held_joints: list[int] = []
-    damping: Annotated[float, _between(0, 10)] = 0.0
+    held_joints: list[int] = Field([])
+    damping: Annotated[float, between(0, 10)] = 0.0
     file: Annotated[str, Field(description="the path of a .csv, .yaml, .yml or .json file")] | None = None
-    contact_onset_s: Literal["uniform"] | Annotated[float, _between(0, 1e5)] = "uniform"
+    contact_onset_s: Literal["uniform"] | Annotated[float, between(0, 1e5)] = "uniform"
 
     @property
     def velocity(self) -> tuple[float, float, float]:
@@ -126,26 +117,29 @@ class MotionTable(_Table):
         return self
 
 
-class ContactTable(_Table):
+class ContactTable(Table):
     """What is hit, where on the arm, and how far away it is."""
 
     body: Annotated[str, Field(description="the name of a body region (bumpstop bodies lists them)")] | None = None
     limits: Annotated[str, Field(description="the name of a limit table, or a path")] = "bgia2011"
     kind: Literal["clamped", "free"] = "clamped"
-    area_cm2: Annotated[float, _between(1e-4, 1e4)] = 1.0
-    stiffness_N_m: Annotated[float, _between(1, 1e9)] | None = None
-    stiffness_N_mm: Annotated[float, _between(1e-3, 1e6)] | None = None
-    padding_N_m: Annotated[float, _between(1, 1e9)] | None = None
-    body_mass_kg: Annotated[float, _between(1e-3, 1e4)] | None = None
+    area_cm2: Annotated[float, between(1e-4, 1e4)] = 1.0
+    stiffness_N_m: Annotated[float, between(1, 1e9)] | None = None
+    stiffness_N_mm: Annotated[float, between(1e-3, 1e6)] | None = None
+    padding_N_m: Annotated[float, between(1, 1e9)] | None = None
+    damping_Ns_m: Annotated[float, between(0, 1e6)] = 0.0
+    gauge_spring_N_m: Annotated[float, between(1, 1e9)] | None = None
+    gauge_mass_kg: Annotated[float, between(1e-3, 1e4)] | None = None
+    body_mass_kg: Annotated[float, between(1e-3, 1e4)] | None = None
     pressure_area: Annotated[str, Field(description="the name of a pressure area")] | None = None
-    peak_factor: Annotated[float, _between(1, 1e3)] = 1.0
+    peak_factor: Annotated[float, between(1, 1e3)] = 1.0
     link: Annotated[str, Field(description="the name of a link of the robot")] | None = None
-    point_m: Point = [0.0, 0.0, 0.0]
+    point_m: Point = Field([0.0, 0.0, 0.0])
     normal: Direction | None = None
     arm: Literal["position_driven", "two_mass"] = "position_driven"
     offset_law: Literal["half_normal", "uniform", "fixed"] = "uniform"
-    offset_sd_s: Annotated[float, _between(1e-6, 1e4)] = 0.1
-    offset_mm: Annotated[float, _between(0, 1e6)] | None = None
+    offset_sd_s: Annotated[float, between(1e-6, 1e4)] = 0.1
+    offset_mm: Annotated[float, between(0, 1e6)] | None = None
 
     @model_validator(mode="after")
     def _complete(self) -> ContactTable:
@@ -162,6 +156,14 @@ class ContactTable(_Table):
                 raise InputError(f"contact.{key}", "has no meaning in clamped contact", 'give contact.kind = "free"')
         if self.kind == "free" and self.body is None and self.body_mass_kg is None:
             raise InputError("contact.body_mass_kg", "is missing", "free contact needs the mass behind the stiffness")
+        if self.gauge_mass_kg is not None and self.gauge_spring_N_m is None:
+            raise InputError("contact.gauge_spring_N_m", "is missing", "contact.gauge_mass_kg is what moves on it")
+        if self.kind == "free" and self.gauge_spring_N_m is not None:
+            raise InputError(
+                "contact.gauge_spring_N_m",
+                "has no meaning in free contact",
+                'a gauge is clamped: leave out kind = "free"',
+            )
         if self.normal is not None:
             _check_direction("contact.normal", self.normal)
         if self.offset_law == "fixed" and self.offset_mm is None:
@@ -175,7 +177,7 @@ class ContactTable(_Table):
         return self
 
 
-class DetectorTable(_Table):
+class DetectorTable(Table):
     """Thresholds and noise of the residual (estimated minus predicted motor torque), per joint.
 
     Noise is first-order correlated (``noise_correlation`` from tick to tick, ``noise_sd_Nm`` its stationary value), or
@@ -185,12 +187,12 @@ class DetectorTable(_Table):
     thresholds_Nm: list[float]
     noise_sd_Nm: NoiseSd | list[NoiseSd] | None = None
     noise_mean_Nm: NoiseMean | list[NoiseMean] = 0.0
-    noise_correlation: Annotated[float, _between(-0.99, 0.995)] = 0.0
+    noise_correlation: Annotated[float, between(-0.99, 0.995)] = 0.0
     residuals: Annotated[str, Field(description="the path of a Parquet file with measured residuals")] | None = None
-    feedback_period_s: Annotated[float, _between(1e-5, 1)] = 0.004
+    feedback_period_s: Annotated[float, between(1e-5, 1)] = 0.004
     residual: Literal["direct", "observer"] = "direct"
-    observer_gain_1_s: Annotated[float, _between(1e-3, 1e5)] = 50.0
-    arming_delay_s: Annotated[float, _between(0, 1e5)] = 0.0
+    observer_gain_1_s: Annotated[float, between(1e-3, 1e5)] = 50.0
+    arming_delay_s: Annotated[float, between(0, 1e5)] = 0.0
 
     @model_validator(mode="after")
     def _thresholds(self) -> DetectorTable:
@@ -225,13 +227,13 @@ class ReactionTable(BrakingKeys):
     """What the arm does after detection."""
 
     joint_acceleration_rad_s2: JointAcceleration | list[JointAcceleration]
-    latency_s: Annotated[float, _between(0, 10)] = 0.0
+    latency_s: Annotated[float, between(0, 10)] = 0.0
 
 
-class SimulationTable(_Table):
+class SimulationTable(Table):
     """Time steps of the simulated controller."""
 
-    step_s: Annotated[float, _between(1e-5, 0.1)] = 0.001
+    step_s: Annotated[float, between(1e-5, 0.1)] = 0.001
     substeps: Annotated[int, Field(ge=1, le=1000)] = 5
 
     @model_validator(mode="after")
@@ -245,7 +247,7 @@ class SimulationTable(_Table):
         return self
 
 
-class VerdictTable(_Table):
+class VerdictTable(Table):
     """What counts as acceptable."""
 
     accepted_probability: Probability = 1e-3
@@ -253,7 +255,7 @@ class VerdictTable(_Table):
     clamped_limit: Literal["quasi_static", "two_phase"] = "quasi_static"
 
 
-class Scenario(_Table):
+class Scenario(Table):
     """One collision: robot, pose, motion, contact, detector, reaction.
 
     The attributes are the keys of the scenario file, in the file's units (docs/collision.md lists them). ``folder`` is
@@ -267,6 +269,7 @@ class Scenario(_Table):
     pose_rad: list[JointPosition] | None = None
     motion: MotionTable
     contact: ContactTable
+    arm: ArmTable = ArmTable()
     detector: DetectorTable
     reaction: ReactionTable
     simulation: SimulationTable = SimulationTable()
@@ -285,6 +288,16 @@ class Scenario(_Table):
                 raise InputError(
                     key, f"has no meaning with the built-in robot {self.robot!r}", "give it with the path of a URDF"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _one_arm(self) -> Scenario:
+        if self.arm.model == "elastic" and self.contact.arm == "two_mass":
+            raise InputError(
+                "contact.arm",
+                "'two_mass' has no meaning with arm.model = \"elastic\"",
+                "an elastic arm has its own masses",
+            )
         return self
 
     @model_validator(mode="after")

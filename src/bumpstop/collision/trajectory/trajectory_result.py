@@ -195,7 +195,7 @@ def integrate_trajectory(problem: CollisionProblem, *, refinement: int = 1) -> T
     normal = np.ascontiguousarray(times.normal[used])
     out = _onsets(problem, kernel, begin, normal)
     contact, tick, probability = out["onset"], out["tick"], out["probability"]
-    free = problem.body_mass is not None
+    free = problem.gives_way
     mass = weight[contact] * probability
     peak, undetected_peak = (
         (out["peak"], out["undetected_peak"]) if free else (K * out["farthest"], K * out["greatest"])
@@ -210,7 +210,7 @@ def integrate_trajectory(problem: CollisionProblem, *, refinement: int = 1) -> T
     contact_durations: Distribution | None = None
     undetected_force: Distribution | None = None
     rests = not stops_short(trajectory_of(problem))
-    if free or rests:
+    if problem.gets_away or rests:
         # What goes undetected is like what one more tick detects.
         missed = np.flatnonzero(never > 0)
         everything = OnsetMixture(
@@ -223,8 +223,12 @@ def integrate_trajectory(problem: CollisionProblem, *, refinement: int = 1) -> T
     else:
         peak_force = mixer.distribution(peak, mass, zero=zero, end=(undetected_peak[never > 0], never[never > 0]))
     if free:
-        lasts = np.append(out["duration"], out["undetected_duration"][missed])
-        contact_durations = everything.distribution(np.where(lasts > 0, lasts, math.nan), all_mass)
+        if problem.gets_away:
+            lasts = np.append(out["duration"], out["undetected_duration"][missed])
+            contact_durations = everything.distribution(np.where(lasts > 0, lasts, math.nan), all_mass)
+        elif problem.scenario.reaction.kind == "reverse":
+            lasts = out["duration"]
+            contact_durations = mixer.distribution(np.where(lasts > 0, lasts, math.nan), mass)
         force = out["force"]
     else:
         if rests and missed.size:
@@ -307,12 +311,15 @@ def monte_carlo_trajectory(
     # From the first tick in contact on, also where the point falls back from the body again.
     after_contact = detected & (runs.distance >= 0)
     force = K * np.maximum(0.0, runs.distance)
-    free = problem.body_mass is not None
+    free = problem.gives_way
     if free:
         peak, force = runs.peak_force, np.where(detected, runs.force_at_detection, 0.0)
     fired = (runs.triggers[:, None] >> np.arange(problem.robot.dof, dtype=np.uint32)) & 1
     some = bool(detected.any())
-    contact_durations = SampledDistribution(runs.duration[runs.duration > 0]) if free else None
+    contact_durations = None
+    if problem.gets_away or (free and problem.scenario.reaction.kind == "reverse"):
+        lasts = runs.duration[(runs.duration > 0) & (detected | problem.gets_away)]
+        contact_durations = SampledDistribution(lasts)
     if problem.scenario.reaction.kind == "reverse" and not free:
         lasts = kernel.contact_durations(tick[detected].tolist(), begin[detected])
         contact_durations = SampledDistribution(lasts[np.isfinite(lasts)])
@@ -321,7 +328,9 @@ def monte_carlo_trajectory(
         problem=problem,
         curve=trajectory_curve(problem, kernel, worst_onset),
         kind="sampled",
-        peak_force=SampledDistribution(peak, undetected if not free and stops_short(trajectory_of(problem)) else None),
+        peak_force=SampledDistribution(
+            peak, undetected if not problem.gets_away and stops_short(trajectory_of(problem)) else None
+        ),
         force_at_detection=SampledDistribution(force[after_contact]),
         detection_delay=SampledDistribution((tick_time - begin)[after_contact]),
         trigger_joint_probability=fired[detected].mean(axis=0) if some else np.full(problem.robot.dof, math.nan),

@@ -31,8 +31,22 @@ def verdict_notes(result: CollisionResult) -> list[str]:
         *_pressure_note(result),
         *_normal_note(result),
         *_rest_note(result),
+        *_assumed_arm_note(result),
         *finer_steps(result),
         *unit_slips(result),
+    ]
+
+
+def _assumed_arm_note(result: CollisionResult) -> list[str]:
+    """Gears and servos that nobody measured decide the force."""
+    if not result.problem.elastic:
+        return []
+    assumed = [name.replace("_", " ") for name in result.problem.drive_train.assumed if name != "torque_limit"]
+    if not assumed:
+        return []
+    return [
+        f"The forces rest on an ASSUMED drive train ({', '.join(assumed)}): measured ones may be higher. Vary [arm] or "
+        "identify it."
     ]
 
 

@@ -89,7 +89,7 @@ class ForceOverTimeSection(Section):
     @property
     def _stays(self) -> bool:
         """A stopped arm keeps pressing, unless the body gets away."""
-        return self.result.scenario.reaction.kind == "stop" and self.result.problem.body_mass is None
+        return self.result.scenario.reaction.kind == "stop" and not self.result.problem.gets_away
 
 
 def _allowed(result: CollisionResult) -> list[tuple[float, float]]:

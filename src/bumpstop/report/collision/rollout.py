@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.collision import monte_carlo
+from bumpstop.collision.contact_course import contact_course
 from bumpstop.collision.distribution.noise import contact_residual, noise_of_run
 from bumpstop.collision.distribution.transient_contact import body_displacement
 from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult, monte_carlo_trajectory
@@ -123,7 +124,11 @@ class Rollouts:
             reaction = curve.kernel.reaction_paths([tick], [offset])[0]
             distance = np.concatenate([distance[:begin], reaction])
         displacement = np.zeros_like(distance)
-        if problem.body_mass is not None:
+        course = None
+        if problem.gives_way and not problem.gets_away:
+            course = contact_course(problem, curve, distance, offset)
+            displacement = np.maximum(0.0, distance - offset) - course.force / problem.stiffness
+        elif problem.gets_away:
             distance, displacement = _until_separated(problem, distance, offset)
         time: FloatArray = np.arange(distance.size, dtype=np.float64) * step
         touch = _first_passage(distance, time, offset)
@@ -135,14 +140,17 @@ class Rollouts:
         pushed = displacement[np.arange(ticks) * period + 1]
         force = problem.stiffness * np.maximum(0.0, curve.tick_distance[:ticks] - offset - pushed)
         torque = curve.torque_per_newton[:ticks] * force[:, None]
+        if course is not None and problem.elastic:
+            torque = course.residual[np.arange(ticks) * period + 1]
         torque = contact_residual(problem, torque)
         residual = torque + noise_of_run(problem, self.seed, run, ticks)
         # Among joints that nobody watches, the one the force bears on most.
         over = np.abs(residual[-1]) / problem.thresholds
         joint = int(np.argmax(over if over.any() else np.abs(torque[-1])))
         peak = float(_force(problem.stiffness, distance, offset, displacement).max())
-        if problem.body_mass is not None:
+        if problem.gets_away:
             time, distance, displacement = _between_steps(problem, time, distance, displacement, offset)
+        if problem.gives_way and tick >= 0:
             peak = float(self._runs["peak_force"][run])
         return Rollout(
             run=run,

@@ -1,0 +1,76 @@
+/// @file
+/// An arm with elastic gears in a pose.
+#pragma once
+
+#include "bumpstop/collision/contact/arm_compliance.hpp"
+#include "bumpstop/collision/contact/contact.hpp"
+#include "bumpstop/collision/motion/line_path.hpp"
+#include "bumpstop/model/dynamics.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// The arm at joint positions q, with J' n and the joint rates per unit of speed along the normal.
+inline ElasticArm elastic_arm(const Chain& chain, const ArmCompliance& given, const double* q,
+                              const double* torque_per_N, const double* rate_per_speed) {
+    ElasticArm arm;
+    arm.dof = chain.dof;
+    JointAngles<double> angle{};
+    for (int j = 0; j < chain.dof; ++j) angle.set(chain, j, q[j]);
+    double mass[max_joints][max_joints];
+    mass_matrix(chain, given.inertias, q, angle, mass);
+    for (std::size_t j = 0; j < std::size_t(chain.dof); ++j) {
+        mass[j][j] -= given.inertias.rotor[j];
+        for (std::size_t i = 0; i < std::size_t(chain.dof); ++i) arm.mass[j * std::size_t(chain.dof) + i] = mass[j][i];
+        const double rotor = given.rotor_inertia[j], stiffness = given.gear_stiffness[j];
+        arm.rotor_inertia[j] = rotor;
+        arm.gear_stiffness[j] = stiffness;
+        arm.gear_damping[j] = 2 * given.gear_damping[j] * std::sqrt(stiffness / (1 / rotor + 1 / mass[j][j]));
+        arm.velocity_gain[j] = given.servo_bandwidth[j] * (rotor + mass[j][j]);
+        arm.position_gain[j] = given.servo_position_gain[j] * arm.velocity_gain[j];
+        arm.feedforward[j] = given.acceleration_feedforward[j];
+        arm.torque_per_N[j] = torque_per_N[j];
+        arm.rate_per_speed[j] = rate_per_speed[j];
+    }
+    return arm;
+}
+
+/// The arm on a line, in the pose of the first tick at which it has come as far as `distance`, or of the last tick.
+inline ElasticArm elastic_arm_on_line(const CollisionSetup& setup, const LinePath& path, double distance) {
+    const MotionSettings& motion = setup.motion;
+    const Timing& timing = setup.timing;
+    int tick = 0;
+    while (tick + 1 < path.ticks && path.at_tick(tick, timing.period) < distance) ++tick;
+    double position[max_joints], rate[max_joints] = {}, torque_per_N[max_joints] = {};
+    std::copy_n(path.q.begin(), setup.chain.dof, position);
+    // The tick whose reaction begins there.
+    const int early = std::max(-LinePath::early_ticks(timing), tick - timing.latency / timing.period);
+    if (early < path.known_reactions()) {
+        const double* state = path.state_at(early, timing);
+        for (int f = 0; f < motion.free_count; ++f) {
+            const int j = motion.free_joint[std::size_t(f)];
+            position[j] = state[f];
+            rate[j] = state[motion.free_count + f] / path.approach_speed;
+        }
+    }
+    if (tick < path.ticks) std::copy_n(&path.torque_per_N[std::size_t(tick * path.dof)], path.dof, torque_per_N);
+    return elastic_arm(setup.chain, *setup.arm, position, torque_per_N, rate);
+}
+
+/// How arm and body of a line go on in every simulation step, linear about the pose in which the arm reaches the median
+/// offset; none where all that gives is a clamped spring.
+inline std::optional<ContactPropagator> contact_propagator(const CollisionSetup& setup, const LinePath& path,
+                                                           const Contact& contact) {
+    if (!setup.arm) return contact.propagator(setup.motion.step);
+    return ContactPropagator(ContactSystem(elastic_arm_on_line(setup, path, contact.offset.median()), contact.body),
+                             setup.motion.step);
+}
+
+/// How long an arm lags behind its reference, until oscillations of contact have come and gone [s].
+inline double settling_time(const CollisionSetup& setup, const ContactPropagator& by) {
+    double slowest = 0;
+    for (int j = 0; setup.arm && j < setup.chain.dof; ++j)
+        slowest = std::max(slowest, 1 / std::max(setup.arm->servo_position_gain[std::size_t(j)], 1.0));
+    return 2 * slowest + 4 * by.half_oscillation;
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

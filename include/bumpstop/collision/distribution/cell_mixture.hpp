@@ -1,0 +1,212 @@
+/// @file
+/// Distributions put together from many small pieces.
+#pragma once
+
+#include "bumpstop/collision/distribution/collision_distribution.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// Probability spread evenly over cells, some of them so narrow that it is at a point, and values and probabilities of a
+/// quadrature for the moments. Nothing is sorted: a tail is a sum over all cells, in lanes, from the small ones on.
+class CellMixture {
+  public:
+    CellMixture() = default;
+
+    void add_cell(double one_end, double other_end, double mass) {
+        if (!(mass > 0)) return;
+        const double low = std::min(one_end, other_end), high = std::max(one_end, other_end);
+        if (std::isinf(high)) {
+            infinite_ += mass;
+        } else {
+            low_.push_back(low);
+            high_.push_back(high);
+            mass_.push_back(mass);
+            most_ = std::max(most_, high);
+            least_ = std::min(least_, low);
+        }
+        total_ += mass;
+    }
+    void add_node(double value, double mass) {
+        node_.push_back(value);
+        node_mass_.push_back(mass);
+    }
+
+    /// Probability of all there is, and of what is beyond every value.
+    double total() const { return total_; }
+    double infinite() const { return infinite_; }
+
+    double mean() const {
+        double sum = 0, mass = 0;
+        for (std::size_t i = 0; i < node_.size(); ++i) {
+            sum += node_[i] * node_mass_[i];
+            mass += node_mass_[i];
+        }
+        return sum / mass;
+    }
+    double sd() const {
+        const double middle = mean();
+        double sum = 0, mass = 0;
+        for (std::size_t i = 0; i < node_.size(); ++i) {
+            sum += (node_[i] - middle) * (node_[i] - middle) * node_mass_[i];
+            mass += node_mass_[i];
+        }
+        return std::sqrt(std::max(0.0, sum / mass));
+    }
+
+    /// P(value > x).
+    template <class T>
+    double above(double x) const {
+        constexpr int lanes = Scalar<T>::lanes;
+        T sum = 0.0;
+        std::size_t i = 0;
+        for (; i + lanes <= mass_.size(); i += lanes)
+            sum += beyond(load<T>(&low_[i]), load<T>(&high_[i]), load<T>(&mass_[i]), x);
+        double rest = 0;
+        for (; i < mass_.size(); ++i) rest += beyond(low_[i], high_[i], mass_[i], x);
+        return infinite_ + sum_of_lanes(sum) + rest;
+    }
+
+    /// The smallest x with P(value > x) <= allowed; infinite where more than that is beyond every value.
+    template <class T>
+    double upper_quantile(double allowed) const {
+        if (infinite_ > allowed) return HUGE_VAL;
+        double low = std::min(0.0, least_), high = std::max(most_, 0.0);
+        double above_low = above<T>(low) - allowed, above_high = infinite_ - allowed;
+        if (!(above_low > 0)) return least_above(low);
+        // The chord, and every third time the middle: a tail has jumps.
+        for (int i = 0; i < 200 && high - low > 1e-14 * high; ++i) {
+            double x = low + (high - low) * (above_low / (above_low - above_high));
+            if (i % 3 == 2 || !(x > low && x < high)) x = 0.5 * (low + high);
+            const double here = above<T>(x) - allowed;
+            (here > 0 ? low : high) = x;
+            (here > 0 ? above_low : above_high) = here;
+        }
+        return high;
+    }
+
+  private:
+    /// Where nothing lies below, the first value there is.
+    double least_above(double low) const { return mass_.empty() ? low : std::max(low, std::min(least_, most_)); }
+
+    template <class V>
+    static V beyond(V low, V high, V mass, double x) {
+        // A cell at a point lies beyond x if its place does.
+        const V width = max(high - low, V(1e-300));
+        return mass * min(max((high - V(x)) / width, V(0.0)), V(1.0));
+    }
+
+    std::vector<double> low_, high_, mass_, node_, node_mass_;
+    double total_ = 0, infinite_ = 0, most_ = 0, least_ = HUGE_VAL;
+};
+
+/// What is asked of collisions in which something gives way.
+enum class ContactQuantity { peak_force, duration, force_at_detection };
+
+/// Its distribution: over all collisions the peak force, no contact being no force; over those in contact the duration;
+/// over detections in contact the force at detection. `never`: the value of collisions that are never detected, where it
+/// is not the one at the motion's end.
+template <class T>
+CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity quantity,
+                            std::optional<double> never = std::nullopt) {
+    constexpr int lanes = Scalar<T>::lanes;
+    const PiecewiseDensity& density = law.density;
+    const std::size_t order = std::size_t(density.order);
+    const bool positive = quantity == ContactQuantity::duration;
+    // Cells of a panel. In a far tail probability falls steeply across a cell over which it is spread evenly, and with few
+    // panels there is time for more.
+    const std::size_t panels = density.panel.size();
+    std::size_t cells = order <= 8 ? 4 : order <= 10 ? 8 : order <= 14 ? 16 : 32;
+    if (panels <= 64) cells = std::max<std::size_t>(cells, 16);
+    const std::size_t rows =
+        (std::max(cells + 1, order) + std::size_t(lanes) - 1) / std::size_t(lanes) * std::size_t(lanes);
+    const GaussRule& rule = gauss_rule(int(order));
+    // By degree, for every cell the integral of P_l and for every node its weighted value; by node, for every end of a cell
+    // what the value there counts.
+    std::vector<double> below(order * rows, 0.0), to_edge(order * rows, 0.0), at_nodes(order * rows, 0.0);
+    const auto legendre = [&](double x, std::vector<double>& value) {
+        value.assign(order + 1, 1.0);
+        value[1] = x;
+        for (std::size_t l = 1; l < order; ++l)
+            value[l + 1] = (double(2 * l + 1) * x * value[l] - double(l) * value[l - 1]) / double(l + 1);
+    };
+    std::vector<double> left, right;
+    for (std::size_t i = 0; i <= cells; ++i) {
+        const double x = 2.0 * double(i) / double(cells) - 1;
+        legendre(x, right);
+        for (std::size_t g = 0; g < order; ++g) {
+            double sum = 0;
+            for (std::size_t l = 0; l < order; ++l) sum += right[l] * rule.to_legendre[l * order + g];
+            to_edge[g * rows + i] = sum;
+        }
+        for (std::size_t l = 0; i > 0 && l < order; ++l) {
+            const auto integral = [&](const std::vector<double>& p, double at) {
+                return l == 0 ? at : (p[l + 1] - p[l - 1]) / double(2 * l + 1);
+            };
+            below[l * rows + i - 1] = integral(right, x) - integral(left, x - 2.0 / double(cells));
+        }
+        std::swap(left, right);
+    }
+    for (std::size_t g = 0; g < order; ++g) {
+        legendre(rule.node[g], right);
+        for (std::size_t l = 0; l < order; ++l) at_nodes[l * rows + g] = right[l] * rule.weight[g];
+    }
+    const auto product = [&](const std::vector<double>& matrix, const double* x, auto factor, double* out) {
+        for (std::size_t r = 0; r < rows; r += std::size_t(lanes)) {
+            T sum = 0.0;
+            for (std::size_t l = 0; l < order; ++l) sum += factor(l) * x[l] * load<T>(&matrix[l * rows + r]);
+            store(sum, out + r);
+        }
+    };
+    const auto once = [](std::size_t) { return 1.0; };
+    const auto series = [](std::size_t l) { return double(2 * l + 1); };
+    CellMixture out;
+    std::vector<double> mass(rows), edge(rows), node_mass(rows);
+    const auto add = [&](const double* coefficient, const double* value) {
+        product(below, coefficient, series, mass.data());
+        product(to_edge, value, once, edge.data());
+        for (std::size_t i = 0; i < cells; ++i) {
+            const double from = std::max(edge[i], 0.0), to = std::max(edge[i + 1], 0.0);
+            if (!positive || std::max(from, to) > 0) out.add_cell(from, to, mass[i]);
+        }
+        product(at_nodes, coefficient, series, node_mass.data());
+        for (std::size_t g = 0; g < order; ++g)
+            if (!positive || value[g] > 0) out.add_node(value[g], node_mass[g]);
+    };
+    const ContactNodes& nodes = law.nodes;
+    const auto& by_slot = quantity == ContactQuantity::peak_force ? nodes.peak_force
+                          : positive                              ? nodes.duration
+                                                                  : nodes.force_at_detection;
+    const auto& missed = positive ? nodes.undetected_duration : nodes.undetected_peak_force;
+    const bool of_all = quantity != ContactQuantity::force_at_detection;
+    for (std::size_t p = 0; p < panels; ++p) {
+        const PiecewiseDensity::Panel& panel = density.panel[p];
+        for (int slot = 0; slot < panel.slots && !by_slot.empty(); ++slot)
+            add(density.series_of(panel, slot), &by_slot[(panel.first_slot + std::size_t(slot)) * order]);
+        if (of_all && !never && !density.end_series.empty() && (p + 1) * order <= missed.size())
+            add(density.end_series_of(p), &missed[p * order]);
+    }
+    if (!of_all) return out;
+    if (never && law.undetected > 0) {
+        out.add_cell(*never, *never, law.undetected);
+        out.add_node(*never, law.undetected);
+    }
+    const EarlyReactions& early = law.early_reactions;
+    const std::vector<double>& at_edge = positive ? early.edge_duration : early.edge_force;
+    const std::vector<double>& at_node = positive ? early.node_duration : early.node_force;
+    for (std::size_t i = 0; i < early.pieces(); ++i) {
+        for (int c = 0; c < EarlyReactions::cells; ++c) {
+            const double* end = &at_edge[i * (EarlyReactions::cells + 1) + std::size_t(c)];
+            if (!positive || std::max(end[0], end[1]) > 0)
+                out.add_cell(end[0], end[1], early.mass[i * EarlyReactions::cells + std::size_t(c)]);
+        }
+        for (std::size_t g = i * EarlyReactions::nodes; g < (i + 1) * EarlyReactions::nodes; ++g)
+            if (!positive || at_node[g] > 0) out.add_node(at_node[g], early.node_mass[g]);
+    }
+    if (!positive) {
+        out.add_cell(0, 0, law.harmless);
+        out.add_node(0, law.harmless);
+    }
+    return out;
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET
