@@ -168,6 +168,11 @@ class CollisionProblem:
         return f"valid: 1 to {self.robot.dof}"
 
     @property
+    def arm_in_words(self) -> str:
+        """Which arm is judged, to follow its name: nothing for a rigid one."""
+        return ", its gears and servos giving way," if self.elastic else ""
+
+    @property
     def motion_in_words(self) -> str:
         """How the arm moves, to follow its name: ``at 50 mm/s``."""
         if self.trajectory is not None:

@@ -44,8 +44,8 @@ def print_summary(result: CollisionResult, console: Console) -> None:
     }[verdict.conclusion]
     robot, limits = result.problem.robot, result.problem.limits
     body = f"{limits.label} ({limits.table})" if limits else f"a spring of {result.problem.stiffness:g} N/m"
-    arm = ", its gears and servos giving way," if result.problem.elastic else ""
-    console.print(f"{robot.title or robot.name}{arm} {result.problem.motion_in_words} against {body}", style="bold")
+    arm = f"{robot.title or robot.name}{result.problem.arm_in_words}"
+    console.print(f"{arm} {result.problem.motion_in_words} against {body}", style="bold")
     console.print(Text(f" {word} ", style=style), verdict.reason)
     for warning in result.warnings:
         console.print(f"warning: {warning}")

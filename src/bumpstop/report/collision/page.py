@@ -50,8 +50,9 @@ class Page(Document):
             SettingsSection(result, details or {}),
             AssumptionsSection(result),
         ]
+        who = f"{arm(result)}{result.problem.arm_in_words}"
         super().__init__(
-            f"{arm(result)} {result.problem.motion_in_words} against {what_is_hit(result)}",
+            f"{who} {result.problem.motion_in_words} against {what_is_hit(result)}",
             f"bumpstop collision report; {method_words(result)}",
             "collision report",
             sections,

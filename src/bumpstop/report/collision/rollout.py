@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 # Runs to choose from where the distribution itself has none: some twenty lie beyond the 99 % quantile.
 _SAMPLES = 2000
+# How long a stopped arm that gives way is shown [s].
+_OSCILLATES_S = 0.1
 # By how much the oscillation of a body that gets away may turn between two times that are drawn [rad].
 _TURN = 0.02
 
@@ -126,6 +128,9 @@ class Rollouts:
         displacement = np.zeros_like(distance)
         course = None
         if problem.gives_way and not problem.gets_away:
+            if problem.elastic and tick >= 0 and problem.scenario.reaction.kind == "stop":
+                # The arm goes on oscillating where its reference stands.
+                distance = np.append(distance, np.full(math.ceil(_OSCILLATES_S / step), distance[-1]))
             course = contact_course(problem, curve, distance, offset)
             displacement = np.maximum(0.0, distance - offset) - course.force / problem.stiffness
         elif problem.gets_away:
