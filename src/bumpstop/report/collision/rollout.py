@@ -155,7 +155,7 @@ class Rollouts:
         peak = float(_force(problem.stiffness, distance, offset, displacement).max())
         if problem.gets_away:
             time, distance, displacement = _between_steps(problem, time, distance, displacement, offset)
-        if problem.gives_way and tick >= 0:
+        if problem.gets_away or (problem.gives_way and tick >= 0):
             peak = float(self._runs["peak_force"][run])
         return Rollout(
             run=run,
