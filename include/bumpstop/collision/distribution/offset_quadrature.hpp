@@ -389,8 +389,9 @@ class OffsetQuadrature {
     /// False alarms whose reaction still reaches the body.
     void add_early_reactions() {
         const ContactReactions<T> reactions(*settings_.paths, *settings_.propagator);
-        // Where alarms before contact are rare, what one comes to stands for those of some ticks.
-        const int group = before_.false_alarm_before(path_->ticks) < rare_alarms ? max_group : 1;
+        // Where alarms before contact are rare and bodies stand many ticks apart, what one comes to stands for some ticks'.
+        const bool rare = before_.false_alarm_before(path_->ticks) < rare_alarms;
+        const int group = rare && settings_.contact.offset.kind == OffsetKind::half_normal ? max_group : 1;
         for (int first = before_.unarmed(); first < path_->ticks; first += group) {
             const int end = std::min(first + group, path_->ticks), k = (first + end - 1) / 2;
             double chance = 0;
