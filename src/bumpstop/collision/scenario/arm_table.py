@@ -14,7 +14,6 @@ Stiffness = Annotated[float, between(1e-3, 1e12)]
 DampingShare = Annotated[float, between(1e-6, 10)]
 Bandwidth = Annotated[float, between(1e-6, 1e6)]
 PositionGain = Annotated[float, between(1e-6, 1e6)]
-Torque = Annotated[float, between(1e-6, 1e9)]
 Share = Annotated[float, between(0, 1)]
 # Each key of the table, and what it is called in a drive train.
 QUANTITY = {
@@ -23,11 +22,8 @@ QUANTITY = {
     "gear_damping": "gear_damping",
     "servo_bandwidth_hz": "servo_bandwidth",
     "servo_position_gain_1_s": "servo_position_gain",
-    "torque_limit_Nm": "torque_limit",
     "acceleration_feedforward": "acceleration_feedforward",
 }
-# Bounds what a rigid arm presses, too.
-_ALSO_RIGID = ("file", "torque_limit_Nm")
 
 
 class ArmTable(Table):
@@ -40,13 +36,12 @@ class ArmTable(Table):
     gear_damping: DampingShare | list[DampingShare] | None = None
     servo_bandwidth_hz: Bandwidth | list[Bandwidth] | None = None
     servo_position_gain_1_s: PositionGain | list[PositionGain] | None = None
-    torque_limit_Nm: Torque | list[Torque] | None = None
     acceleration_feedforward: Share | list[Share] | None = None
 
     @model_validator(mode="after")
     def _of_elastic_arms(self) -> ArmTable:
-        for key in QUANTITY:
-            if self.model == "rigid" and key not in _ALSO_RIGID and getattr(self, key) is not None:
+        for key in ("file", *QUANTITY):
+            if self.model == "rigid" and getattr(self, key) is not None:
                 raise InputError(
                     f"arm.{key}", 'has no meaning with arm.model = "rigid"', 'leave it out, or give model = "elastic"'
                 )
