@@ -56,13 +56,7 @@ void bind_contact(nb::module_& module) {
             },
             nb::arg("chain"), nb::arg("given"), nb::arg("q"), nb::arg("torque_per_newton"), nb::arg("rate_per_speed"))
         .def("matrix", &matrix_of, nb::arg("body"), nb::arg("in_contact"),
-             "The first-order system of arm and body (N, N): links, rotors, body, and their scaled rates.")
-        .def(
-            "static_stiffness",
-            [](const ElasticArm& self, const ContactBody& body) {
-                return ContactSystem(self, body).static_stiffness();
-            },
-            nb::arg("body"), "Force per metre of the reference where everything has come to rest [N/m].");
+             "The first-order system of arm and body (N, N): links, rotors, body, and their scaled rates.");
     nb::class_<ContactCourse>(module, "ContactCourse", "One collision in time.")
         .def_prop_ro("force", [](const ContactCourse& self) { return view(self.force); })
         .def_prop_ro(

@@ -1,6 +1,6 @@
 // Distributions of collisions.
 #include "bumpstop/collision/distribution/density_arrays.hpp"
-#include "bumpstop/collision/distribution/offset_quadrature.hpp"
+#include "bumpstop/collision/integrate.hpp"
 #include "common.hpp"
 #include "interrupt.hpp"
 
@@ -29,30 +29,6 @@ auto panels(const CollisionDistribution& self, Of of) {
     NewArray<Scalar> out({self.density.panel.size()});
     std::transform(self.density.panel.begin(), self.density.panel.end(), out.data.get(), of);
     return out.release();
-}
-
-nb::dict contact_nodes(const CollisionDistribution& self) {
-    const DensityArrays arrays(self.density);
-    const std::vector<std::size_t> shape{std::size_t(arrays.slots()), arrays.order(), arrays.panels()};
-    const ContactNodes& from = self.nodes;
-    nb::dict out;
-    out["peak_force"] = array_of(arrays.nodes(from.peak_force, from.undetected_peak_force), shape);
-    out["duration"] = array_of(arrays.nodes(from.duration, from.undetected_duration), shape);
-    out["force_at_detection"] = array_of(arrays.nodes(from.force_at_detection, {}), shape);
-    return out;
-}
-
-nb::dict early_reactions(const CollisionDistribution& self) {
-    const EarlyReactions& a = self.early_reactions;
-    const std::size_t n = a.pieces(), cells = EarlyReactions::cells, nodes = EarlyReactions::nodes;
-    nb::dict out;
-    out["mass"] = array_of(a.mass, {n, cells});
-    out["edge_force"] = array_of(a.edge_force, {n, cells + 1});
-    out["edge_duration"] = array_of(a.edge_duration, {n, cells + 1});
-    out["node_mass"] = array_of(a.node_mass, {n, nodes});
-    out["node_force"] = array_of(a.node_force, {n, nodes});
-    out["node_duration"] = array_of(a.node_duration, {n, nodes});
-    return out;
 }
 
 }  // namespace
@@ -96,9 +72,6 @@ void bind_distribution(nb::module_& module) {
                 return unlocked([&] { return upper_quantile<L>(self.density, of, allowed, never); });
             },
             nb::arg("quantity"), nb::arg("allowed"), nb::arg("never"))
-        .def("free_nodes", &contact_nodes, "Free contact: values at the Gauss nodes, (slots, order, panels) [N, s, N].")
-        .def("free_alarms", &early_reactions,
-             "Free contact: false alarms that still reach the body, tick by tick, in cells of offset and at nodes.")
         .def_prop_ro("slots_before",
                      [](const Distribution& self) { return DensityArrays(self.density).slots_before(); })
         .def_prop_ro(

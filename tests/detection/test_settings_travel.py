@@ -52,9 +52,12 @@ def test_a_file_of_thresholds_carries_the_settings(tuned: Path) -> None:
     wanted |= {"residual": "observer", "observer_gain_1_s": 50.0, "measured_rates": True}
     assert law.settings == wanted
     assert law.period_s == pytest.approx(0.004)
+    assert law.per_hour is not None
+    assert f"{law.per_hour:g} false alarms an hour wanted" in tuned.read_text()
     again = tuned.with_name("again.toml")
     law.save(again)
     assert Thresholds.load(again).settings == wanted
+    assert Thresholds.load(again).per_hour == law.per_hour
     # A detector without settings of its own has them.
     robot = bs.Robot.load("ur5e")
     assert Detector(robot, None, law).settings == DetectorSettings(**wanted)
@@ -75,8 +78,8 @@ def test_detect_and_score_take_what_is_not_given(free: Path, tuned: Path, tmp_pa
     other = strict_json(run("detect", free, "--robot", "ur5e", "--thresholds", tuned, "--window", 0.09, "--json").out)
     assert other["settings"]["window_s"] == 0.09
     assert (
-        "Differs from what the thresholds were tuned with: window_s = 0.09 (tuned with 0.05). The tuned rate does not "
-        "hold."
+        "Differs from what the thresholds were tuned with: window_s = 0.09 (tuned with 0.05). The tuned rate of "
+        f"{Thresholds.load(tuned).per_hour:.4g} false alarms an hour does not hold."
     ) in other["notes"]
 
 

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from bumpstop import InputError, Robot
 from bumpstop.model import Joint
 from bumpstop.recording import Recording
-from bumpstop.recording.checks.checks import _disorder
+from bumpstop.recording.checks.checks import gaps_of
+from bumpstop.recording.checks.time_order import disorder
 from recording.cases import COLUMNS, lines, recording, written
 
 
@@ -133,6 +134,16 @@ def test_first_twenty_are_listed(tmp_path: Path) -> None:
     assert report.gaps == ((pytest.approx(0.09), pytest.approx(0.51)),)
 
 
+@pytest.mark.parametrize(("intervals", "gaps"), [(2.99, 0), (3.01, 1)])
+def test_a_gap_is_longer_than_three_median_intervals(intervals: float, gaps: int) -> None:
+    t = 0.01 * np.arange(100.0)
+    t[50:] += (intervals - 1) * 0.01
+    found = gaps_of(t)
+    assert len(found) == gaps
+    for start, length in found:
+        assert (start, length) == (pytest.approx(0.49), pytest.approx(0.01 * intervals))
+
+
 def test_time_stands_still(tmp_path: Path) -> None:
     text = [f"1.0,{i},0,ok" for i in range(20)]
     with pytest.raises(InputError, match="time stands still"):
@@ -223,7 +234,7 @@ def test_robot_tells_what_is_impossible(value: float, tmp_path: Path) -> None:
 @given(st.lists(st.integers(0, 30), max_size=40))
 def test_fewest_rows_are_dropped_for_order(times: list[int]) -> None:
     t = np.array(times, dtype=float)
-    doubled, backwards = _disorder(t)
+    doubled, backwards = disorder(t)
     kept = np.delete(t, np.concatenate([doubled, backwards]))
     assert (np.diff(kept) > 0).all()
     assert all(t[i] in t[:i] for i in doubled)

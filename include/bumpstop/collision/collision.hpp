@@ -4,8 +4,8 @@
 
 #include "bumpstop/collision/contact/separation_criterion.hpp"
 #include "bumpstop/collision/distribution/monte_carlo.hpp"
-#include "bumpstop/collision/distribution/offset_quadrature.hpp"
 #include "bumpstop/collision/distribution/survival_criterion.hpp"
+#include "bumpstop/collision/integrate.hpp"
 #include "bumpstop/collision/motion/line_tracer.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {

@@ -45,16 +45,11 @@ def check_inertia(robot: Robot) -> None:
     Raises:
         InputError: a link has no inertia, or the inertia looks like placeholders.
     """
-    missing = [joint.name for joint in robot.joints if joint.inertia is None]
-    if missing:
-        raise InputError(
-            "arm.model", f"'elastic' needs the inertia of {robot.name}: {missing[0]} has none", "valid: 'rigid'"
-        )
     if robot.inertia_objection:
         raise InputError(
             "arm.model",
-            f"'elastic' needs an inertia that somebody published or identified: {robot.inertia_objection}",
-            "valid: 'rigid'",
+            f"'elastic' needs an inertia that can be believed. {robot.inertia_objection}",
+            "valid: 'rigid', or a robot with its real inertia",
         )
 
 

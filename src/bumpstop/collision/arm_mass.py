@@ -11,7 +11,7 @@ from bumpstop.errors import InputError
 from bumpstop.model import effective_mass
 
 if TYPE_CHECKING:
-    from bumpstop.collision.scenario.scenario import ContactTable
+    from bumpstop.collision.scenario.contact_table import ContactTable
     from bumpstop.model import Robot
 
 

@@ -15,12 +15,12 @@ from bumpstop.collision.arm import check_inertia, compliance_of, drive_train_of
 from bumpstop.collision.arm_mass import arm_mass_at, reduced_mass
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.collision.scenario.scenario_file import robot_of
+from bumpstop.collision.scenario_values import mass_of_body, per_joint, sd_of_noise, start_pose, steps_of_period
 from bumpstop.collision.stopping.deceleration import Deceleration
 from bumpstop.contact import ContactLimits, LimitTable
 from bumpstop.detection import ResidualRecord
 from bumpstop.errors import InputError
 from bumpstop.model import DriveTrain, Robot
-from bumpstop.model.pose_limits import check_pose
 
 if TYPE_CHECKING:
     from bumpstop.collision.trajectory.trajectory import Trajectory
@@ -124,21 +124,21 @@ class CollisionProblem:
             robot=robot,
             limits=limits,
             stiffness=stiffness,
-            q=_pose(scenario, robot) if trajectory is None else trajectory.position[0].copy(),
+            q=start_pose(scenario, robot) if trajectory is None else trajectory.position[0].copy(),
             velocity=np.array(scenario.motion.velocity) if trajectory is None else np.zeros(3),
-            thresholds=_per_joint(detector.thresholds_Nm, robot, "detector.thresholds_Nm", each=True),
-            noise_sd=_noise_sd(scenario, robot, residuals),
-            noise_mean=_per_joint(detector.noise_mean_Nm, robot, "detector.noise_mean_Nm"),
-            joint_acceleration=_per_joint(
+            thresholds=per_joint(detector.thresholds_Nm, robot, "detector.thresholds_Nm", each=True),
+            noise_sd=sd_of_noise(scenario, robot, residuals),
+            noise_mean=per_joint(detector.noise_mean_Nm, robot, "detector.noise_mean_Nm"),
+            joint_acceleration=per_joint(
                 reaction.joint_acceleration_rad_s2, robot, "reaction.joint_acceleration_rad_s2"
             ),
             deceleration=deceleration,
-            period_steps=_period_steps(detector.feedback_period_s, step),
+            period_steps=steps_of_period(detector.feedback_period_s, step),
             latency_steps=latency,
             notes=tuple(notes),
             residuals=residuals,
             body_stiffness=body_stiffness,
-            body_mass=_body_mass(scenario, limits),
+            body_mass=mass_of_body(scenario, limits),
             trajectory=trajectory,
         )
         if problem.gives_way and not problem.gets_away and scenario.verdict.clamped_limit == "two_phase":
@@ -364,14 +364,14 @@ class CollisionProblem:
             return 0.0
         if self.scenario.contact.arm == "position_driven":
             return self.body_mass
-        if self.robot.inertia_doubts:
-            problem = f"'two_mass' needs an inertia that can be believed. {self.robot.inertia_doubts[0]}"
+        if self.robot.inertia_objection:
+            problem = f"'two_mass' needs an inertia that can be believed. {self.robot.inertia_objection}"
             raise InputError("contact.arm", problem, "valid: 'position_driven', or a robot with its real inertia")
         arm = self.arm_mass
         if arm is None:
             raise InputError(
                 "contact.arm",
-                f"'two_mass' needs the inertia of {self.robot.name}, which is not known",
+                f"'two_mass' needs an effective mass of {self.robot.name}: its mass matrix has no inverse at this pose",
                 "valid: 'position_driven'",
             )
         return reduced_mass(self.body_mass, arm)
@@ -392,64 +392,3 @@ class CollisionProblem:
                 f"({self.approach_speed * 1e3:.3g} mm/s along the normal)",
                 "give a point that moves, and a normal that points the way it goes",
             )
-
-
-def _body_mass(scenario: Scenario, limits: ContactLimits | None) -> float | None:
-    contact = scenario.contact
-    if contact.kind == "clamped":
-        return None
-    mass = contact.body_mass_kg
-    if mass is None and limits is not None:
-        mass = limits.effective_mass_kg
-    if mass is None:
-        assert limits is not None
-        raise InputError(
-            "contact.body_mass_kg",
-            "is missing",
-            f"free contact needs it: {limits.table} gives no mass of a body region",
-        )
-    return mass
-
-
-def _noise_sd(scenario: Scenario, robot: Robot, residuals: ResidualRecord | None) -> FloatArray:
-    if residuals is not None:
-        measured: FloatArray = residuals.rows.std(axis=0)
-        return measured
-    sd = scenario.detector.noise_sd_Nm
-    assert sd is not None
-    return _per_joint(sd, robot, "detector.noise_sd_Nm")
-
-
-def _pose(scenario: Scenario, robot: Robot) -> FloatArray:
-    in_degrees = scenario.pose_deg is not None
-    field = "pose_deg" if in_degrees else "pose_rad"
-    values = scenario.pose_deg if scenario.pose_deg is not None else scenario.pose_rad
-    assert values is not None
-    if len(values) != robot.dof:
-        raise InputError(field, f"has {len(values)} values", f"{robot.name} has {robot.dof} joints")
-    q = np.array(values, dtype=np.float64)
-    turns = np.array([joint.kind == "revolute" for joint in robot.joints])
-    if in_degrees:
-        q[turns] = np.radians(q[turns])
-    check_pose(robot, q, field, in_degrees=in_degrees)
-    return q
-
-
-def _per_joint(value: float | list[float], robot: Robot, field: str, *, each: bool = False) -> FloatArray:
-    if not isinstance(value, list):
-        return np.full(robot.dof, float(value))
-    if len(value) != robot.dof:
-        other = "" if each else ", or one number for all"
-        raise InputError(field, f"has {len(value)} values", f"{robot.name} has {robot.dof} joints: one for each{other}")
-    return np.array(value, dtype=np.float64)
-
-
-def _period_steps(period: float, step: float) -> int:
-    steps = round(period / step)
-    if steps < 1 or abs(steps * step - period) > 1e-6 * step:
-        raise InputError(
-            "detector.feedback_period_s",
-            f"{period:g} is not a whole number of simulation steps",
-            f"wanted a multiple of simulation.step_s = {step:g}",
-        )
-    return steps

@@ -38,7 +38,7 @@ _SETTINGS = (
     "frozen_s",
     "payload_kg",
 )
-_ONE_FOR_ALL = ("model_errors", "period_s", *_SETTINGS)
+_ONE_FOR_ALL = ("model_errors", "period_s", "per_hour", *_SETTINGS)
 _SAME_GAIN = 0.01
 _SAME = 1e-6  # of numbers that are written with all their digits
 _WANTED = "wanted one number above 0 for each joint; inf: not monitored"
@@ -61,6 +61,7 @@ class Thresholds:
         fast: (n,) of the band-passed channel [Nm], above 0; default: infinite, not monitored.
         model_errors: standard errors of the joint model's torque to add.
         period_s: between the samples they were found for [s]; None: not said.
+        per_hour: false alarms an hour that they were tuned for; None: not said.
         residual: kind of residual they were found for; None: not said.
         observer_gain_1_s: of the observer, if that is the kind; None: not said.
         window_s, measured_rates, limit_margin, frozen_s, payload_kg: settings of the detector that they were found
@@ -75,6 +76,7 @@ class Thresholds:
     fast: FloatArray | None = None
     model_errors: float = 0.0
     period_s: float | None = None
+    per_hour: float | None = None
     residual: ResidualKind | None = None
     observer_gain_1_s: float | None = None
     window_s: float | None = None
@@ -101,8 +103,10 @@ class Thresholds:
             object.__setattr__(self, name, array)
         if as_number(self.model_errors, "model_errors") < 0:
             raise InputError("model_errors", f"is {self.model_errors}", "wanted zero or more")
-        if self.period_s is not None and not as_number(self.period_s, "period_s") > 0:
-            raise InputError("period_s", f"is {self.period_s}", "wanted more than zero")
+        for name in ("period_s", "per_hour"):
+            value = getattr(self, name)
+            if value is not None and not as_number(value, name) > 0:
+                raise InputError(name, f"is {value}", "wanted more than zero")
         if self.measured_rates is not None and not isinstance(self.measured_rates, bool):
             raise InputError("measured_rates", f"is {self.measured_rates!r}", "wanted true or false")
         DetectorSettings(**self.settings)  # says what cannot be
@@ -122,7 +126,9 @@ class Thresholds:
                 found.append(f"{name} = {_shown(ours)} (tuned with {_shown(tuned)})")
         if not found:
             return []
-        return [f"Differs from what the thresholds were tuned with: {', '.join(found)}. The tuned rate does not hold."]
+        rate = "" if self.per_hour is None else f" of {self.per_hour:.4g} false alarms an hour"
+        what = f"Differs from what the thresholds were tuned with: {', '.join(found)}."
+        return [f"{what} The tuned rate{rate} does not hold."]
 
     def check_residual(self, residual: str, observer_gain_1_s: float) -> None:
         """Refuse another residual than they were found for, where they say which.
@@ -176,9 +182,9 @@ class Thresholds:
         """Read a TOML file, or a JSON object as ``tune`` prints it.
 
         Keys: ``thresholds_Nm`` and, as wanted, ``per_speed_Nm_s``, ``per_acceleration_Nm_s2``, ``at_rest_Nm``,
-        ``fast_Nm``, ``model_errors``, ``period_s``, and the settings of the detector that they were found with:
-        ``residual``, ``observer_gain_1_s``, ``window_s``, ``measured_rates``, ``limit_margin``, ``frozen_s``,
-        ``payload_kg``. Others are refused in TOML and
+        ``fast_Nm``, ``model_errors``, ``period_s``, ``per_hour``, and the settings of the detector that they were
+        found with: ``residual``, ``observer_gain_1_s``, ``window_s``, ``measured_rates``, ``limit_margin``,
+        ``frozen_s``, ``payload_kg``. Others are refused in TOML and
         passed over in JSON, where null stands for infinity. ``joints``: of the robot, whose names errors say.
 
         Raises:
@@ -212,8 +218,9 @@ class Thresholds:
         """
         lines = [f"{key} = {toml_value(getattr(self, name).tolist())}" for key, name in _KEYS.items()]
         lines.append(f"model_errors = {float(self.model_errors)!r}")
-        if self.period_s is not None:
-            lines.append(f"period_s = {float(self.period_s)!r}")
+        for name in ("period_s", "per_hour"):
+            if (value := getattr(self, name)) is not None:
+                lines.append(f"{name} = {float(value)!r}")
         lines += [f"{key} = {toml_value(value)}" for key, value in self.settings.items()]
         write_text(path, "\n".join(lines) + "\n")
 

@@ -13,8 +13,9 @@ from bumpstop.model.dynamics import (
     singular_values,
 )
 from bumpstop.model.inertia import LinkInertia
+from bumpstop.model.joint import Frame, Joint, rotation_from_rpy
 from bumpstop.model.mass_definitions import EffectiveMassDefinition, with_rotors
-from bumpstop.model.robot import Frame, Joint, Robot, robots, rotation_from_rpy
+from bumpstop.model.robot import Robot, robots
 from bumpstop.model.robot_file import robot_from_dict
 from bumpstop.model.units import unit_of
 from bumpstop.model.urdf_writer import write_urdf

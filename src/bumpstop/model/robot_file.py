@@ -11,7 +11,8 @@ from bumpstop.errors import InputError, near_matches
 from bumpstop.model.drive_train.drive_train import DriveTrainEntry
 from bumpstop.model.drive_train.drive_train_file import entries_from_table
 from bumpstop.model.inertia import LinkInertia, matrix3, vector3
-from bumpstop.model.robot import Joint, Robot, rotation_from_rpy
+from bumpstop.model.joint import Joint, rotation_from_rpy
+from bumpstop.model.robot import Robot
 
 _TEXTS = ("title", "source", "note", "inertia_status", "inertia_source")
 _ROBOT_KEYS = ("name", *_TEXTS, "payload_kg", "tip", "joint", "drive_train")

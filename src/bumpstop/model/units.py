@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from bumpstop.model.robot import Joint
+    from bumpstop.model.joint import Joint
 
 
 def unit_of(*joints: Joint, turning: str = "Nm", sliding: str = "N") -> str:

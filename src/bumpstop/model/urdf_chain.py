@@ -12,7 +12,8 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError, near_matches
 from bumpstop.model.drive_train.urdf_drives import with_drives
 from bumpstop.model.inertia import LinkInertia, matrix3, merged, vector3
-from bumpstop.model.robot import Frame, Joint, Robot
+from bumpstop.model.joint import Frame, Joint
+from bumpstop.model.robot import Robot
 from bumpstop.model.urdf import OTHER_KINDS, UrdfJoint, UrdfTree, read_urdf
 
 _GRIPPER_WORDS = ("finger", "gripper", "knuckle", "jaw")

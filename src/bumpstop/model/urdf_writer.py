@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from bumpstop.model.inertia import LinkInertia
-    from bumpstop.model.robot import Joint, Robot
+    from bumpstop.model.joint import Joint
+    from bumpstop.model.robot import Robot
 
 
 def write_urdf(robot: Robot, path: str | Path) -> None:

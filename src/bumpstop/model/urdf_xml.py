@@ -12,7 +12,7 @@ import numpy as np
 
 from bumpstop.errors import InputError, near_matches
 from bumpstop.model.inertia import Matrix3, Vector3, matrix3, vector3
-from bumpstop.model.robot import rotation_from_rpy
+from bumpstop.model.joint import rotation_from_rpy
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element

@@ -11,7 +11,7 @@ import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bumpstop.collision.scenario.scenario import MADE_BY
+from bumpstop.collision.scenario.keys import MADE_BY
 from bumpstop.collision.scenario.settings_file import scenario_data
 from bumpstop.errors import InputError
 from bumpstop.study.study import to_jsonable, versions

@@ -57,7 +57,7 @@ def test_integrated_and_sampled_agree(name: str) -> None:
         runs = runs if quantity == "peak_force" else max(int(KEPT * (1 - integrated.undetected_probability)), 1)
         error = 4 * drawn.sd / math.sqrt(runs) + 2e-4 * abs(drawn.mean)
         assert ours.mean == pytest.approx(drawn.mean, abs=error), quantity
-        for p in (0.1, 0.5, 0.9):
+        for p in (0.1, 0.5, 0.9, 0.99):
             value = ours.quantile(p)
             share, below = drawn.exceedance(value * (1 - 2e-4)), drawn.exceedance(value * (1 + 2e-4))
             wide = 4 * math.sqrt(p * (1 - p) / runs)

@@ -12,7 +12,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.collision import CollisionProblem, Scenario, load_scenario
-from bumpstop.collision.scenario.scenario import MADE_BY
+from bumpstop.collision.scenario.keys import MADE_BY
 from bumpstop.collision.scenario.scenario_words import as_written
 from bumpstop.errors import InputError, near_matches
 from collision.scenario_cases import EXAMPLE, example, is_let_go

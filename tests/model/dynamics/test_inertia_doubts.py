@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -120,6 +121,16 @@ def test_no_two_mass_verdict_from_placeholders(tmp_path: Path) -> None:
     assert driven.impact_bounds is not None
     assert driven.impact_bounds.reduced_mass is None
     assert any("looks like placeholders, so the reduced mass gives no upper limit" in note for note in driven.notes)
+
+
+@pytest.mark.parametrize(("key", "arm"), [("contact.arm", "two_mass"), ("arm.model", "elastic")])
+def test_a_link_without_mass_is_named(tmp_path: Path, key: str, arm: str) -> None:
+    real = Robot.load("ur10e")
+    unknown = replace(real, joints=(replace(real.joints[0], inertia=None), *real.joints[1:]), inertia_status="unknown")
+    scenario = impact(unknown, tmp_path, "position_driven").with_values({key: arm})
+    objection = rf"'{arm}' needs an inertia that can be believed\. The inertia of \w+ is not known: no mass of"
+    with pytest.raises(InputError, match=rf"^{re.escape(key)}: {objection} 'shoulder_link'"):
+        bs.evaluate(scenario)
 
 
 def test_reach_of_a_plane_arm() -> None:

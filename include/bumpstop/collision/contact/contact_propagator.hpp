@@ -8,30 +8,24 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace detail {
 
-/// Adds M x to y (rows), for a matrix of `columns` stored one after the other, each of `stride` values.
+/// Adds some rows of M x to as many of y.
+template <int rows, class T>
+void multiply_add_rows(const double* column, int stride, int columns, const T* x, T* y) {
+    std::array<T, rows> sum;
+    std::copy_n(y, rows, sum.begin());
+    for (int j = 0; j < columns; ++j, column += stride)
+        for (std::size_t i = 0; i < rows; ++i) sum[i] += column[i] * x[j];
+    std::copy_n(sum.begin(), rows, y);
+}
+
+/// Adds M x to y (rows), for a matrix of `columns` stored one after the other, each of `stride` values. Sums of eight rows
+/// at once hide how long each addition takes.
 template <class T>
 void multiply_add(const double* column, int stride, int rows, int columns, const T* x, T* y) {
     int i = 0;
-    for (; i + 4 <= rows; i += 4) {
-        T sum0 = y[i], sum1 = y[i + 1], sum2 = y[i + 2], sum3 = y[i + 3];
-        const double* from = column + i;
-        for (int j = 0; j < columns; ++j, from += stride) {
-            const T here = x[j];
-            sum0 += from[0] * here;
-            sum1 += from[1] * here;
-            sum2 += from[2] * here;
-            sum3 += from[3] * here;
-        }
-        y[i] = sum0;
-        y[i + 1] = sum1;
-        y[i + 2] = sum2;
-        y[i + 3] = sum3;
-    }
-    for (; i < rows; ++i) {
-        T sum = y[i];
-        for (int j = 0; j < columns; ++j) sum += column[j * stride + i] * x[j];
-        y[i] = sum;
-    }
+    for (; i + 8 <= rows; i += 8) multiply_add_rows<8>(column + i, stride, columns, x, y + i);
+    for (; i + 2 <= rows; i += 2) multiply_add_rows<2>(column + i, stride, columns, x, y + i);
+    if (i < rows) multiply_add_rows<1>(column + i, stride, columns, x, y + i);
 }
 
 }  // namespace detail

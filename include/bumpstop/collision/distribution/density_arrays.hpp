@@ -26,7 +26,7 @@ class DensityArrays {
 
     /// Coefficients of Legendre's polynomials, [slot][degree][panel].
     std::vector<double> coefficients() const {
-        std::vector<double> out = empty();
+        std::vector<double> out(std::size_t(slots_) * order_ * panels(), 0.0);
         const auto add = [&](int slot, std::size_t p, const double* series, double factor) {
             for (std::size_t l = 0; l < order_; ++l) at(out, slot, l, p) += factor * double(2 * l + 1) * series[l];
         };
@@ -42,24 +42,7 @@ class DensityArrays {
         return out;
     }
 
-    /// Values at the Gauss nodes, [slot][node][panel], of a body that can get away: such a density has no alarms. Either of
-    /// those by slot and those where nothing is detected may be empty.
-    std::vector<double> nodes(const std::vector<double>& by_slot, const std::vector<double>& undetected) const {
-        std::vector<double> out = empty();
-        const auto put = [&](int slot, std::size_t p, const double* values) {
-            for (std::size_t g = 0; g < order_; ++g) at(out, slot, g, p) = values[g];
-        };
-        for (std::size_t p = 0; p < panels(); ++p) {
-            const PiecewiseDensity::Panel& panel = density_.panel[p];
-            for (int slot = 0; slot < panel.slots && !by_slot.empty(); ++slot)
-                put(slot, p, &by_slot[(panel.first_slot + std::size_t(slot)) * order_]);
-            if (p * order_ < undetected.size()) put(slots_ - 1, p, &undetected[p * order_]);
-        }
-        return out;
-    }
-
   private:
-    std::vector<double> empty() const { return std::vector<double>(std::size_t(slots_) * order_ * panels(), 0.0); }
     double& at(std::vector<double>& values, int slot, std::size_t row, std::size_t p) const {
         return values[(std::size_t(slot) * order_ + row) * panels() + p];
     }

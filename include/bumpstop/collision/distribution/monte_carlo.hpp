@@ -11,6 +11,7 @@
 #include "bumpstop/collision/contact/contact_collision.hpp"
 #include "bumpstop/collision/contact/elastic_arm.hpp"
 #include "bumpstop/detection/gaussian_thresholds.hpp"
+#include "bumpstop/detection/residual_record.hpp"
 #include "bumpstop/math/philox.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -45,28 +46,6 @@ struct MonteCarloRuns {
           duration(peak_force.size()),
           force_at_detection(peak_force.size()),
           dof(joints) {}
-};
-
-/// Measured residuals of free motion, resampled in blocks so that their correlation between joints and in time is kept: a
-/// run is made of blocks of consecutive rows, each begun at a random row, the first entered at a random place.
-struct ResidualRecord {
-    std::vector<double> row;  ///< [row][dof], at the feedback rate [Nm or N]
-    std::int64_t rows = 0;
-    std::int64_t block = 1;  ///< rows in a block, at most `rows`
-
-    /// The row that plays tick k of a run.
-    std::int64_t row_of(std::uint64_t seed, std::int64_t run, std::int64_t k) const {
-        const std::int64_t place = k + number_below(seed, run, 0, block);
-        const std::int64_t first = number_below(seed, run, 1 + place / block, rows - block + 1);
-        return first + place % block;
-    }
-
-  private:
-    static std::int64_t number_below(std::uint64_t seed, std::int64_t run, std::int64_t draw, std::int64_t bound) {
-        const SignedProbability<double> u =
-            signed_probability<double>(noise_block<std::int64_t>(seed, run, block_tick, int(draw)), 0);
-        return std::min(std::int64_t((u.negative ? 1 - u.p : u.p) * double(bound)), bound - 1);
-    }
 };
 
 /// Offset of a run: a half-normal, uniform or fixed distance from its own stream.

@@ -258,8 +258,10 @@ class OffsetMesh {
     /// How a body gets away depends on where in a step it is touched, and on the tick from which it is not detected any more.
     std::vector<double> abrupt_offsets() const {
         const int ticks = path_->ticks;
-        const bool felt = ticks > 0 && alarms_.no_contact(ticks - 1).alarm > unnoticeable_alarm;
-        return ContactCuts(*settings_->paths, *settings_->propagator, felt || transitions_,
+        // Elastic arms still pull at their joints when the body gets away.
+        const bool felt = settings_->propagator->elastic || transitions_ ||
+                          (ticks > 0 && alarms_.no_contact(ticks - 1).alarm > unnoticeable_alarm);
+        return ContactCuts(*settings_->paths, *settings_->propagator, felt,
                            transitions_ ? &detector_ : nullptr)(settings_->contact.offset.largest());
     }
 

@@ -2,10 +2,9 @@
 /// The quadrature over contact offset and sensor noise.
 #pragma once
 
-#include <optional>
-
 #include "bumpstop/collision/contact/elastic_arm.hpp"
 #include "bumpstop/collision/distribution/collision_distribution.hpp"
+#include "bumpstop/math/legendre_series.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -115,37 +114,11 @@ class OffsetQuadrature {
         return sum_of_lanes(sum);
     }
 
-    /// From values at the nodes: the sums of their products with P_l / 2, by degree. Nodes lie in pairs about zero, where
-    /// Legendre polynomials are even or odd: half the products do.
-    void find_series(const Row& row, double* series) const {
-        const int order = mesh_.order();
-        const double* half_legendre = half_legendre_.data();
-        T sum[max_order / lanes];
-        for (int r = 0; r * lanes < order; ++r) sum[r] = 0.0;
-        const T sign = load<T>(alternating);
-        for (int g = 0; 2 * g < order; ++g, half_legendre += order) {
-            const T pair = row.value[g] + sign * row.value[order - 1 - g];
-            for (int r = 0; r * lanes < order; ++r) sum[r] += pair * load<T>(half_legendre + r * lanes);
-        }
-        for (int r = 0; r * lanes < order; ++r) store(sum[r], series + r * lanes);
-    }
-    void prepare_series() {
-        const int order = mesh_.order();
-        if (half_order_ == order) return;
-        half_order_ = order;
-        const GaussRule& rule = gauss_rule(order);
-        half_legendre_.resize(std::size_t(order * order / 2));
-        for (int g = 0; 2 * g < order; ++g)
-            for (int l = 0; l < order; ++l)
-                half_legendre_[std::size_t(g * order + l)] =
-                    rule.to_legendre[std::size_t(l * order + g)] / ((2 * l + 1) * rule.weight[std::size_t(g)]);
-    }
-
     /// Joins the probabilities of detection, of the offset and of no alarm before contact.
     void weigh() {
         const int order = mesh_.order(), ticks = path_->ticks;
         const std::size_t step = std::size_t(order);
-        prepare_series();
+        legendre_.prepare(order);
         PiecewiseDensity& density = result_.density;
         density.clear(order);
         alarm_before_ = result_.undetected = result_.several = 0;
@@ -180,7 +153,7 @@ class OffsetQuadrature {
                 for (int g = 0; g < order; g += lanes)
                     store(load<T>(weight.value + g) * max(load<T>(from + g), T(0.0)), row.value + g);
                 double* to = &density.series[(panel.first_slot + std::size_t(slot)) * step];
-                find_series(row, to);
+                legendre_.find(row.value, to);
                 const double mass = 2 * to[0];
                 density.mass[panel.first_slot + std::size_t(slot)] = mass;
                 detection_[std::size_t(panel.tick(slot))] += mass;
@@ -198,7 +171,7 @@ class OffsetQuadrature {
             if (undetected == 0) continue;
             result_.undetected += undetected;
             density.end_series.resize(density.panel.size() * step, 0.0);
-            find_series(row, &density.end_series[p * step]);
+            legendre_.find(row.value, &density.end_series[p * step]);
         }
         find_triggers();
         density.sum_later_masses();
@@ -289,7 +262,7 @@ class OffsetQuadrature {
             density.offset_series.resize(density.panel.size() * std::size_t(density.order), 0.0);
             double* series = &density.offset_series[p * std::size_t(density.order)];
             weigh_offsets(panel.low, panel.high, row);
-            find_series(row, series);
+            legendre_.find(row.value, series);
             harmless_from_ -= 2 * series[0] * sort_alarms(panel);
         }
     }
@@ -407,7 +380,6 @@ class OffsetQuadrature {
     static constexpr int max_group = 8;          ///< ticks
     static constexpr double negligible_chance =
         1e-18;  ///< of an alarm before contact: nothing that is printed changes by it
-    alignas(64) static constexpr double alternating[8] = {1, -1, 1, -1, 1, -1, 1, -1};
 
     const CollisionSetup& setup_;
     const GaussianThresholds& detector_;
@@ -417,39 +389,13 @@ class OffsetQuadrature {
     DetectionIntegrator<T, Alarms> integrator_;
     DetectionProbabilities& probabilities_;
     const LinePath* path_ = nullptr;
-    int half_order_ = 0;
-    std::vector<double> half_legendre_;  ///< [node of the lower half][degree]: P_l / 2
-    double alarm_before_ = 0;            ///< probability of an alarm before contact
-    double harmless_from_ = 0;           ///< of no contact, or an alarm before it; then less those that arrive
-    std::vector<double> contact_from_;   ///< by first tick in contact: probability; the last is all later ones
+    LegendreSeries<T> legendre_;
+    double alarm_before_ = 0;           ///< probability of an alarm before contact
+    double harmless_from_ = 0;          ///< of no contact, or an alarm before it; then less those that arrive
+    std::vector<double> contact_from_;  ///< by first tick in contact: probability; the last is all later ones
     std::vector<double> detection_, beyond_, farthest_yet_, room_, node_weight_;
     std::vector<OffsetPanel> end_panels_;
     CollisionDistribution result_;
 };
-
-/// The distribution of a collision whose stopping curve is known. Without `settings.paths` what gives way meets the paths of
-/// the line. `before`: the ticks of a motion at least as long, where many share them.
-template <class T>
-CollisionDistribution integrate(const CollisionSetup& setup, const StoppingCurve& curve,
-                                const GaussianThresholds& detector, QuadratureSettings settings,
-                                const PreContactAlarms* before = nullptr) {
-    std::optional<ContactPropagator> propagator;
-    ContactPaths paths;
-    if (settings.paths == nullptr && (propagator = contact_propagator(setup, curve.path, settings.contact))) {
-        paths = contact_paths<T>(setup, curve, *propagator, settings.contact.offset.largest());
-        settings.paths = &paths;
-        settings.propagator = &*propagator;
-    }
-    std::optional<PreContactAlarms> own;
-    if (before == nullptr) before = &own.emplace(setup, detector, curve.path.ticks);
-    DetectionProbabilities probabilities;
-    const auto by = [&](const auto& alarms) {
-        OffsetQuadrature<T, std::decay_t<decltype(alarms)>> quadrature(setup, detector, *before, alarms, probabilities);
-        quadrature.detect(curve.path, settings);
-        quadrature.finish(curve.farthest);
-        return quadrature.take();
-    };
-    return detector.remembers() ? by(CorrelatedAlarms<T>(detector, *before)) : by(ExactAlarms<T>(detector));
-}
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -2,7 +2,7 @@
 /// Distributions of contacts that begin at given times of a trajectory.
 #pragma once
 
-#include "bumpstop/collision/distribution/offset_quadrature.hpp"
+#include "bumpstop/collision/integrate.hpp"
 #include "bumpstop/collision/trajectory/arm_trajectory.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {

@@ -45,7 +45,7 @@ def settings_toml(result: CollisionResult) -> str:
     The file is itself a scenario: its reader passes over the table ``[made_by]``.
     """
     from bumpstop._native import target
-    from bumpstop.collision.scenario.scenario import MADE_BY
+    from bumpstop.collision.scenario.keys import MADE_BY
     from bumpstop.collision.scenario.settings_file import scenario_data
     from bumpstop.text_files import to_toml
 

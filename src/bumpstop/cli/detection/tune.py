@@ -163,7 +163,8 @@ def _save(tuning: Tuning, series: list[ResidualSeries], path: Path, residual_sou
         if key in found:
             values = ", ".join("inf" if x is None else repr(x) for x in found[key])
             lines.append(f"{key} = [{values}]")
-    lines += [f"{key} = {toml_value(value)}" for key, value in _hold_for(series, residual_source).items()]
+    held = {"per_hour": tuning.target} | _hold_for(series, residual_source)
+    lines += [f"{key} = {toml_value(value)}" for key, value in held.items()]
     write_text(path, "\n".join(lines) + "\n")
 
 

@@ -10,8 +10,10 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field, ValidationError, model_validator
 
 from bumpstop.collision.scenario.arm_table import ArmTable
+from bumpstop.collision.scenario.contact_table import ContactTable, Direction, check_direction
+from bumpstop.collision.scenario.keys import MADE_BY, set_keys
 from bumpstop.collision.scenario.scenario_words import as_written, explain, short, unknown_key, words
-from bumpstop.collision.scenario.spellings import check_one_spelling, replace_other_spelling
+from bumpstop.collision.scenario.spellings import check_one_spelling
 from bumpstop.collision.scenario.table import Table, between
 from bumpstop.collision.scenario.unused_keys import given_without_effect, keys_without_effect
 from bumpstop.collision.stopping.braking_keys import BrakingKeys
@@ -21,16 +23,12 @@ from bumpstop.text_files import is_path
 Probability = Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)]
 JointPosition = Annotated[float, between(-1e6, 1e6)]
 Velocity = Annotated[list[Annotated[float, between(-1e5, 1e5)]], Field(min_length=3, max_length=3)]
-Point = Annotated[list[Annotated[float, between(-100, 100)]], Field(min_length=3, max_length=3)]
-Direction = Annotated[list[Annotated[float, between(-1e6, 1e6)]], Field(min_length=3, max_length=3)]
 NoiseSd = Annotated[float, between(0, 1e6)]
 NoiseMean = Annotated[float, between(-1e6, 1e6)]
 JointAcceleration = Annotated[float, between(0.1, 1e5)]
 _MIN_SPEED_MM_S = 1e-3
 _MIN_SUBSTEP_S = 1e-6
 _MIN_THRESHOLD_NM, _MAX_THRESHOLD_NM = 1e-6, 1e9
-# The table that ``settings.toml`` has more than a scenario.
-MADE_BY = "made_by"
 
 
 # Keys of [motion] that belong to one kind of motion alone.
@@ -39,11 +37,6 @@ _OF_TRAJECTORY = ("file", "contact_onset_s")
 _SPEED = ("speed_mm_s", "direction")
 # Where the body is, is how far the line still goes to it; in a trajectory it is when contact begins.
 _OFFSET = ("offset_law", "offset_sd_s", "offset_mm")
-
-
-def _check_direction(field: str, direction: list[float]) -> None:
-    if math.hypot(*direction) < 1e-6:
-        raise InputError(field, f"{as_written(direction)} is no direction", "wanted three numbers, not all zero")
 
 
 class MotionTable(Table):
@@ -92,7 +85,7 @@ class MotionTable(Table):
                 f"motion.{missing}", "is missing", f"motion.{given} needs it, or give motion.velocity_mm_s alone"
             )
         if self.speed_mm_s is not None and self.direction is not None:
-            _check_direction("motion.direction", self.direction)
+            check_direction("motion.direction", self.direction)
             along = self.speed_mm_s / math.hypot(*self.direction)
             # The table is frozen for others: from here on it has the velocity, however it was written.
             self.__dict__["velocity_mm_s"] = [along * part for part in self.direction]
@@ -114,66 +107,6 @@ class MotionTable(Table):
             if number in named:
                 raise InputError("motion.held_joints", f"joint {as_written(number)} is named twice", "name each once")
             named.add(number)
-        return self
-
-
-class ContactTable(Table):
-    """What is hit, where on the arm, and how far away it is."""
-
-    body: Annotated[str, Field(description="the name of a body region (bumpstop bodies lists them)")] | None = None
-    limits: Annotated[str, Field(description="the name of a limit table, or a path")] = "bgia2011"
-    kind: Literal["clamped", "free"] = "clamped"
-    area_cm2: Annotated[float, between(1e-4, 1e4)] = 1.0
-    stiffness_N_m: Annotated[float, between(1, 1e9)] | None = None
-    stiffness_N_mm: Annotated[float, between(1e-3, 1e6)] | None = None
-    padding_N_m: Annotated[float, between(1, 1e9)] | None = None
-    damping_Ns_m: Annotated[float, between(0, 1e6)] = 0.0
-    gauge_spring_N_m: Annotated[float, between(1, 1e9)] | None = None
-    gauge_mass_kg: Annotated[float, between(1e-3, 1e4)] | None = None
-    body_mass_kg: Annotated[float, between(1e-3, 1e4)] | None = None
-    pressure_area: Annotated[str, Field(description="the name of a pressure area")] | None = None
-    peak_factor: Annotated[float, between(1, 1e3)] = 1.0
-    link: Annotated[str, Field(description="the name of a link of the robot")] | None = None
-    point_m: Point = Field([0.0, 0.0, 0.0])
-    normal: Direction | None = None
-    arm: Literal["position_driven", "two_mass"] = "position_driven"
-    offset_law: Literal["half_normal", "uniform", "fixed"] = "uniform"
-    offset_sd_s: Annotated[float, between(1e-6, 1e4)] = 0.1
-    offset_mm: Annotated[float, between(0, 1e6)] | None = None
-
-    @model_validator(mode="after")
-    def _complete(self) -> ContactTable:
-        check_one_spelling(f"contact.{key}" for key in self.model_fields_set if getattr(self, key) is not None)
-        if self.stiffness_N_mm is not None:
-            # As with the velocity: all others read N/m.
-            self.__dict__["stiffness_N_m"] = 1e3 * self.stiffness_N_mm
-        if self.body is None and self.stiffness_N_m is None:
-            raise InputError(
-                "contact.body", "is missing", "name a body region, or give contact.stiffness_N_m without one"
-            )
-        for key in ("body_mass_kg", "arm"):
-            if self.kind == "clamped" and key in self.model_fields_set and getattr(self, key) != "position_driven":
-                raise InputError(f"contact.{key}", "has no meaning in clamped contact", 'give contact.kind = "free"')
-        if self.kind == "free" and self.body is None and self.body_mass_kg is None:
-            raise InputError("contact.body_mass_kg", "is missing", "free contact needs the mass behind the stiffness")
-        if self.gauge_mass_kg is not None and self.gauge_spring_N_m is None:
-            raise InputError("contact.gauge_spring_N_m", "is missing", "contact.gauge_mass_kg is what moves on it")
-        if self.kind == "free" and self.gauge_spring_N_m is not None:
-            raise InputError(
-                "contact.gauge_spring_N_m",
-                "has no meaning in free contact",
-                'a gauge is clamped: leave out kind = "free"',
-            )
-        if self.normal is not None:
-            _check_direction("contact.normal", self.normal)
-        if self.offset_law == "fixed" and self.offset_mm is None:
-            raise InputError("contact.offset_mm", "is missing", 'offset_law = "fixed" needs it')
-        if self.offset_law != "fixed" and self.offset_mm is not None:
-            raise InputError(
-                "contact.offset_mm",
-                f'has no meaning with offset_law = "{self.offset_law}"',
-                'leave it out, or give offset_law = "fixed"',
-            )
         return self
 
 
@@ -410,31 +343,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_plain(inner) for inner in value]
     return value.tolist() if type(value).__module__ == "numpy" else value
-
-
-def set_keys(data: dict[str, Any], changes: Mapping[str, Any]) -> None:
-    """Set dotted keys in nested dictionaries.
-
-    Raises:
-        InputError: a key cannot be set, or two of them say one thing.
-    """
-    if not isinstance(changes, Mapping) or not all(isinstance(key, str) for key in changes):
-        raise InputError("changes", f"{as_written(changes)} cannot be used", "wanted dotted keys and their values")
-    check_one_spelling(key for key, value in changes.items() if value is not None)
-    for key, value in changes.items():
-        set_key(data, key, value)
-
-
-def set_key(data: dict[str, Any], key: str, value: Any) -> None:
-    """Set a dotted key in nested dictionaries, making tables on the way. Of two spellings one remains."""
-    *tables, last = key.split(".")
-    if key.split(".")[0] == MADE_BY:
-        # Its table is passed over, whatever stands in it.
-        raise InputError(key, "is not a key of a scenario", f"[{MADE_BY}] only records how a result was made")
-    here = data
-    for table in tables:
-        here = here.setdefault(table, {})
-        if not isinstance(here, dict):
-            raise InputError(key, f"{table!r} is not a table", "a key is written as table.key or as key alone")
-    replace_other_spelling(data, key)
-    here[last] = value

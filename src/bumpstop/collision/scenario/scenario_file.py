@@ -6,7 +6,8 @@ import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bumpstop.collision.scenario.scenario import Scenario, set_keys
+from bumpstop.collision.scenario.keys import set_keys
+from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.errors import InputError
 from bumpstop.text_files import as_path, read_text
 

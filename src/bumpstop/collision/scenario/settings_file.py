@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bumpstop.collision.scenario.keys import set_key
+
 if TYPE_CHECKING:
     from bumpstop.collision.scenario.scenario import Scenario
 
@@ -27,8 +29,6 @@ def files_of(scenario: Scenario) -> dict[str, Path]:
 
 def scenario_data(scenario: Scenario) -> dict[str, Any]:
     """The keys of a scenario, defaults spelt out and paths absolute: a copy of it may stand in any folder."""
-    from bumpstop.collision.scenario.scenario import set_key
-
     data = scenario.to_dict()
     for key, path in files_of(scenario).items():
         # Relative paths start at the scenario's folder, which the copy has left.

@@ -66,13 +66,15 @@ class Tuning:
 
     def law(self, per_hour: float | None = None) -> Thresholds:
         """All thresholds for a rate, default the target, with what they were found at."""
-        factor = self.tail.level_of(self._checked(per_hour))
+        rate = self._checked(per_hour)
+        factor = self.tail.level_of(rate)
         return Thresholds(
             factor * self.shares,
             speed=factor * self.growth[0],
             acceleration=factor * self.growth[1],
             fast=factor * self.fast_shares,
             period_s=float(f"{self.period_s:.12g}"),
+            per_hour=rate,
         )
 
     def thresholds_interval(self, per_hour: float | None = None) -> tuple[FloatArray, FloatArray]:

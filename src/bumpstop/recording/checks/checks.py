@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,29 +12,25 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.model import Robot
 from bumpstop.recording.checks.leaps import impossible_rows, spikes, turns, usual_speed
-from bumpstop.recording.checks.rates import rate_faults, rates_unit, too_fast
+from bumpstop.recording.checks.rates import rate_faults, rates_unit
+from bumpstop.recording.checks.time_order import disorder
+from bumpstop.recording.checks.units import (
+    IMPOSSIBLE,
+    TIMES_LIMITS,
+    reject_units,
+    suspect_time_and_current,
+    suspect_units,
+)
 from bumpstop.recording.formats.table import RawRecording
 from bumpstop.recording.read_report import ReadReport
 
-IMPOSSIBLE = 1e6  # where no limit is known
-_TIMES_LIMITS = 10.0
 _LATEST = 1e12  # [s]; no clock of a controller counts so far
 _LISTED = 20
 _GAP = 3.0  # median intervals
-# By the kind of joint: a unit that others use, in SI, the unit of SI, and what one is taken for the other.
-_TAKEN_FOR_SI = {
-    "revolute": ("deg", np.pi / 180, "rad", "degrees taken for radians"),
-    "prismatic": ("mm", 1e-3, "m", "millimetres taken for metres"),
-}
-_ENOUGH = 20_000  # rows that show a unit
 _MIN_ROWS_TO_JUDGE = 20  # rows
 _MOVES = 0.05  # [rad/s or m/s]
 _FAR_FROM_ZERO = 0.3  # of the usual size of a column
 _COARSE = 0.2  # share of rows with the time of another
-_TOO_FAST = 3.0  # times the speed limit: what a tenth of the rows exceed are other units
-_MAX_PERIOD_S = 0.9  # [s] between rows; controllers report more often
-_MAX_CURRENT = 200.0  # [A]; drives of arms take less
-_MANY_TURNS = 20.0  # [rad]; few arms turn a joint so far
 NAMES = {
     "position": "q",
     "reference": "q_ref",
@@ -73,9 +68,9 @@ def checked(
         raise InputError(
             str(path), f"time stands still at {finite[0]:g} s", "wanted rising times; is it the right column?"
         )
-    notes = list(raw.notes) + _wrong_unit(values["position"], robot, path)
+    notes = list(raw.notes) + suspect_units(values["position"], robot, path)
     if robot is not None:
-        _refuse_degrees(t, values["position"], robot, path)
+        reject_units(t, values["position"], robot, path)
         unit = rates_unit(values["velocity"], robot) if "velocity" in values else ""
         if unit:
             problem = f"recorded rates are far beyond the limits of {robot.name}: they look like {unit} taken for SI"
@@ -94,7 +89,7 @@ def checked(
         ):
             _mark(reasons, good, reason, wrong, name, value, raw.rows)
     place = np.flatnonzero(good)
-    doubled, backwards = _disorder(t[place])
+    doubled, backwards = disorder(t[place])
     for reason, wrong_rows in (("doubled time", doubled), ("time runs backwards", backwards)):
         good[place[wrong_rows]] = False
         reasons += [(int(raw.rows[i]), reason, f"t = {t[i]:.9g} s") for i in place[wrong_rows]]
@@ -113,7 +108,7 @@ def checked(
         dropped=_as_list(reasons),
         counts=counts,
         gaps=gaps_of(kept["t"][:, 0]),
-        notes=(*notes, *_other_units(kept)),
+        notes=(*notes, *suspect_time_and_current(kept)),
         numbered=raw.numbered,
         faults=tuple(faults),
         repaired=repaired,
@@ -282,122 +277,10 @@ def _limit(name: str, robot: Robot | None, width: int) -> FloatArray:
     """(width,) magnitude above which a value is impossible."""
     limit = np.full(width, _LATEST if name == "t" else IMPOSSIBLE)
     if robot is not None and name in ("position", "reference"):
-        limit = np.minimum(limit, _TIMES_LIMITS * np.maximum(np.abs(robot.lower), np.abs(robot.upper)))
+        limit = np.minimum(limit, TIMES_LIMITS * np.maximum(np.abs(robot.lower), np.abs(robot.upper)))
     elif robot is not None and name == "velocity":
-        limit = np.minimum(limit, _TIMES_LIMITS * robot.velocity)
+        limit = np.minimum(limit, TIMES_LIMITS * robot.velocity)
     return limit
-
-
-def _wrong_unit(q: FloatArray, robot: Robot | None, path: Path) -> list[str]:
-    """Suspect degrees for radians, and millimetres for metres; (N, n) positions, some of which are enough."""
-    q = q[:: max(1, q.shape[0] // _ENOUGH)]
-    usual = np.abs(np.where(np.isfinite(q), q, 0.0))
-    usual = np.where(usual > IMPOSSIBLE, 0.0, usual)
-    largest = np.quantile(usual, 0.99, axis=0) if q.shape[0] else np.zeros(q.shape[1])
-    if robot is None:
-        if (largest > _MANY_TURNS).any() and (largest <= 720).all():
-            return [
-                f"Positions reach {largest.max():.4g}: if they are degrees, say so in a column file "
-                '(position = { ..., unit = "deg" }).'
-            ]
-        return []
-    notes = []
-    for kind, (unit, factor, si, words) in _TAKEN_FOR_SI.items():
-        own = np.array([joint.kind == kind for joint in robot.joints])
-        bound = np.maximum(np.abs(robot.lower), np.abs(robot.upper))[own]
-        fits = bool((largest[own] * factor <= 1.1 * bound).all())
-        each = [f'"{unit if joint.kind == kind else _TAKEN_FOR_SI[joint.kind][2]}"' for joint in robot.joints]
-        written = each[0] if own.all() else f"[{', '.join(each)}]"
-        hint = f"position = {{ ..., unit = {written} }} in the column file"
-        if q.shape[0] and own.any() and np.mean(usual[:, own] > _TIMES_LIMITS * bound) > 0.5:
-            what = f"they look like {words}" if fits else "are unit and columns right?"
-            problem = f"most positions are outside 10 x the limits of {robot.name}"
-            raise InputError(str(path), f"{problem}: {what}", hint if fits else "")
-        # A last joint that turns without end is often given the limits of the others: one joint alone is no sign.
-        if fits and (largest[own] > 2 * bound).sum() > (1 if own.sum() > 1 else 0):
-            would_fit = words.partition(" ")[0]
-            notes.append(
-                f"Positions reach {largest[own].max():.4g} {si}, far beyond the limits; {would_fit} would fit: {hint}."
-            )
-    return notes
-
-
-def _refuse_degrees(t: FloatArray, q: FloatArray, robot: Robot, path: Path) -> None:
-    """Positions within the limits whose speeds are not, and would be if they were degrees or millimetres."""
-    share = too_fast(t, q, robot)
-    for kind, (unit, factor, si, words) in _TAKEN_FOR_SI.items():
-        own = np.array([joint.kind == kind for joint in robot.joints])
-        fast = own & (share > _TOO_FAST)
-        if fast.any() and (share[own] * factor < 1.0).all():
-            j = int(np.argmax(np.where(fast, share, 0.0)))
-            moves = "turns" if kind == "revolute" else "slides"
-            problem = (
-                f"joint {j + 1} {moves} at {share[j]:.3g} times its speed limit or more in a tenth of the rows: "
-                f"positions look like {words}"
-            )
-            raise InputError(str(path), problem, f'position = {{ ..., unit = "{unit}" }} in the column file, not {si}')
-
-
-def _other_units(values: dict[str, FloatArray]) -> list[str]:
-    """Suspect milliseconds and milliamperes where seconds and amperes were said."""
-    notes = []
-    step = float(np.median(np.diff(values["t"][:, 0])))
-    if step > _MAX_PERIOD_S:
-        notes.append(
-            f"Rows are {step:.4g} s apart: if these are no seconds, say so in a column file "
-            '(time = { ..., unit = "ms" }).'
-        )
-    if "current" in values:
-        largest = float(np.quantile(np.abs(values["current"][:: max(1, values["t"].size // _ENOUGH)]), 0.99))
-        if largest > _MAX_CURRENT:
-            notes.append(
-                f"Currents reach {largest:.4g} A: if they are milliamperes, say so in a column file "
-                '(current = { ..., unit = "mA" }).'
-            )
-    return notes
-
-
-def _disorder(t: FloatArray) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Rows that repeat an earlier time, and the fewest others without which time rises."""
-    steps = np.diff(t)
-    nothing = np.zeros(0, dtype=np.int64)
-    if t.size < 2 or (steps > 0).all():
-        return nothing, nothing
-    _, first = np.unique(t, return_index=True)
-    repeats = np.ones(t.size, dtype=bool)
-    repeats[first] = False
-    left = np.flatnonzero(~repeats)
-    x = t[left]
-    before = np.concatenate([[-np.inf], np.maximum.accumulate(x)[:-1]])
-    after = np.concatenate([np.minimum.accumulate(x[::-1])[::-1][1:], [np.inf]])
-    # In order with every other row: only what lies between two such rows is in doubt.
-    doubtful = np.flatnonzero(~((x > before) & (x < after)))
-    keep = np.ones(x.size, dtype=bool)
-    keep[doubtful] = False
-    for run in np.split(doubtful, np.flatnonzero(np.diff(doubtful) > 1) + 1):
-        keep[run[_longest_rising(x[run])]] = True
-    return np.flatnonzero(repeats), left[~keep]
-
-
-def _longest_rising(x: FloatArray) -> list[int]:
-    """Indices of a longest rising subsequence of distinct numbers."""
-    tails: list[float] = []
-    ends: list[int] = []
-    previous: list[int] = []
-    for i, value in enumerate(x.tolist()):
-        k = bisect_left(tails, value)
-        previous.append(ends[k - 1] if k else -1)
-        if k == len(tails):
-            tails.append(value)
-            ends.append(i)
-        else:
-            tails[k], ends[k] = value, i
-    chain = []
-    i = ends[-1] if ends else -1
-    while i >= 0:
-        chain.append(i)
-        i = previous[i]
-    return chain[::-1]
 
 
 def _refuse(reasons: list[tuple[int, str, str]], raw: RawRecording, good: int, max_bad: float, path: Path) -> None:

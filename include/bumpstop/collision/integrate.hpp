@@ -1,0 +1,36 @@
+/// @file
+/// The distribution of a collision, by quadrature.
+#pragma once
+
+#include <optional>
+
+#include "bumpstop/collision/distribution/offset_quadrature.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// The distribution of a collision whose stopping curve is known. Without `settings.paths` what gives way meets the paths of
+/// the line. `before`: the ticks of a motion at least as long, where many share them.
+template <class T>
+CollisionDistribution integrate(const CollisionSetup& setup, const StoppingCurve& curve,
+                                const GaussianThresholds& detector, QuadratureSettings settings,
+                                const PreContactAlarms* before = nullptr) {
+    std::optional<ContactPropagator> propagator;
+    ContactPaths paths;
+    if (settings.paths == nullptr && (propagator = contact_propagator(setup, curve.path, settings.contact))) {
+        paths = contact_paths<T>(setup, curve, *propagator, settings.contact.offset.largest());
+        settings.paths = &paths;
+        settings.propagator = &*propagator;
+    }
+    std::optional<PreContactAlarms> own;
+    if (before == nullptr) before = &own.emplace(setup, detector, curve.path.ticks);
+    DetectionProbabilities probabilities;
+    const auto by = [&](const auto& alarms) {
+        OffsetQuadrature<T, std::decay_t<decltype(alarms)>> quadrature(setup, detector, *before, alarms, probabilities);
+        quadrature.detect(curve.path, settings);
+        quadrature.finish(curve.farthest);
+        return quadrature.take();
+    };
+    return detector.remembers() ? by(CorrelatedAlarms<T>(detector, *before)) : by(ExactAlarms<T>(detector));
+}
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

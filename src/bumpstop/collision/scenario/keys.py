@@ -1,0 +1,41 @@
+"""Dotted keys of scenarios, and how they are set."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from bumpstop.collision.scenario.scenario_words import as_written
+from bumpstop.collision.scenario.spellings import check_one_spelling, replace_other_spelling
+from bumpstop.errors import InputError
+
+# The table that ``settings.toml`` has more than a scenario.
+MADE_BY = "made_by"
+
+
+def set_keys(data: dict[str, Any], changes: Mapping[str, Any]) -> None:
+    """Set dotted keys in nested dictionaries.
+
+    Raises:
+        InputError: a key cannot be set, or two of them say one thing.
+    """
+    if not isinstance(changes, Mapping) or not all(isinstance(key, str) for key in changes):
+        raise InputError("changes", f"{as_written(changes)} cannot be used", "wanted dotted keys and their values")
+    check_one_spelling(key for key, value in changes.items() if value is not None)
+    for key, value in changes.items():
+        set_key(data, key, value)
+
+
+def set_key(data: dict[str, Any], key: str, value: Any) -> None:
+    """Set a dotted key in nested dictionaries, making tables on the way. Of two spellings one remains."""
+    *tables, last = key.split(".")
+    if key.split(".")[0] == MADE_BY:
+        # Its table is passed over, whatever stands in it.
+        raise InputError(key, "is not a key of a scenario", f"[{MADE_BY}] only records how a result was made")
+    here = data
+    for table in tables:
+        here = here.setdefault(table, {})
+        if not isinstance(here, dict):
+            raise InputError(key, f"{table!r} is not a table", "a key is written as table.key or as key alone")
+    replace_other_spelling(data, key)
+    here[last] = value
