@@ -138,7 +138,10 @@ class CorrelatedAlarms {
             }
         }
     }
-    Tick at(const TickContact<T>& contact) { return {*this, contact}; }
+    Tick at(const TickContact<T>& contact) {
+        allow_interruption();  // a panel of thousands of ticks takes seconds
+        return {*this, contact};
+    }
     /// A tick that is not armed says nothing about the noise.
     void skip(const TickContact<T>& contact) {
         for (int w = 0; w < detector_.watched; ++w) {
