@@ -35,7 +35,7 @@ FLAGS = {
     "avx2": ["-mavx2", "-mfma"],
     "avx512": ["-mavx512f", "-mavx512dq", "-mavx512vl", "-mavx2", "-mfma", "-mprefer-vector-width=512"],
 }
-COMMON = ["-std=c++20", "-O3", "-ffp-contract=fast"]
+COMMON = ["-std=c++20", "-O3", "-ffp-contract=off"]
 REFERENCE_RUNS = 1000  # what Schroeder (2013) drew for one distribution
 BATCH = 4000
 # Half of random poses come near a singularity, and arms are followed there as finely as a distribution needs: these

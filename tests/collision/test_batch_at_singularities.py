@@ -73,12 +73,9 @@ def test_a_batch_is_its_laws_beside_singularities(
         }
         result = bs.evaluate(base.with_values(changes))
         assert batch.end[row] == result.curve.end
-        # Where the arm passes a singularity by a hair its path hangs on whether a product is rounded before adding:
-        # single results of this pose are 41.95 N with fused operations and 41.75 N, as batches, without.
-        allowed = 1e-2 if (robot, count, i) == ("ur10e", 300, 182) else 5e-5
-        assert batch.mean[row] == pytest.approx(result.peak_force.mean, rel=allowed)
+        assert batch.mean[row] == pytest.approx(result.peak_force.mean, rel=5e-5)
         for column, limit in enumerate(limits):
-            assert batch.exceedance[row, column] == pytest.approx(result.peak_force.exceedance(limit), abs=allowed)
+            assert batch.exceedance[row, column] == pytest.approx(result.peak_force.exceedance(limit), abs=5e-5)
 
 
 def test_a_batch_sees_the_farthest_place_of_a_fast_turn(monkeypatch: pytest.MonkeyPatch) -> None:

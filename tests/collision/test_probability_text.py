@@ -18,11 +18,11 @@ from cli.support import EXAMPLE, run
         (1e-14, ("less than 0.0001 %", "< 1e-12"), ("less than 0.0001 %", "< 1e-12")),
         (5.4e-6, ("0.00054 %", "5.4e-06"), ("0.00054 %", "5.4e-06")),
         (0.25, ("25 %", "0.2500"), ("25 %", "0.2500")),
-        (1.0, ("100 %", "1.0000"), ("100 %", "1.0000")),
+        (1.0, ("100 %", "1.0000"), ("over 99.9999 %", "1.0000")),
         (math.nextafter(1, 0), ("over 99.9999 %", "1.0000"), ("over 99.9999 %", "1.0000")),
     ],
 )
-def test_zero_of_a_quadrature_is_less_than_it_follows(
+def test_a_quadrature_does_not_round_to_certainty(
     p: float, counted: tuple[str, str], integrated: tuple[str, str]
 ) -> None:
     assert (percent(p), decimal(p)) == counted

@@ -21,7 +21,7 @@ FLAGS_OF_TARGET = {
     "avx512": ["-mavx512f", "-mavx512dq", "-mavx512vl", "-mavx2", "-mfma"],
     "avx2": ["-mavx2", "-mfma"],
 }
-OPTIMISED = ["-O1", "-ffp-contract=fast", *FLAGS_OF_TARGET.get(_native.available_targets()[0], [])]
+OPTIMISED = ["-O1", "-ffp-contract=off", *FLAGS_OF_TARGET.get(_native.available_targets()[0], [])]
 
 BUILDS = {
     "sanitized": [["clang++-14", "-O0", *SANITIZERS], [*COMPILER, "-O0", *SANITIZERS]],

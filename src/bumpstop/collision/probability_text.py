@@ -14,11 +14,12 @@ def percent(p: float, *, integrated: bool = False) -> str:
 
     Args:
         p: probability; NaN: there is none.
-        integrated: it comes from a quadrature, whose 0 is less than it follows. The 0 of counts and shares is one.
+        integrated: it comes from a quadrature, whose 0 and 1 may be what it no longer follows. Those of counts and
+            shares are exact.
     """
     if math.isnan(p):
         return "none"
-    if p >= 1:  # sums of many shares may pass one by a rounding
+    if p >= 1 and not integrated:  # sums of many shares may pass one by a rounding
         return "100 %"
     if p <= 0 and not integrated:
         return "0 %"

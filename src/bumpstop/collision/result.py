@@ -207,11 +207,12 @@ class CollisionResult:
         if self.undetected_probability > NEGLIGIBLE and self.problem.body_mass is None:
             notes.append(self._undetected_note())
         if self.no_contact_probability > NEGLIGIBLE:
-            notes.append(f"In {percent(self.no_contact_probability)} of cases the motion ends before contact.")
+            share = percent(self.no_contact_probability, integrated=self.kind == "exact")
+            notes.append(f"In {share} of cases the motion ends before contact.")
         return notes
 
     def _undetected_note(self) -> str:
-        share = percent(self.undetected_probability)
+        share = percent(self.undetected_probability, integrated=self.kind == "exact")
         share = share[0].upper() + share[1:]
         if self.unbounded_because is None:
             return (

@@ -126,18 +126,17 @@ class TrajectoryCollisionResult(CollisionResult):
                 "near the end is harder than it says."
             )
         if self.no_contact_probability > NEGLIGIBLE:
-            notes.append(
-                f"In {percent(self.no_contact_probability)} of cases the point turns back within a simulation step, "
-                "and nothing is touched."
-            )
+            share = percent(self.no_contact_probability, integrated=self.kind == "exact")
+            notes.append(f"In {share} of cases the point turns back within a simulation step, and nothing is touched.")
         if self.undetected_probability > NEGLIGIBLE and self.problem.body_mass is None:
             because = self.unbounded_because
             count = "They count with their force"
             if because is not None:
                 count = f"They are not detected {because} and count as over every limit, whatever their force"
+            share = percent(self.undetected_probability, integrated=self.kind == "exact")
             notes.append(
-                f"In {percent(self.undetected_probability)} of cases the motion ends without a detection. {count}; the "
-                f"greatest of it is {self.max_undetected_force:.4g} N."
+                f"In {share} of cases the motion ends without a detection. {count}; the greatest of it is "
+                f"{self.max_undetected_force:.4g} N."
             )
         return notes
 
