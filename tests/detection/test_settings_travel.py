@@ -121,6 +121,12 @@ def test_settings_that_no_detector_has_are_refused_where_they_are_read(tmp_path:
         ("frozen_s = 0", "frozen_s: is 0"),
         ('measured_rates = "yes"', "measured_rates: is 'yes'; wanted true or false"),
         ("payload_kg = -1.0", "payload_kg: is -1.0"),
+        ("per_hour = 0", "per_hour: is 0; wanted more than zero"),
+        ("per_hour = -60.0", "per_hour: is -60.0; wanted more than zero"),
+        ("per_hour = inf", "per_hour: is inf; wanted a finite number"),
+        ("per_hour = nan", "per_hour: is nan; wanted a finite number"),
+        ('per_hour = "60"', "per_hour: '60' is not a number"),
+        ("per_hour = true", "per_hour: True is not a number"),
         ("window = 8", "'window' is no key; did you mean 'window_s'"),
     ):
         path.write_text(f"thresholds_Nm = [1, 2]\n{text}\n")

@@ -21,6 +21,7 @@ from bumpstop.identification import (
 )
 from bumpstop.identification.dynamics.dynamics_system import FIT_PER_CUTOFF, System
 from bumpstop.identification.dynamics.regressor_columns import regressor_columns, torque_of
+from bumpstop.identification.segments.drive_samples import split_at_gaps
 from bumpstop.identification.segments.motion import REACH_SHARE, lowpass
 from bumpstop.identification.segments.torque_samples import TorqueSamples
 from bumpstop.joint import JointTorqueModel
@@ -291,3 +292,15 @@ def test_joints_in_a_drivers_order_are_refused_everywhere() -> None:
     for call in calls:
         with pytest.raises(bs.InputError, match=r"joint_names: are those of ur10e in another order: elbow_joint"):
             call()
+
+
+@pytest.mark.parametrize(
+    ("period", "interval", "parts"),
+    [(0.005, 0.0999, 1), (0.005, 0.1001, 2), (0.02, 0.1999, 1), (0.02, 0.2001, 2)],
+)
+def test_a_gap_is_longer_than_a_tenth_of_a_second_and_ten_median_intervals(
+    period: float, interval: float, parts: int
+) -> None:
+    t = period * np.arange(100.0)
+    t[60:] += interval - period
+    assert split_at_gaps(t) == ([slice(0, 60), slice(60, 100)] if parts == 2 else [slice(0, 100)])

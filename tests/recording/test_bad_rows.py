@@ -13,6 +13,7 @@ from bumpstop import InputError, Robot
 from bumpstop.model import Joint
 from bumpstop.recording import Recording
 from bumpstop.recording.checks.checks import gaps_of
+from bumpstop.recording.checks.leaps import impossible_rows
 from bumpstop.recording.checks.time_order import disorder
 from recording.cases import COLUMNS, lines, recording, written
 
@@ -271,3 +272,24 @@ def test_nothing_unusable_enters_by_hand(field: str) -> None:
     broken = {**good, field: np.full_like(good[field], np.nan)}
     with pytest.raises(InputError, match=field):
         Recording(**broken)
+
+
+@pytest.mark.parametrize(("interval", "told"), [(0.0999, True), (0.1001, False)])
+def test_positions_behind_a_gap_of_a_tenth_of_a_second_are_no_leap(interval: float, told: bool) -> None:
+    """Ten median intervals of 5 ms are less: the tenth of a second decides."""
+    assert leaps_after(interval, 0.005) is told
+
+
+@pytest.mark.parametrize(("intervals", "told"), [(9.99, True), (10.01, False)])
+def test_nor_are_those_behind_ten_median_intervals(intervals: float, told: bool) -> None:
+    assert leaps_after(intervals * 0.02, 0.02) is told
+
+
+def leaps_after(interval: float, period: float) -> bool:
+    """Whether positions that leap by 100 rad over an interval are told."""
+    t = period * np.arange(100.0)
+    t[50:] += interval - period
+    q = np.zeros((100, 2))
+    q[50:] = 100.0
+    dropped, leaps = impossible_rows(t, q, np.ones(2), np.zeros(2, dtype=bool))
+    return bool(leaps.any() or dropped.any())

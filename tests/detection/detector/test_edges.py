@@ -93,3 +93,18 @@ def test_quantiles_of_delays_are_the_smallest_that_so_many_do_not_exceed(count: 
     score = Score((label,) * late.size, late, none, np.empty(0), repeated=0, hours=1.0, no_data_s=0.0, outside=0)
     delay = score.to_json()["delay_s"]
     assert (delay["p50"], delay["p95"], delay["max"]) == (p50, p95, count)
+
+
+@pytest.mark.parametrize(("quiet", "events"), [(18, 1), (19, 1), (20, 2), (21, 2)])
+def test_quiet_for_the_pause_ends_an_event(quiet: int, events: int) -> None:
+    """Quiet counts from the last row over a threshold to the last row below it: twenty intervals of 1/512 s."""
+    t = DT * np.arange(300)
+    _, q, tau = rows(t)
+    tau = tau - np.array([50.0, 0, 0, 0, 0, 0])
+    second = 150 + quiet + 1
+    tau[150, 0] += 30.0
+    tau[second:, 0] += 40.0
+    settings = DetectorSettings(event_pause_s=20 * DT)
+    found = Detector(UR5E, None, [12.0] * 6, settings).run_rows(t, q, tau, rearm_s=10.0).events
+    assert [event.t for event in found] == [t[150], t[second]][:events]
+    assert [event.end for event in found] == [t[150], t[-1]][2 - events :]
