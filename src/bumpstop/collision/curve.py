@@ -117,6 +117,21 @@ def stopping_curve(problem: CollisionProblem, *, whole: bool = False) -> Stoppin
     )
 
 
+def states_at_reactions(problem: CollisionProblem, curve: StoppingCurve) -> tuple[FloatArray, FloatArray]:
+    """Joint positions and rates where the reaction to a tick begins, of a line.
+
+    Returns:
+        (ticks, dof) [rad or m] and the same [rad/s or m/s], with one row at least. Ticks after the last reaction have
+        those of the start, and no rates.
+    """
+    states = curve.line.reaction_state
+    q = np.tile(problem.q, (max(1, curve.ticks), 1))
+    qd = np.zeros_like(q)
+    free = [j for j in range(problem.robot.dof) if j not in problem.held]
+    q[: len(states), free], qd[: len(states), free] = states[:, 0], states[:, 1]
+    return q, qd
+
+
 def _certain_detector(problem: CollisionProblem) -> _native.GaussianThresholds:
     """A detector that alarms for certain only where the problem's does.
 

@@ -24,6 +24,7 @@ from bumpstop.collision.distribution.distribution import (
 )
 from bumpstop.collision.distribution.transient_contact import ImpactBounds, impact_bounds
 from bumpstop.collision.notes import notes_of
+from bumpstop.collision.pressing_limit import PressingLimit, pressing_limit
 from bumpstop.collision.probability_text import percent
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.verdict.alarm_rate import alarm_rate
@@ -171,13 +172,21 @@ class CollisionResult:
         """Keys that leave one contact of many; empty where there is but one."""
         return {}
 
+    @cached_property
+    def pressing_limit(self) -> PressingLimit | None:
+        """What an elastic arm that nothing stops presses with at most; None where its motion ends, or nobody knows."""
+        if self.problem.trajectory is not None or self.curve.end in AT_REST:
+            return None
+        return pressing_limit(self.problem, self.curve)
+
     @property
     def unbounded_because(self) -> str | None:
         """Why a collision never detected has no bound on its force, to follow "not detected"; None where it has one.
 
-        A free body has got away, and an arm that has come to rest presses no harder.
+        A free body has got away, an arm that has come to rest presses no harder, and one whose motors are at their
+        limits neither.
         """
-        if self.problem.body_mass is not None or self.curve.end in AT_REST:
+        if self.problem.body_mass is not None or self.curve.end in AT_REST or self.pressing_limit is not None:
             return None
         return f"within {self.scenario.motion.duration_s:g} s (motion.duration_s)"
 
@@ -214,6 +223,13 @@ class CollisionResult:
     def _undetected_note(self) -> str:
         share = percent(self.undetected_probability, integrated=self.kind == "exact")
         share = share[0].upper() + share[1:]
+        limit = self.pressing_limit
+        if limit is not None:
+            return (
+                f"{share} of collisions are not detected within {self.scenario.motion.duration_s:g} s "
+                f"(motion.duration_s). They count with the most that the drives press with: {limit.static_force:.4g} N "
+                f"at the torque limit of joint {limit.joint}, {limit.peak_force:.4g} N with the blow."
+            )
         if self.unbounded_because is None:
             return (
                 f"{share} of collisions are not detected before the motion ends. They count with the greatest force "
@@ -246,6 +262,8 @@ class CollisionResult:
         """P(a collision is never detected and its force exceeds ``force`` [N]); all of them where there is no bound."""
         if self.unbounded_because is not None:
             return self.undetected_probability
+        if self.pressing_limit is not None:
+            return self.undetected_probability if self.pressing_limit.peak_force > force else 0.0
         if self.runs is not None:
             missed = (self.runs["tick"] < 0) & (self.runs["offset"] < self.curve.distance.max())
             return float((missed & (self.runs["peak_force"] > force)).mean())
@@ -294,7 +312,11 @@ class CollisionResult:
         }
         arm: dict[str, Any] = {"model": self.scenario.arm.model}
         if self.problem.elastic:
-            arm |= {"status": dict(self.problem.drive_train.status)}
+            limit = self.pressing_limit
+            arm |= {
+                "status": dict(self.problem.drive_train.status),
+                "pressing_limit": None if limit is None else limit.to_json(),
+            }
         result["arm"] = arm
         if self.impact_bounds is not None:
             result["impact_bounds"] = self.impact_bounds.to_json()

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.arrays import FloatArray
+from bumpstop.collision.curve import states_at_reactions
 
 if TYPE_CHECKING:
     import polars as pl
@@ -120,10 +121,7 @@ def _singular_values(result: CollisionResult, tick: np.ndarray) -> tuple[FloatAr
     if problem.trajectory is not None:
         q = problem.trajectory.at(np.minimum(curve.tick_time, problem.trajectory.duration))
     else:
-        states = curve.line.reaction_state
-        q = np.tile(problem.q, (max(1, curve.ticks), 1))
-        free = [j for j in range(problem.robot.dof) if j not in problem.held]
-        q[: len(states), free] = states[:, 0]
+        q, _ = states_at_reactions(problem, curve)
     values = np.linalg.svd(problem.robot.jacobian(q), compute_uv=False)
     with np.errstate(divide="ignore"):
         return values[tick], (values[:, 0] / values[:, -1])[tick]

@@ -303,7 +303,7 @@ class Drives:
 
 def per_joint(value: PerJoint, n: int, field: str, most: float = 1e6, least: float = 0.0) -> FloatArray:
     """A number for all joints or a list of one each, as (n,); refuses what is out of range."""
-    given = np.full(n, float(value)) if isinstance(value, int | float) else value
+    given = np.full(n, float(value)) if isinstance(value, int | float | np.number) else value
     numbers = as_float_array(given, field, (n,), finite=False)
     for j in range(n):
         if not least <= numbers[j] <= most:

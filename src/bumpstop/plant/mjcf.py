@@ -69,7 +69,7 @@ def mjcf(
     lines = [
         f'<mujoco model="{quoted(robot.name)}">',
         '<compiler angle="radian" autolimits="false" inertiafromgeom="false" boundmass="1e-12" boundinertia="1e-14"/>',
-        f'<option timestep="{step!r}" gravity="{_numbers(gravity)}" integrator="implicitfast" solver="Newton" '
+        f'<option timestep="{float(step)!r}" gravity="{_numbers(gravity)}" integrator="implicitfast" solver="Newton" '
         'jacobian="dense" tolerance="1e-10"/>',
         '<visual><global offwidth="1280" offheight="960"/><headlight ambient="0.4 0.4 0.4" diffuse="0.5 0.5 0.5"/>'
         '<quality shadowsize="4096"/></visual>',
@@ -92,7 +92,7 @@ def mjcf(
         axis, kind = _numbers(joint.axis), "slide" if joint.kind == "prismatic" else "hinge"
         lines += [
             f'<body name="{quoted(joint.link)}" pos="{_numbers(joint.origin)}" quat="{_quaternion(joint.rotation)}">',
-            f'<inertial pos="{_numbers(inertia.center)}" mass="{inertia.mass!r}" '
+            f'<inertial pos="{_numbers(inertia.center)}" mass="{float(inertia.mass)!r}" '
             f'fullinertia="{_numbers((xx, yy, zz, xy, xz, yz))}"/>',
             f'<joint name="{quoted(joint.name)}" type="{kind}" axis="{axis}" armature="{float(rotors[j])!r}"/>',
         ]
@@ -142,17 +142,18 @@ def _check_inertia(robot: str, link: str, tensor: FloatArray) -> None:
 
 
 def _ball(center: Iterable[float], radius: float) -> str:
-    return f'<geom name=":{TOOL}" type="sphere" pos="{_numbers(center)}" size="{radius!r}" rgba="0.90 0.62 0 1"/>'
+    size = float(radius)
+    return f'<geom name=":{TOOL}" type="sphere" pos="{_numbers(center)}" size="{size!r}" rgba="0.90 0.62 0 1"/>'
 
 
 def _capsule(begin: Iterable[float], end: Iterable[float], radius: float, colour: str) -> str:
     a, b = np.array([*begin], dtype=float), np.array([*end], dtype=float)
     length = float(np.linalg.norm(b - a))
     if length < 1e-3:
-        return f'<geom type="sphere" size="{radius!r}" rgba="{colour}"/>'
+        return f'<geom type="sphere" size="{float(radius)!r}" rgba="{colour}"/>'
     # The round end stops where the next joint is.
     b = a + (b - a) * max(0.1, 1 - radius / length)
-    return f'<geom type="capsule" fromto="{_numbers((*a, *b))}" size="{radius!r}" rgba="{colour}"/>'
+    return f'<geom type="capsule" fromto="{_numbers((*a, *b))}" size="{float(radius)!r}" rgba="{colour}"/>'
 
 
 def _quaternion(rotation: Sequence[Sequence[float]]) -> str:

@@ -62,6 +62,7 @@ OTHERS: dict[str, list[Any]] = {
     "arm.gear_damping": [0.1],
     "arm.servo_bandwidth_hz": [20.0],
     "arm.servo_position_gain_1_s": [20.0],
+    "arm.torque_limit_Nm": [100.0],
     "arm.acceleration_feedforward": [0.5],
     "contact.body_mass_kg": [5.0],
     "contact.pressure_area": ["palm (non-dominant)"],

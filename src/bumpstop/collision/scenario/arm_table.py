@@ -14,6 +14,7 @@ Stiffness = Annotated[float, between(1e-3, 1e12)]
 DampingShare = Annotated[float, between(1e-6, 10)]
 Bandwidth = Annotated[float, between(1e-6, 1e6)]
 PositionGain = Annotated[float, between(1e-6, 1e6)]
+TorqueLimit = Annotated[float, between(1e-3, 1e6)]
 Share = Annotated[float, between(0, 1)]
 # Each key of the table, and what it is called in a drive train.
 QUANTITY = {
@@ -22,6 +23,7 @@ QUANTITY = {
     "gear_damping": "gear_damping",
     "servo_bandwidth_hz": "servo_bandwidth",
     "servo_position_gain_1_s": "servo_position_gain",
+    "torque_limit_Nm": "torque_limit",
     "acceleration_feedforward": "acceleration_feedforward",
 }
 
@@ -36,6 +38,7 @@ class ArmTable(Table):
     gear_damping: DampingShare | list[DampingShare] | None = None
     servo_bandwidth_hz: Bandwidth | list[Bandwidth] | None = None
     servo_position_gain_1_s: PositionGain | list[PositionGain] | None = None
+    torque_limit_Nm: TorqueLimit | list[TorqueLimit] | None = None
     acceleration_feedforward: Share | list[Share] | None = None
 
     @model_validator(mode="after")

@@ -23,6 +23,10 @@ def keys_without_effect(scenario: Scenario) -> dict[str, str]:
         found["detector.observer_gain_1_s"] = 'with detector.residual = "direct"'
     if detector.residuals is not None:
         found["detector.noise_sd_Nm"] = "with detector.residuals, whose noise counts"
+    if scenario.motion.kind == "trajectory":
+        found["arm.torque_limit_Nm"] = "on trajectories, whose undetected collisions count with the force of the path"
+    elif contact.kind == "free":
+        found["arm.torque_limit_Nm"] = "on a body that gets away"
     if scenario.reaction.stop_category in (1, 2):
         found["reaction.stop_category"] = "on numbers: with 1 and 2 drives stop the arm, and joints keep their ratios"
     return found

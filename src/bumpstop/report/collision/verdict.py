@@ -99,8 +99,13 @@ class VerdictSection(Section):
             f"of at most {percent(verdict.max_false_alarm)}. "
         )
         if self.result.problem.body_mass is None:
-            because = self.result.unbounded_because
-            if because is None:
+            because, pressing = self.result.unbounded_because, self.result.pressing_limit
+            if pressing is not None:
+                meaning += (
+                    "Collisions that are never detected count with the most that the drives press with, "
+                    f"{pressing.peak_force:.4g} N ({pressing.static_force:.4g} N without the blow)."
+                )
+            elif because is None:
                 meaning += "Collisions that are never detected count with the greatest force until the arm stands."
             else:
                 meaning += f"Collisions that are not detected {because} count as over every limit."

@@ -1,0 +1,70 @@
+"""How hard an arm presses that nothing stops: as hard as its drives can."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bumpstop.collision.curve import StoppingCurve, states_at_reactions
+from bumpstop.model import gravity_torque, mass_matrix
+
+if TYPE_CHECKING:
+    from bumpstop.collision.problem import CollisionProblem
+
+# Standard deviations of a half-normal gap within which a body may be: the rest is rarer than 1e-8.
+_REACH_SD = 6.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class PressingLimit:
+    """The most that the drives of an arm press a clamped body with, undetected.
+
+    Attributes:
+        static_force: in the end, when a joint's motor gives all it can [N].
+        peak_force: at most, the blow on top of it [N].
+        joint: that gives way first, from 1.
+    """
+
+    static_force: float
+    peak_force: float
+    joint: int
+
+    def to_json(self) -> dict[str, Any]:
+        """The object that ``bumpstop evaluate --json`` prints."""
+        return {"static_force_N": self.static_force, "peak_force_N": self.peak_force, "joint": self.joint}
+
+
+def pressing_limit(problem: CollisionProblem, curve: StoppingCurve) -> PressingLimit | None:
+    """The pressing limit of a line, the greatest of the poses of contact; None where there is none.
+
+    A motor holds the contact force F and its share of the arm's weight g while |a| F <= torque limit + |g|, a = J^T n,
+    so the weakest joint bounds the static force. The sign of g is taken on the safe side. An arm of kinetic energy E
+    that such a force drives on deforms a body of stiffness K until K x^2 / 2 = E + F x: F + sqrt(F^2 + 2 E K).
+    A body gets away or holds; an arm that stands at the end of its line presses with what the line gives.
+
+    Raises:
+        InputError: the inertia of a link is not known.
+    """
+    limit = problem.drive_train.torque_limit if problem.elastic else np.array([math.inf])
+    if problem.gets_away or problem.trajectory is not None or not np.isfinite(limit).any() or not curve.ticks:
+        return None
+    robot = problem.robot
+    largest = problem.offset_size * (_REACH_SD if problem.scenario.contact.offset_law == "half_normal" else 1.0)
+    q, qd = states_at_reactions(problem, curve)
+    touches = max(1, int((curve.tick_distance <= largest).sum()))
+    q, qd, lever = q[:touches], qd[:touches], np.abs(curve.torque_per_newton[:touches])
+    with np.errstate(divide="ignore"):
+        holds = (limit + np.abs(gravity_torque(robot, q))) / lever
+    static, joint = holds.min(axis=1), holds.argmin(axis=1)
+    if not np.isfinite(static).all():
+        return None
+    inertia = mass_matrix(robot, q) + np.diag(problem.drive_train.rotor_inertia)
+    doubled_energy = np.einsum("ki,kij,kj->k", qd, inertia, qd)
+    peak = static + np.sqrt(static**2 + doubled_energy * problem.stiffness)
+    hardest = int(peak.argmax())
+    return PressingLimit(
+        static_force=float(static.max()), peak_force=float(peak[hardest]), joint=int(joint[hardest]) + 1
+    )

@@ -1,0 +1,118 @@
+"""What an arm presses with that nothing stops: as much as its drives can."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+import bumpstop as bs
+from bumpstop.errors import InputError
+from bumpstop.model import Robot, gravity_torque, mass_matrix
+from bumpstop.plant import Gears, Plant, PlantObject, Servo, line
+from collision.contact.test_elastic_arm import scenario
+
+DEAF: dict[str, Any] = {"detector": {"thresholds_Nm": [1e4] * 6}, "motion": {"duration_s": 0.3}}
+
+
+def pressed(**changes: dict[str, Any]) -> bs.CollisionResult:
+    return bs.evaluate(scenario(**(DEAF | changes)))
+
+
+def test_the_static_force_is_the_most_that_the_torques_allow() -> None:
+    """The same as a linear program: the greatest force for which torques within the limits hold arm and force."""
+    result = pressed(contact={"offset_law": "fixed", "offset_mm": 0.0}, motion={"velocity_mm_s": [0, 0, -1.0]})
+    limit = result.pressing_limit
+    assert limit is not None
+    q, robot = np.radians([0, -60, 90, -120, -90, 0]), Robot.load("ur10e")
+    lever, torque = -robot.jacobian(q)[2], robot.drive_train.torque_limit
+    # Of both signs of the weight the greater counts.
+    found = linprog(
+        [-1.0],
+        A_ub=np.concatenate([lever, -lever])[:, None],
+        b_ub=np.tile(torque + np.abs(gravity_torque(robot, q)), 2),
+    )
+    # The constraint that holds the force back is the weakest joint's.
+    assert limit.joint == 1 + int(np.argmin(found.slack)) % 6
+    assert limit.static_force == pytest.approx(found.x[0], rel=1e-3)
+
+
+def test_the_blow_takes_the_arm_s_energy() -> None:
+    slow, fast = (pressed(motion={"velocity_mm_s": [0, 0, -v], "duration_s": 0.3}) for v in (1.0, 160.0))
+    assert slow.pressing_limit is not None
+    assert fast.pressing_limit is not None
+    static, peak = slow.pressing_limit.static_force, slow.pressing_limit.peak_force
+    assert peak == pytest.approx(2 * static, rel=0.01)
+    assert fast.pressing_limit.peak_force > 2.05 * fast.pressing_limit.static_force
+    # The energy of a motion at that speed, links and rotors.
+    q, robot = np.radians([0, -60, 90, -120, -90, 0]), Robot.load("ur10e")
+    rates = np.linalg.pinv(robot.jacobian(q)[:3]) @ [0, 0, -0.16]
+    doubled = rates @ (mass_matrix(robot, q) + np.diag(robot.drive_train.rotor_inertia)) @ rates
+    expected = static + math.sqrt(static**2 + doubled * 75e3)
+    assert fast.pressing_limit.peak_force == pytest.approx(expected, rel=0.1)
+
+
+@pytest.mark.parametrize("samples", [None, 500])
+def test_the_verdict_uses_it(samples: int | None) -> None:
+    case = scenario(**DEAF, contact={"stiffness_N_m": None, "body": "thigh_knee", "limits": "ts15066", "area_cm2": 10})
+    alike = bs.evaluate(case, samples=samples)
+    assert alike.pressing_limit is not None
+    force = alike.pressing_limit.peak_force
+    assert alike.undetected_probability == pytest.approx(1.0)
+    assert alike.peak_force.mean == pytest.approx(force)
+    assert alike.peak_force.quantile(0.999) == pytest.approx(force, rel=1e-3)
+    assert alike.verdict.acceptable is False
+    assert "not detected" not in alike.verdict.reason
+    said = f"{alike.pressing_limit.static_force:.4g} N at the torque limit of joint {alike.pressing_limit.joint}"
+    assert any(said in note for note in alike.notes)
+    assert alike.to_json()["arm"]["pressing_limit"]["peak_force_N"] == force
+    weak = case.with_values({"arm.torque_limit_Nm": 20.0, "motion.velocity_mm_s": [0, 0, -5.0]})
+    assert bs.evaluate(weak, samples=samples).verdict.acceptable is True
+
+
+def test_without_limits_there_is_no_bound() -> None:
+    # Of the sia5d no torque limits are published.
+    other = {"robot": "sia5d", "pose_deg": [0, 30, 0, 60, 0, 40, 0]}
+    detector = {"thresholds_Nm": [1e4] * 7, "noise_sd_Nm": 3.0}
+    data = scenario(**DEAF).to_dict() | other | {"detector": detector}
+    unknown = bs.evaluate(bs.Scenario.from_dict(data))
+    assert unknown.pressing_limit is None
+    assert math.isinf(unknown.peak_force.mean)
+    assert "count as over every limit" in " ".join(unknown.notes)
+    data["arm"] = {"model": "elastic", "torque_limit_Nm": 80.0}
+    assert math.isfinite(bs.evaluate(bs.Scenario.from_dict(data)).peak_force.mean)
+
+
+def test_a_rigid_arm_has_no_torque_limit() -> None:
+    with pytest.raises(InputError, match=r"^arm\.torque_limit_Nm"):
+        scenario(arm={"model": "rigid", "torque_limit_Nm": 100.0})
+    with pytest.raises(InputError, match=r"^arm\.torque_limit_Nm"):
+        scenario(arm={"torque_limit_Nm": 0.0})
+
+
+@pytest.mark.parametrize(("stiffness", "speed", "share"), [(5e3, 0.21, 0.7), (30e3, 0.08, 0.87), (75e3, 0.2, 0.5)])
+def test_an_arm_in_mujoco_presses_no_harder(stiffness: float, speed: float, share: float) -> None:
+    robot, q = Robot.load("ur10e"), np.radians([0, -60, 90, -120, -90, 0])
+    limit, ahead = robot.drive_train.torque_limit * share, 0.004
+    x, y, z = robot.pose(q)[:3, 3]
+    body = PlantObject(name="body", stiffness=stiffness, position=(x, y, z - ahead), normal=(0, 0, -1))
+    servo = Servo(velocity_bandwidth=100.0, position_gain=20.0, torque_limit=limit.tolist())
+    plant = Plant(robot, friction=Gears.of(robot, q), servo=servo, objects=[body])
+    # The weakest joint is driven back, and the tip slides: until it has come to the edge of the body.
+    motion = line(robot, q, np.array([0, 0, -speed]), duration=(ahead + 0.1) / speed, start="moving")
+    found = plant.run(motion).trace
+    force = found.contact_force[found.t < (ahead + 0.08) / speed, 0]
+    expected = bs.evaluate(
+        scenario(
+            **DEAF | {"motion": {"velocity_mm_s": [0, 0, -1e3 * speed], "duration_s": 0.3}},
+            contact={"stiffness_N_m": stiffness, "offset_law": "fixed", "offset_mm": 1e3 * ahead},
+            arm={"torque_limit_Nm": limit.tolist()},
+        )
+    ).pressing_limit
+    assert expected is not None
+    assert expected.joint == 3
+    assert np.median(force[-20:]) == pytest.approx(expected.static_force, rel=0.03 if speed < 0.1 else 0.15)
+    assert expected.static_force < force.max() < expected.peak_force
