@@ -178,16 +178,16 @@ class ContactCollision {
 
     void go_on_to(int last) {
         const ContactPaths& paths = reactions_->paths();
-        T active = 0.0;
         while (step_ < last) {
             allow_interruption();
             ++step_;
+            double active[lanes];
             for (int lane = 0; lane < lanes; ++lane) {
                 const int step = first_[lane] + step_;
-                set_lane(active, lane, step > 0 && step <= paths.last_step() ? 1.0 : 0.0);
+                active[lane] = step > 0 && step <= paths.last_step() ? 1.0 : 0.0;
             }
             const T to = undisturbed(step_);
-            if (any(now_.meets(to, offset_))) reactions_->dynamics().step(now_, from_, to, offset_, active);
+            if (any(now_.meets(to, offset_))) reactions_->dynamics().step(now_, from_, to, offset_, load<T>(active));
             from_ = to;
             if (step_ > 0 && step_ % paths.period == 0) at_tick_.push_back(now_);
             if (step_ > paths.latency && (step_ - paths.latency) % paths.period == 0) begun_.push_back(now_);

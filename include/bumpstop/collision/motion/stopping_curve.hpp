@@ -4,6 +4,7 @@
 #pragma once
 
 #include "bumpstop/collision/motion/adaptive_tick_grid.hpp"
+#include "bumpstop/collision/motion/line_tracer.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -52,26 +53,45 @@ inline std::vector<int> early_ticks(const CollisionSetup& setup, const LinePath&
     return ticks;
 }
 
+/// Farthest points of reactions, by the step they begin in, in order.
+using Reach = std::vector<std::pair<int, double>>;
+
+/// Whether arms that react later always get farther, as far as `reach` and the curve say: then what happens between
+/// the steps looked at counts for nothing. Where the line is cut the last reactions are those of its last steps.
+inline bool grows_with_latency(const Reach& reach, const StoppingCurve& curve) {
+    if (!curve.path.braking.empty()) return false;
+    const auto known = curve.farthest.begin() + curve.path.known_reactions();
+    const auto less = [](const auto& a, const auto& b) { return b.second < a.second; };
+    return std::is_sorted(curve.farthest.begin(), known) &&
+           std::adjacent_find(reach.begin(), reach.end(), less) == reach.end() &&
+           (reach.empty() || known == curve.farthest.begin() || reach.back().second <= curve.farthest.front());
+}
+
 /// A latency is the longest that an arm takes to react: it may begin at any time up to then, and what takes it farthest
 /// counts. Near a singularity that may be to react sooner. So more latency makes no collision milder. Where the line
-/// ends before the reaction is due, the arm brakes as it does without one. `reach`: farthest points of reactions to
-/// ticks below 0, by the step they begin in.
-inline void widen_by_latency(const CollisionSetup& setup, std::vector<std::pair<int, double>> reach,
-                             StoppingCurve& curve) {
+/// ends before the reaction is due, the arm brakes as it does without one. `reach`: of reactions to ticks below 0, or
+/// where `every_step` of those that begin in every step.
+inline void widen_by_latency(const CollisionSetup& setup, Reach reach, bool every_step, StoppingCurve& curve) {
     const Timing& timing = setup.timing;
     if (timing.latency == 0) return;
     const LinePath& path = curve.path;
     const int known = path.known_reactions();
-    for (int k = 0; k < known; ++k)
+    for (int k = 0; k < known && !every_step; ++k)
         reach.emplace_back(LinePath::reaction_step(k, timing), curve.farthest[std::size_t(k)]);
-    std::size_t first = 0;  // of those that begin at the tick or later
+    std::size_t first = 0, next = 0;   // of those that begin at the tick or later; of those not looked at
+    std::vector<std::size_t> falling;  // among those looked at, each less far than the one before
+    std::size_t head = 0;              // the first of them that begins at the tick or later
     for (int k = 0; k < path.ticks; ++k) {
         const int step = k * timing.period + 1;
         double& most = curve.farthest[std::size_t(k)];
         if (k >= known) most = farthest_on_line(path, path.s.begin() + step);
         while (first < reach.size() && reach[first].first < step) ++first;
-        for (std::size_t i = first; i < reach.size() && reach[i].first <= step + timing.latency; ++i)
-            most = std::max(most, reach[i].second);
+        for (; next < reach.size() && reach[next].first <= step + timing.latency; ++next) {
+            while (falling.size() > head && reach[falling.back()].second <= reach[next].second) falling.pop_back();
+            falling.push_back(next);
+        }
+        while (head < falling.size() && falling[head] < first) ++head;
+        if (head < falling.size()) most = std::max(most, reach[falling[head]].second);
         if (first == 0) continue;
         if (first == reach.size()) {  // between the last of them and the end of the line
             most = std::max(most, reach.back().second);
@@ -119,6 +139,9 @@ inline void split_at_switches(const CollisionSetup& setup, const LinePath& path,
     }
     if (first < known) ranges.push_back({curve, first, known - 1});
 }
+
+template <class T>
+Reach reach_of_every_step(const CollisionSetup& setup, const LinePath& path);
 
 }  // namespace detail
 
@@ -227,14 +250,42 @@ void complete_curves(const CollisionSetup& setup, StoppingCurve* curves, int cou
     simulate();
     std::size_t next = 0;
     for (int c = 0; c < count; ++c) {
-        std::vector<std::pair<int, double>> reach;
+        detail::Reach reach;
         for (; next < jobs.size() && jobs[next].curve == c; ++next) {
             const std::vector<double>& distance = jobs[next].distance;
             reach.emplace_back(LinePath::reaction_step(jobs[next].tick, timing),
                                *std::max_element(distance.begin(), distance.end()));
         }
-        detail::widen_by_latency(setup, std::move(reach), curves[c]);
+        const bool every_step =
+            timing.latency > 0 && curves[c].path.ticks > 0 && !detail::grows_with_latency(reach, curves[c]);
+        if (every_step) reach = detail::reach_of_every_step<T>(setup, curves[c].path);
+        detail::widen_by_latency(setup, std::move(reach), every_step, curves[c]);
     }
 }
+
+namespace detail {
+
+/// All ticks are known equally well.
+struct EqualTolerance {
+    OvertravelTolerance operator()(int) const { return {}; }
+};
+
+/// Of a path that is traced once more, and looked at in every step.
+template <class T>
+Reach reach_of_every_step(const CollisionSetup& setup, const LinePath& path) {
+    CollisionSetup every = setup;
+    every.timing.period = 1;
+    every.timing.latency = 0;
+    every.timing.steps = int(path.s.size()) - 1;
+    StoppingCurve curve;
+    curve.path = trace_line<T>(every, {path.q.data(), path.velocity}, NoCriterion<T>());
+    complete_curves<T>(every, &curve, 1, EqualTolerance{});
+    Reach reach;
+    for (int k = 0; k < curve.path.known_reactions(); ++k)
+        reach.emplace_back(LinePath::reaction_step(k, every.timing), curve.farthest[std::size_t(k)]);
+    return reach;
+}
+
+}  // namespace detail
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET
