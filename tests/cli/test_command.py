@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import sysconfig
+from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import pytest
+from typer.main import get_command
 
+from bumpstop.cli.main import app
 from cli.support import EXAMPLE, run
 
 COMMAND = Path(sysconfig.get_path("scripts")) / "bumpstop"
@@ -48,6 +53,30 @@ def test_version_and_help() -> None:
         assert command in bumpstop("--help").stdout
     for option in ("--json", "--out", "--sampled", "--seed", "--threads", "--set"):
         assert option in bumpstop("evaluate", "--help").stdout
+
+
+def commands(group: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Every command with its name."""
+    for word, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from commands(command, f"{name}{word} ")
+        else:
+            yield f"{name}{word}", command
+
+
+def test_folders_and_lists_are_asked_for_in_one_way() -> None:
+    folders, lists = set(), set()
+    for name, command in commands(get_command(app)):
+        for option in command.params:
+            if "--out" in option.opts:
+                assert option.opts == ["--out", "-o"], name
+                folders.add(name)
+            takes_list = isinstance(option.default, str) and re.fullmatch(r"[-\d.]+(,[-\d.]+)+", option.default)
+            if takes_list or {"--gravity", "--thresholds", "--pose-deg"} & set(option.opts):
+                assert option.metavar in ("LIST", "LIST|FILE"), (name, option.opts)
+                lists.add(name)
+    assert {"evaluate", "study parameters", "study speed-limits", "identify", "detect", "plant run"} <= folders
+    assert {"sensitivity", "plan identification", "identify", "detect", "detector", "robots show"} <= lists
 
 
 @pytest.mark.parametrize(

@@ -155,8 +155,10 @@ def test_a_reaction_sooner_than_the_latency_counts_where_it_takes_the_arm_farthe
 # Its reactions reach 8 % farther in one step of a feedback period than in another.
 UNEVEN: dict[str, Any] = {
     "robot": "ur10e",
-    "pose_rad": [-2.3952334764872987, -0.6743852189268953, 0.10378913225245467, -0.43010627343209773, 0.5381511429164725,
-                 1.474594281211393],
+    "pose_rad": [
+        -2.3952334764872987, -0.6743852189268953, 0.10378913225245467, -0.43010627343209773, 0.5381511429164725,
+        1.474594281211393,
+    ],
     "motion": {"velocity_mm_s": [-146.97091437600375, 181.24815073225867, -89.71431426265158]},
     "contact": {"stiffness_N_m": 75_000.0},
     "detector": {"thresholds_Nm": [20.0] * 6, "noise_sd_Nm": 3.6},
@@ -168,7 +170,7 @@ UNEVEN: dict[str, Any] = {
 def test_no_latency_is_milder_than_a_shorter_one_whatever_the_feedback_period(case: str) -> None:
     """Every whole step of latency, not only whole feedback periods: what is looked at does not depend on it."""
     scenario = bs.Scenario.from_dict(UNEVEN) if case == "uneven" else control_group(**NEAR_LIMIT)
-    latencies = [*range(0, 28), 50, 99, 100, 101]
+    latencies = [*range(28), 50, 99, 100, 101]
     late = [scenario.with_values({"reaction.latency_s": 1e-3 * steps}) for steps in latencies]
     results = [bs.evaluate(each) for each in late]
     forces = np.array([[result.peak_force.mean, result.peak_force.quantile(0.999)] for result in results])

@@ -34,7 +34,11 @@ ScenarioFile = Annotated[Path, typer.Argument(help="Scenario file (TOML).", show
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 Out = Annotated[
     Path | None,
-    typer.Option(help="Write report.html, figures, rows, summary and settings there; an interrupted study is resumed."),
+    typer.Option(
+        "--out",
+        "-o",
+        help="Write report.html, figures, rows, summary and settings there; an interrupted study is resumed.",
+    ),
 ]
 Changes = Annotated[
     list[str] | None,

@@ -29,7 +29,10 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
 
 Limits = Annotated[
-    str, typer.Option("--thresholds", help="Numbers like 20,10,inf, or a file of thresholds.", show_default=False)
+    str,
+    typer.Option(
+        "--thresholds", metavar="LIST|FILE", help="Thresholds [Nm]: 20,10,inf, or a file.", show_default=False
+    ),
 ]
 PayloadChange = Annotated[
     float, typer.Option("--payload-change", help="Look for an undeclared mass of at least this [kg]; 0: do not.")

@@ -40,7 +40,7 @@ MaxBad = Annotated[float, typer.Option(metavar="SHARE", help="Share of bad rows 
 Gravity = Annotated[
     str | None,
     typer.Option(
-        metavar="X,Y,Z",
+        metavar="LIST",
         help="Free fall in the base frame [m/s2]: 0,0,9.80665 of an arm on the ceiling; default: 0,0,-9.80665.",
     ),
 ]

@@ -51,7 +51,7 @@ def identification(
     robot: RobotName,
     out: Folder = None,
     speeds: Annotated[
-        str, typer.Option(help="Percent of each joint's largest speed.")
+        str, typer.Option(metavar="LIST", help="Percent of each joint's largest speed.")
     ] = "10,20,30,40,50,60,70,80,90,100",
     repeats: Annotated[int, typer.Option(help="Strokes at every speed, there and back.")] = 15,
     ramps: Annotated[int, typer.Option(help="Strokes at every acceleration, there and back.")] = 3,
@@ -61,9 +61,11 @@ def identification(
     floor: Floor = "0",
     radius: Radius = 0.08,
     min_torque: Annotated[float, typer.Option(help="Wanted of gravity at both ends of a stroke [Nm].")] = 0.5,
-    gravity: Annotated[str, typer.Option(help="Acceleration of free fall in the base frame [m/s2].")] = "0,0,-9.80665",
+    gravity: Annotated[
+        str, typer.Option(metavar="LIST", help="Acceleration of free fall in the base frame [m/s2].")
+    ] = "0,0,-9.80665",
     load_kg: Annotated[float, typer.Option(help="Known mass fixed to the tip [kg].")] = 0.0,
-    load_m: Annotated[str, typer.Option(help="Where, in the tip's frame [m].")] = "0,0,0",
+    load_m: Annotated[str, typer.Option(metavar="LIST", help="Where, in the tip's frame [m].")] = "0,0,0",
     rate: Rate = 50.0,
     base: Base = None,
     tip: Tip = None,
