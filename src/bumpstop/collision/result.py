@@ -24,6 +24,7 @@ from bumpstop.collision.distribution.distribution import (
 )
 from bumpstop.collision.distribution.transient_contact import ImpactBounds, impact_bounds
 from bumpstop.collision.notes import notes_of
+from bumpstop.collision.other_arm import arm_to_json, other_arm
 from bumpstop.collision.pressing_limit import PressingLimit, pressing_limit
 from bumpstop.collision.probability_text import percent
 from bumpstop.collision.problem import CollisionProblem
@@ -173,6 +174,11 @@ class CollisionResult:
         return {}
 
     @cached_property
+    def other_arm(self) -> CollisionResult | None:
+        """The same collision of a rigid arm in the place of an elastic one, or the reverse; see :mod:`.other_arm`."""
+        return other_arm(self.problem)
+
+    @cached_property
     def pressing_limit(self) -> PressingLimit | None:
         """What an elastic arm that nothing stops presses with at most; None where its motion ends, or nobody knows."""
         if self.problem.trajectory is not None or self.curve.end in AT_REST:
@@ -310,14 +316,7 @@ class CollisionResult:
             "no_contact_probability": self.no_contact_probability,
             "law": self.kind,
         }
-        arm: dict[str, Any] = {"model": self.scenario.arm.model}
-        if self.problem.elastic:
-            limit = self.pressing_limit
-            arm |= {
-                "status": dict(self.problem.drive_train.status),
-                "pressing_limit": None if limit is None else limit.to_json(),
-            }
-        result["arm"] = arm
+        result["arm"] = arm_to_json(self)
         if self.impact_bounds is not None:
             result["impact_bounds"] = self.impact_bounds.to_json()
         if self.kind == "sampled":

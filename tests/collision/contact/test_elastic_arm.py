@@ -10,8 +10,9 @@ import pytest
 
 import bumpstop as bs
 from bumpstop import _native
+from bumpstop.collision import problem as problem_module
 from bumpstop.collision.problem import CollisionProblem
-from bumpstop.model import effective_mass, with_rotors
+from bumpstop.model import DriveTrain, effective_mass, with_rotors
 
 UR10E: dict[str, Any] = {
     "robot": "ur10e",
@@ -107,6 +108,11 @@ def test_an_elastic_arm_hits_softer_than_a_rigid_one_and_says_on_what_that_rests
     elastic, rigid = bs.evaluate(scenario()), bs.evaluate(scenario(arm={"model": "rigid"}))
     assert elastic.peak_force.mean < 0.5 * rigid.peak_force.mean
     assert elastic.to_json()["arm"]["model"] == "elastic"
+    beside = elastic.to_json()["arm"]["other"]
+    assert beside["model"] == "rigid"
+    assert beside["peak_force_N"]["mean"] == pytest.approx(rigid.peak_force.mean, rel=1e-12)
+    shown = f"rigid arm instead: peak force p50 {rigid.peak_force.quantile(0.5):.4g}"
+    assert shown in " ".join(str(elastic).split())
     assert elastic.to_json()["arm"]["status"]["gear_stiffness"] == "assumed"
     assert rigid.to_json()["arm"] == {"model": "rigid"}
     assert any("ASSUMED" in warning for warning in elastic.warnings)
@@ -155,3 +161,24 @@ def test_no_servo_on_the_motors_is_unstable() -> None:
         arm = _native.ElasticArm(problem.robot.chain, compliance, problem.q, np.zeros(6), np.zeros(6))
         modes = np.linalg.eigvals(arm.matrix(_native.ContactBody(), in_contact=False))
         assert modes.real.max() < 1e-9 * abs(modes).max()
+
+
+def test_a_rigid_arm_has_the_elastic_one_beside_it_where_its_drives_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    rigid, elastic = scenario(arm={"model": "rigid"}), bs.evaluate(scenario())
+    assert bs.evaluate(rigid).other_arm is None
+    own = problem_module.drive_train_of
+
+    def known(given: bs.Scenario, robot: bs.Robot) -> DriveTrain:
+        found = own(given, robot)
+        for name in ("rotor_inertia", "gear_stiffness", "servo_bandwidth"):
+            found = found.with_values(name, getattr(found, name), "published", "a data sheet")
+        return found
+
+    monkeypatch.setattr(problem_module, "drive_train_of", known)
+    beside = bs.evaluate(rigid).other_arm
+    assert beside is not None
+    assert beside.peak_force.mean == elastic.peak_force.mean
+    # What goes with a rigid arm alone has none.
+    phases = {"contact": {"stiffness_N_m": None, "body": "chest", "limits": "ts15066"}}
+    alone = scenario(arm={"model": "rigid"}, verdict={"clamped_limit": "two_phase"}, **phases)
+    assert bs.evaluate(alone).other_arm is None

@@ -44,7 +44,30 @@ class VerdictSection(Section):
         beside = []
         if self.result.warnings:
             beside = [element("h3", "Beside this verdict"), bullets(self.result.warnings)]
-        return [banner, *beside, rows, paragraph(self._meaning())]
+        return [banner, *beside, rows, *self._both_arms(), paragraph(self._meaning())]
+
+    def _both_arms(self) -> list[Html]:
+        """The arm that was judged beside the other one, where both are known."""
+        other = self.result.other_arm
+        if other is None:
+            return []
+        rows = [
+            (
+                f"{one.scenario.arm.model}{' (judged)' if one is self.result else ''}",
+                number(one.peak_force.quantile(0.5)),
+                number(one.peak_force.quantile(0.99)),
+                "" if one.verdict.p_over_force is None else self._percent(one.verdict.p_over_force),
+                _SIGNS[one.verdict.conclusion][0],
+            )
+            for one in (self.result, other)
+        ]
+        return [
+            table(
+                ("Arm", "peak force, median [N]", "p99 [N]", "over the force limit", "Verdict"),
+                rows,
+                caption="A rigid arm and one that gives way: neither is an upper bound of the other",
+            )
+        ]
 
     def _rows(self) -> list[tuple[str, str, str, str]]:
         result, verdict, limits, first = (
