@@ -17,10 +17,10 @@ const char* end_name(PathEnd end) {
             return "joint_limit";
         case PathEnd::singularity:
             return "singularity";
-        case PathEnd::certain_detection:
-            return "certain_detection";
+        case PathEnd::all_detected:
+            return "all_detected";
         default:
-            return "horizon";
+            return "motion_end";
     }
 }
 
@@ -71,7 +71,7 @@ void bind_curves(nb::module_& module) {
     nb::class_<StoppingCurve>(module, "StoppingCurve", "The motion of the contact point and where reactions take it.")
         .def_prop_ro("ticks", [](const StoppingCurve& self) { return self.path.ticks; })
         .def_prop_ro("distance", [](const StoppingCurve& self) { return view(self.path.s); })
-        .def_prop_ro("farthest", [](const StoppingCurve& self) { return view(self.farthest); })
+        .def_prop_ro("max_distance", [](const StoppingCurve& self) { return view(self.max_distance); })
         .def_prop_ro(
             "torque_per_newton",
             [](const StoppingCurve& self) {

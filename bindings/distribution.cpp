@@ -39,7 +39,7 @@ void bind_distribution(nb::module_& module) {
     using Distribution = CollisionDistribution;
     nb::class_<Distribution>(module, "CollisionDistribution", "The distribution of a collision over offset and noise.")
         .def_ro("false_alarm", &Distribution::false_alarm)
-        .def_ro("harmless", &Distribution::harmless)
+        .def_ro("zero_force", &Distribution::zero_force)
         .def_ro("undetected", &Distribution::undetected)
         .def_ro("rests", &Distribution::rests,
                 "The arm comes to rest where its path ends: collisions never detected have a force, and count with it.")

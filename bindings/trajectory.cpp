@@ -61,7 +61,7 @@ void bind_onsets(nb::module_& module) {
         .def_prop_ro("undetected", &All::of_onsets<&One::undetected>, owned)
         .def_prop_ro("no_contact", &All::of_onsets<&One::no_contact>, owned)
         .def_prop_ro("several", &All::of_onsets<&One::several>, owned)
-        .def_prop_ro("harmless", &All::of_onsets<&One::harmless>, owned)
+        .def_prop_ro("zero_force", &All::of_onsets<&One::zero_force>, owned)
         .def_prop_ro("greatest", &All::of_onsets<&One::greatest>, owned)
         .def_prop_ro("undetected_peak", &All::of_onsets<&One::undetected_peak>, owned)
         .def_prop_ro("undetected_duration", &All::of_onsets<&One::undetected_duration>, owned)
@@ -69,13 +69,13 @@ void bind_onsets(nb::module_& module) {
         .def_prop_ro("onset", &All::owner, owned, "Of detections: the number of its onset.")
         .def_prop_ro("tick", &All::of_detections<&Detection::tick, std::int64_t>, owned)
         .def_prop_ro("probability", &All::of_detections<&Detection::probability>, owned)
-        .def_prop_ro("farthest", &All::of_detections<&Detection::farthest>, owned)
+        .def_prop_ro("max_distance", &All::of_detections<&Detection::max_distance>, owned)
         .def_prop_ro("distance", &All::of_detections<&Detection::distance>, owned)
         .def_prop_ro("peak", &All::of_detections<&Detection::peak>, owned)
         .def_prop_ro("duration", &All::of_detections<&Detection::duration>, owned)
         .def_prop_ro("force", &All::of_detections<&Detection::force>, owned);
     nb::class_<OnsetRuns, MonteCarloRuns>(module, "OnsetRuns", "Single collisions of a trajectory.")
-        .def_prop_ro("farthest", [](const OnsetRuns& self) { return view(self.farthest); })
+        .def_prop_ro("max_distance", [](const OnsetRuns& self) { return view(self.max_distance); })
         .def_prop_ro("distance", [](const OnsetRuns& self) { return view(self.distance); })
         .def_prop_ro("greatest", [](const OnsetRuns& self) { return view(self.greatest); });
 }

@@ -20,7 +20,7 @@ void load_columns(Tensor jacobian, std::size_t pose, std::size_t joints, Point3<
 
 nb::tuple undetectable_forces(Tensor jacobian, Vector low, Vector high) {
     const std::size_t n = jacobian.shape(0), joints = jacobian.shape(2);
-    NewArray<double> largest({n}), detectable({n}), farthest({n, 3}), singular({n, 3}), axes({n, 3, 3});
+    NewArray<double> largest({n}), detectable({n}), largest_vector({n, 3}), singular({n, 3}), axes({n, 3, 3});
     NewArray<std::int64_t> rank({n});
     {
         nb::gil_scoped_release unlocked;
@@ -33,13 +33,13 @@ nb::tuple undetectable_forces(Tensor jacobian, Vector low, Vector high) {
             detectable.data[i] = force.largest_detectable;
             rank.data[i] = force.rank;
             for (std::size_t k = 0; k < 3; ++k) {
-                farthest.data[3 * i + k] = force.farthest[k];
+                largest_vector.data[3 * i + k] = force.largest_vector[k];
                 singular.data[3 * i + k] = force.singular[k];
                 for (std::size_t c = 0; c < 3; ++c) axes.data[9 * i + 3 * k + c] = force.axis[k][c];
             }
         }
     }
-    return nb::make_tuple(largest.release(), detectable.release(), farthest.release(), singular.release(),
+    return nb::make_tuple(largest.release(), detectable.release(), largest_vector.release(), singular.release(),
                           rank.release(), axes.release());
 }
 

@@ -182,7 +182,7 @@ def _force_of_tail(result: bs.CollisionResult, p: float) -> float | None:
 def _between_atoms(result: bs.CollisionResult) -> list[float]:
     """Forces halfway between the possible peaks of a fixed offset, from each of which on the tail is smaller."""
     assert result.scenario.contact.offset_mm is not None
-    peaks = np.unique(result.problem.stiffness * (result.curve.farthest - result.scenario.contact.offset_mm / 1e3))
+    peaks = np.unique(result.problem.stiffness * (result.curve.max_distance - result.scenario.contact.offset_mm / 1e3))
     peaks = peaks[peaks > 0]
     forces = (peaks[1:] + peaks[:-1]) / 2
     return [float(x) for x in forces if _tail(result, float(x)) > 0]
@@ -192,7 +192,7 @@ def _tails_of_40_digits(result: bs.CollisionResult, forces: list[float], order: 
     """P(peak force > x) for every x, never detected counted as over, from the curve's doubles by the formula."""
     with mp.workdps(DIGITS):
         stiffness = mp.mpf(result.problem.stiffness)
-        farthest = [mp.mpf(float(s)) for s in result.curve.farthest]
+        farthest = [mp.mpf(float(s)) for s in result.curve.max_distance]
         depths = [mp.mpf(x) / stiffness for x in forces]
         contact = result.scenario.contact
         if contact.offset_law == "fixed":
@@ -216,7 +216,7 @@ def _offset_nodes(result: bs.CollisionResult, depths: list[mp.mpf], order: int) 
     # The integrand breaks where contact begins one tick later, and where a tick's stopping path passes a force.
     breaks = {mp.mpf(0), largest}
     breaks |= {mp.mpf(float(s)) for s in result.curve.tick_distance}
-    breaks |= {mp.mpf(float(s)) - depth for s in result.curve.farthest for depth in depths}
+    breaks |= {mp.mpf(float(s)) - depth for s in result.curve.max_distance for depth in depths}
     cuts = sorted(cut for cut in breaks if 0 <= cut <= largest)
     rule = _gauss_rule(order)
     norm = mp.sqrt(2 / mp.pi) / (sd * mp.erf(7 / mp.sqrt(2)))

@@ -72,7 +72,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
 def _cases(scenario: bs.Scenario, q: Floats, velocity: Floats) -> Cases:
     laws = evaluate_batch(scenario, q, velocity, probabilities=[QUANTILE], threads=2)
     found = predict_batch(scenario, q, velocity, quantile=QUANTILE)
-    kept = (laws.end == "certain_detection") & (laws.undetected_probability < 1e-9) & (found.gain < MAX_GAIN)
+    kept = (laws.end == "all_detected") & (laws.undetected_probability < 1e-9) & (found.gain < MAX_GAIN)
     kept &= np.isfinite(laws.mean) & np.isfinite(laws.quantile[:, 0])
     robot = bs.Robot.load(scenario.robot)
     moving = [j for j in range(robot.dof) if j + 1 not in scenario.motion.held_joints]

@@ -172,7 +172,7 @@ def _ticks_to_simulate(result: bs.CollisionResult) -> int:
     It knows neither joint limits nor singularities: where the motion ends at one of them, it is told to.
     """
     ticks = result.curve.ticks
-    if result.curve.end != "certain_detection":
+    if result.curve.end != "all_detected":
         return ticks
     scenario = result.scenario
     period = scenario.detector.feedback_period_s

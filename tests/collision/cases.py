@@ -196,7 +196,7 @@ OUTLASTING: dict[str, Scenario] = {
         pose_deg=[0, 109.7, 0, -20, 0, -40, 0], motion__velocity_mm_s=[0, 0, -30],
         detector__thresholds_Nm=[6, 3, 6, 6, 6, 6, 6], detector__noise_sd_Nm=1.5, reaction__latency_s=0.02,
     ),
-    "a horizon within the latency": free(
+    "a motion shorter than the latency": free(
         30.0, contact__stiffness_N_m=20000, contact__offset_law="uniform", motion__duration_s=0.02,
         reaction__latency_s=0.01, detector__noise_sd_Nm=[8, 4.5, 8, 8, 8, 8, 8],
     ),

@@ -56,9 +56,10 @@ void check_case(const Arm& arm, OffsetDistribution offset) {
     const Contact contact{{20000}, offset};
     const StoppingCurve curve = stopping_curve<L>(arm, {arm.q.data(), {0.03, -0.02, 0.04}}, &arm.detector, contact);
     for (int k = 0; k < curve.path.ticks; ++k)
-        require(curve.farthest[k] >= curve.path.at_tick(k, arm.timing.period) - 1e-12, "the farthest point is ahead");
+        require(curve.max_distance[k] >= curve.path.at_tick(k, arm.timing.period) - 1e-12,
+                "the farthest point is ahead");
     const CollisionDistribution law = integrate<L>(arm, curve, arm.detector, {contact});
-    const double total = law.peak_force.total + law.harmless + law.unbounded();
+    const double total = law.peak_force.total + law.zero_force + law.unbounded();
     require(std::fabs(total - 1) < 1e-8, "probabilities add up");
     const double half = tail<L>(law.density, law.peak_force, 20).probability;
     const double direct = tail_without_interpolation<L>(arm, curve, arm.detector, contact, 20);
@@ -73,7 +74,7 @@ void check_case(const Arm& arm, OffsetDistribution offset) {
         require((tick >= 0) == (drawn.triggers[i] != 0), "a detected run has a joint that detected it");
         // An arm that comes to rest has a force for what it never detects, too.
         if (tick < 0 && !law.rests) continue;
-        over += 20000 * ((tick < 0 ? end : curve.farthest[tick]) - drawn.offset[i]) > 20;
+        over += 20000 * ((tick < 0 ? end : curve.max_distance[tick]) - drawn.offset[i]) > 20;
     }
     require(std::fabs(over / runs - half) < 5 * std::sqrt(0.25 / runs), "exact and sampled agree");
 }
@@ -143,7 +144,7 @@ void check_trajectory(const Arm& arm, double duration) {
             const auto by = contact.propagator(trajectory.step());
             const OnsetDistribution law =
                 integrate_onset<L>(trajectory, begin, normal, arm.detector, contact, by ? &*by : nullptr, before);
-            double all = law.harmless + law.undetected;
+            double all = law.zero_force + law.undetected;
             for (const OnsetDistribution::Detection& one : law.detection) {
                 all += one.probability;
                 require(one.peak >= 0 && one.duration >= 0, "free contact is bounded");
@@ -152,12 +153,12 @@ void check_trajectory(const Arm& arm, double duration) {
         }
         const OnsetDistribution law =
             integrate_onset<L>(trajectory, begin, normal, arm.detector, {{20000}}, nullptr, before);
-        double total = law.harmless + law.undetected;
+        double total = law.zero_force + law.undetected;
         for (const OnsetDistribution::Detection& one : law.detection) {
             total += one.probability;
             require(one.tick >= 0 && one.tick < trajectory.ticks(), "detections are at ticks");
-            require(one.farthest >= one.distance, "the farthest point is ahead");
-            if (arm.reaction != ReactionKind::reverse || !(one.farthest > 0)) continue;
+            require(one.max_distance >= one.distance, "the farthest point is ahead");
+            if (arm.reaction != ReactionKind::reverse || !(one.max_distance > 0)) continue;
             require(trajectory.contact_duration(one.tick, begin) > 0, "a reversing arm lets go");
             require(trajectory.reaction_distances(one.tick, begin, normal).back() <= 0, "and is back before the body");
         }

@@ -123,8 +123,8 @@ def figures(scenario: Scenario, seed: int) -> dict[str, Any]:
         predict_batch(scenario, q, velocity)
     return {
         "end": curve.end,
-        "ticks": len(curve.farthest),
-        "farthest": float(curve.farthest.max(initial=0.0)),
+        "ticks": len(curve.max_distance),
+        "max_distance": float(curve.max_distance.max(initial=0.0)),
         "mean": result.peak_force.mean,
         "sd": result.peak_force.sd,
         "p95": result.peak_force.quantile(0.95),

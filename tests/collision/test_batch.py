@@ -94,7 +94,7 @@ def test_a_batch_ends_with_its_motion_between_two_ticks(duration_s: float, laten
     problem = bs.CollisionProblem.from_scenario(scenario)
     batch = bs.evaluate_batch(scenario, problem.q[None], problem.velocity[None], limits_N=[135.0])
     result = bs.evaluate(scenario)
-    assert batch.end[0] == result.curve.end == "horizon"
+    assert batch.end[0] == result.curve.end == "motion_end"
     assert batch.undetected_probability[0] == pytest.approx(result.undetected_probability, abs=1e-9)
     assert batch.no_contact_probability[0] == pytest.approx(result.no_contact_probability, abs=1e-9)
     assert batch.exceedance[0, 0] == pytest.approx(result.peak_force.exceedance(135.0), abs=1e-7)
@@ -140,7 +140,7 @@ def test_a_batch_joins_ticks_without_changing_the_law() -> None:
     settings = base.to_dict()
     del settings["pose_deg"]
     compared = 0
-    for i in np.flatnonzero((batch.end == "certain_detection") | (batch.end == "joint_limit")):
+    for i in np.flatnonzero((batch.end == "all_detected") | (batch.end == "joint_limit")):
         settings |= {"pose_rad": q[i].tolist()}
         settings["motion"]["velocity_mm_s"] = (velocity[i] * 1e3).tolist()
         result = bs.evaluate(bs.Scenario.from_dict(settings))
@@ -238,7 +238,7 @@ def test_quantiles_of_a_batch_are_passed_as_often_as_asked_for() -> None:
 
 
 def test_a_batch_knows_where_a_motion_ends_just_as_a_joint_catches_up() -> None:
-    """The horizon lies between two moments that are kept for the reactions, and so does a kink of the path."""
+    """The motion ends between two moments that are kept for the reactions, and so does a kink of the path."""
     result, batch = alone_and_in_a_batch(
         {
             "robot": "sia5d",
@@ -250,7 +250,7 @@ def test_a_batch_knows_where_a_motion_ends_just_as_a_joint_catches_up() -> None:
             "simulation": {"step_s": 0.00025, "substeps": 5},
         }
     )
-    assert result.curve.end == "horizon"
+    assert result.curve.end == "motion_end"
     assert batch.no_contact_probability[0] == pytest.approx(result.no_contact_probability, abs=1e-8)
     assert batch.undetected_probability[0] == pytest.approx(result.undetected_probability, abs=1e-8)
 
@@ -308,7 +308,7 @@ def test_a_batch_goes_the_way_of_its_law_at_a_singularity() -> None:
             "simulation": {"step_s": 0.002, "substeps": 7},
         }
     )
-    farthest = result.curve.farthest
+    farthest = result.curve.max_distance
     assert farthest[4] > 30 * farthest[5]
     assert batch.mean[0] == pytest.approx(result.peak_force.mean, rel=1e-5)
     assert batch.sd[0] == pytest.approx(result.peak_force.sd, rel=1e-5)

@@ -112,7 +112,7 @@ def test_nothing_is_lost() -> None:
         bs.evaluate_batch(problem, q, velocity, threads=2)
     after = bs.evaluate_batch(problem, q[:50], velocity[:50], threads=2)
     np.testing.assert_array_equal(after.mean, before.mean)
-    np.testing.assert_array_equal(bs.stopping_curve(problem).farthest, curve.farthest)
+    np.testing.assert_array_equal(bs.stopping_curve(problem).max_distance, curve.max_distance)
     again = bs.evaluate(control_group(), samples=2000, seed=3, threads=2).runs
     assert runs is not None
     assert again is not None

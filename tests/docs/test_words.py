@@ -25,6 +25,9 @@ WORDS = {
     r"exact laws?|sampled laws?|force laws?": "integrated, sampled, force distribution",
     r"[Tt]he source's": "Schroeder (2013)",
     r"(?:un)?watched": "monitored",
+    r"harmless": "below the limits; of zero force",
+    r"horizons?": "end of the motion",
+    r"leap(?:s|t|ed|ing)?": "jump",
     r"predicted less|measured less|estimated less": "minus",
     r"pass(?:es|ing)? (?:a|the|its|their) (?:force |pressure )?limits?": "exceed",
 }

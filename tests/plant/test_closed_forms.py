@@ -31,7 +31,7 @@ def test_the_servo_knows_the_torque_of_the_motion(gravity: tuple[float, float, f
 
 @pytest.mark.parametrize(("bandwidth", "damping"), [(20.0, 0.2), (40.0, 0.5)])
 def test_the_servo_swings_as_its_figures_say(bandwidth: float, damping: float) -> None:
-    """A leap of the command is overshot by exp(-pi d / sqrt(1 - d^2)), half a damped period later."""
+    """A jump of the command is overshot by exp(-pi d / sqrt(1 - d^2)), half a damped period later."""
     command = still()
     q = command.q.copy()
     q[101:] = 1e-3

@@ -157,7 +157,7 @@ def test_pads_are_gents_rubber() -> None:
 
 
 def test_a_cascade_is_as_stiff_as_its_gains_and_bounded_by_its_limit() -> None:
-    """A leap of the command by x asks for P x at once; a limited motor gives no more than its limit."""
+    """A jump of the command by x asks for P x at once; a limited motor gives no more than its limit."""
     command = still()
     q = command.q.copy()
     q[101:] = 1e-3

@@ -66,7 +66,7 @@ def test_all_garbage_goes_and_good_rows_stay(robot: Robot | None, tmp_path: Path
     q = log.q.copy()
     q[rows] = rng.uniform(-3, 3, (rows.size, 6))
     found = read(log, tmp_path, robot, q=q)
-    assert found.report.counts == {"leap": rows.size}
+    assert found.report.counts == {"jump": rows.size}
     np.testing.assert_allclose(found.q, np.delete(log.q, rows, axis=0), atol=1e-8)
     assert found.report.faults == ()
     assert [row for row, _ in found.report.dropped] == (rows + 2).tolist()
@@ -131,14 +131,14 @@ def test_wrapped_angles_are_turned_back_and_counted(robot: Robot | None, tmp_pat
     assert "repaired rows: " in run("recording", "info", tmp_path / "run.csv").out
 
 
-def test_a_leap_for_good_is_told(tmp_path: Path) -> None:
+def test_a_jump_for_good_is_told(tmp_path: Path) -> None:
     log = sound()
     q = log.q.copy()
     q[1100:, 1] += 0.8
     found = read(log, tmp_path, q=q)
     assert found.t.size == ROWS
-    assert any(f"the positions leap at {log.t[1100]:.6g} s" in fault for fault in found.report.faults)
-    assert "fault: the positions leap at" in run("recording", "info", tmp_path / "run.csv", "--robot", "ur5e").out
+    assert any(f"the positions jump at {log.t[1100]:.6g} s" in fault for fault in found.report.faults)
+    assert "fault: the positions jump at" in run("recording", "info", tmp_path / "run.csv", "--robot", "ur5e").out
 
 
 RATES: dict[str, tuple[Any, str]] = {

@@ -86,7 +86,7 @@ def test_agrees_with_exact_laws_of_random_cases() -> None:
         laws = evaluate_batch(scenario, q, velocity, probabilities=[QUANTILE])
         found = predict_batch(scenario, q, velocity, quantile=QUANTILE)
         detected = np.isfinite(laws.quantile[:, 0]) & np.isfinite(laws.mean) & (laws.undetected_probability < 1e-9)
-        detected &= (laws.end == "certain_detection") & (found.gain < 20)
+        detected &= (laws.end == "all_detected") & (found.gain < 20)
         expected.append(found.expected[detected])
         bound.append(found.bound[detected])
         mean.append(laws.mean[detected])
@@ -153,7 +153,7 @@ def test_stopping_is_that_of_the_traced_arm(law: str, kind: str) -> None:
         looked_at += 1
         force = found.expected[0] - problem.stiffness * found.stopping[0]
         detected = np.searchsorted(curve.tick_distance, problem.offset_size / 2 + force / problem.stiffness)
-        overtravel = curve.farthest[detected] - curve.tick_distance[detected]
+        overtravel = curve.max_distance[detected] - curve.tick_distance[detected]
         assert found.stopping[0] == pytest.approx(overtravel, rel=0.05)
     assert looked_at >= (10 if law == "constant" else 5)
 
@@ -164,7 +164,7 @@ def test_other_laws_of_slowing_down_stay_below_the_bound(law: str) -> None:
     changed = scenario.with_values(LAWS[law])
     found = predict_batch(changed, q, velocity, quantile=0.99)
     laws = evaluate_batch(changed, q, velocity, probabilities=[0.99])
-    usable = found.trusted & (laws.end == "certain_detection")
+    usable = found.trusted & (laws.end == "all_detected")
     assert usable.sum() >= 3
     assert (found.bound[usable] >= laws.quantile[usable, 0]).all()
     assert np.median(found.bound[usable] / laws.quantile[usable, 0]) < 1.5
@@ -264,7 +264,7 @@ def test_other_noise_observers_and_places_stay_below_the_bound(changes: dict[str
     changed = scenario.with_values(changes)
     found = predict_batch(changed, q, velocity, quantile=0.99)
     laws = evaluate_batch(changed, q, velocity, probabilities=[0.99])
-    usable = found.trusted & (laws.end == "certain_detection")
+    usable = found.trusted & (laws.end == "all_detected")
     assert usable.sum() >= 3
     assert (found.bound[usable] >= laws.quantile[usable, 0]).all()
 

@@ -272,7 +272,7 @@ def _report(findings: Findings, studies: list[Case], facts: dict[str, Any]) -> N
                 found["poses_more_often_undetected"],
                 found["undetected"]["mean"],
                 found["no_contact"]["mean"],
-                *(found["ends"][end] for end in ("joint_limit", "singularity", "horizon")),
+                *(found["ends"][end] for end in ("joint_limit", "singularity", "motion_end")),
             ]
         )
     findings.table(

@@ -112,7 +112,7 @@ std::vector<double> most_alarm(const GaussianThresholds& detector, const Timing&
         for (int lane = 0; lane < lanes; ++lane) {
             const int k = std::min(first + lane, path.ticks - 1);
             set_lane(force, lane, stiffness * std::max(0.0, path.at_tick(k, timing.period)));
-            for (int w = 0; w < detector.watched; ++w)
+            for (int w = 0; w < detector.monitored; ++w)
                 set_lane(torque[w], lane, path.torque_per_N[std::size_t(k) * path.dof + detector.joint[w]]);
         }
         const auto chance = any_alarm<L>(detector, [&](int w) { return torque[w] * force; });
@@ -148,7 +148,7 @@ struct BatchWorker {
 template <class L>
 void write_distribution(const BatchProblem& problem, std::size_t pose, PathEnd end, const CollisionDistribution& found,
                         BatchResult& out) {
-    const bool endless = found.undetected > 1e-12 && end == PathEnd::horizon;
+    const bool endless = found.undetected > 1e-12 && end == PathEnd::motion_end;
     const std::size_t dof = std::size_t(problem.setup.chain.dof);
     const std::vector<double>&probability = problem.settings.probability, &limit = problem.settings.limit;
     const Moments force = found.moments();
@@ -221,7 +221,7 @@ void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool tabul
         out.end[pose] = done.singular_start ? batch_singular_start : std::uint8_t(done.end);
         if (done.singular_start) continue;
         if (detected[i]) {
-            worker.quadrature[std::size_t(i)].finish(curve[i].farthest);
+            worker.quadrature[std::size_t(i)].finish(curve[i].max_distance);
             write_distribution<L>(problem, pose, done.end, worker.quadrature[std::size_t(i)].result(), out);
         } else {
             write_distribution<L>(problem, pose, done.end,
@@ -244,7 +244,7 @@ BatchResult evaluate_batch(const CollisionSetup& setup, const GaussianThresholds
     const std::vector<int> order = detail::order_of_work(problem);
     const AlarmTable table(detector);
     const bool tabulated =
-        !detector.remembers() && detector.watched > 0 && table.usable() && contact.offset.kind != OffsetKind::fixed;
+        !detector.remembers() && detector.monitored > 0 && table.usable() && contact.offset.kind != OffsetKind::fixed;
     const int ticks = (setup.timing.steps + setup.timing.period - 1) / setup.timing.period;
     const PreContactAlarms before(setup, detector, tabulated ? ticks : 0);
     // Lanes that follow their lines take one pose after another, so a round is best long, and short enough for no thread to

@@ -48,7 +48,7 @@ LinePath trace_until_decided(const CollisionSetup& setup, const LineRequest& lin
             path =
                 trace_line<T>(setup, line, LingeringCriterion(SurvivalCriterion<T>(setup, detector, pressed), ticks));
             by = contact_propagator(setup, path, contact);
-            if (path.end != PathEnd::certain_detection || surely_detected(setup, path, *by, detector, contact)) break;
+            if (path.end != PathEnd::all_detected || surely_detected(setup, path, *by, detector, contact)) break;
         }
         return path;
     }
@@ -56,7 +56,7 @@ LinePath trace_until_decided(const CollisionSetup& setup, const LineRequest& lin
     for (double half_oscillations = 3;; half_oscillations *= 4) {
         LinePath path =
             trace_line<T>(setup, line, SeparationCriterion<T>(*by, setup.timing, largest, half_oscillations));
-        if (path.end != PathEnd::certain_detection ||
+        if (path.end != PathEnd::all_detected ||
             all_separated(path, *contact_propagator(setup, path, contact), setup.timing, largest))
             return path;
     }

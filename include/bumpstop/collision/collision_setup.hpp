@@ -36,7 +36,7 @@ struct ContactGeometry {
 
 /// How long the motion is and how often the detector looks.
 struct Timing {
-    int steps = 5000;  ///< horizon in simulation steps
+    int steps = 5000;  ///< the motion ends after so many simulation steps
     int period = 4;    ///< steps between two feedback ticks
     int latency = 0;   ///< steps from a tick to the beginning of the reaction
     bool from_rest = false;

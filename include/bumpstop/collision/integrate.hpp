@@ -27,7 +27,7 @@ CollisionDistribution integrate(const CollisionSetup& setup, const StoppingCurve
     const auto by = [&](const auto& alarms) {
         OffsetQuadrature<T, std::decay_t<decltype(alarms)>> quadrature(setup, detector, *before, alarms, probabilities);
         quadrature.detect(curve.path, settings);
-        quadrature.finish(curve.farthest);
+        quadrature.finish(curve.max_distance);
         return quadrature.take();
     };
     return detector.remembers() ? by(CorrelatedAlarms<T>(detector, *before)) : by(ExactAlarms<T>(detector));

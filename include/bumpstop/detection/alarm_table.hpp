@@ -8,7 +8,7 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// P(|r| > threshold) of every watched joint for forces that lie close together, as those on a panel of offsets do: all of
+/// P(|r| > threshold) of every monitored joint for forces that lie close together, as those on a panel of offsets do: all of
 /// them are served by one polynomial in |r + mean|, whose coefficients no lane has to gather. Chebyshev's nodes leave an
 /// error of 2 (reach / 2)^11 / 11! times the eleventh derivative of the normal distribution, which is below 380: 5e-9. Of
 /// probabilities above 1e-6 it is less than 1e-4 of themselves.
@@ -18,7 +18,7 @@ class AlarmTable {
     static constexpr double widest = 1.75;
 
     explicit AlarmTable(const GaussianThresholds& detector) {
-        for (int w = 0; w < detector.watched; ++w) {
+        for (int w = 0; w < detector.monitored; ++w) {
             sharp_ = sharp_ || !(detector.sd[w] > 0) || detector.threshold[w] > 1e3 * detector.sd[w];
             if (sharp_) return;
             per_sd_[w] = 1 / detector.sd[w];
@@ -50,7 +50,7 @@ class AlarmTable {
     /// The joints' probabilities of an alarm for forces near each other.
     class Near {
       public:
-        /// Of watched joint w.
+        /// Of monitored joint w.
         template <class T>
         T alarm(int w, T force) const {
             const Piece& piece = table_.piece_[table_.first_[w] + std::size_t(index_[w])];
@@ -68,12 +68,12 @@ class AlarmTable {
         alignas(64) double shift_[max_joints];
     };
 
-    /// `torque_per_N`: by watched joint, its noiseless residual (without the noise mean) divided by the force; readable up to
+    /// `torque_per_N`: by monitored joint, its noiseless residual (without the noise mean) divided by the force; readable up to
     /// a whole number of registers. About that force.
     template <class T>
-    Near near(int watched, const double* torque_per_N, double force) const {
+    Near near(int monitored, const double* torque_per_N, double force) const {
         Near near(*this);
-        for (int w = 0; w < watched; w += Scalar<T>::lanes) {
+        for (int w = 0; w < monitored; w += Scalar<T>::lanes) {
             const T torque = load<T>(torque_per_N + w) * load<T>(per_sd_ + w), mean = load<T>(mean_ + w);
             const T at = torque * force + mean, sign = select(at < T(0.0), T(-1.0), T(1.0));
             const T index = min(floor(abs(at) * pieces_per_sd + 0.5), load<T>(last_ + w));
@@ -109,7 +109,7 @@ class AlarmTable {
     }
 
     bool sharp_ = false;
-    double mean_[max_joints] = {}, per_sd_[max_joints] = {};  ///< by watched joint
+    double mean_[max_joints] = {}, per_sd_[max_joints] = {};  ///< by monitored joint
     double last_[max_joints] = {};                            ///< a joint's last piece
     std::size_t first_[max_joints] = {};                      ///< a joint's first piece in `piece_`
     std::vector<Piece> piece_;

@@ -10,13 +10,13 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// A tick alarms when any joint has |residual| > threshold. The residual is estimated minus predicted motor
 /// torque, so a force -n F on the arm raises it by (J_v' n) F.
 struct GaussianThresholds {
-    int joints = 0;   ///< so many have been added
-    int watched = 0;  ///< of those, joints with a finite threshold
+    int joints = 0;     ///< so many have been added
+    int monitored = 0;  ///< of those, joints with a finite threshold
     std::array<int, max_joints> joint{};
-    std::array<double, max_joints> threshold{};               ///< Nm or N, by watched joint
-    std::array<double, max_joints> sd{}, mean{};              ///< of the noise, by watched joint [Nm or N]
+    std::array<double, max_joints> threshold{};               ///< Nm or N, by monitored joint
+    std::array<double, max_joints> sd{}, mean{};              ///< of the noise, by monitored joint [Nm or N]
     std::array<double, max_joints> scale{};                   ///< 1 / (sqrt 2 sd) [1/Nm or 1/N], large for no noise
-    std::array<double, max_joints> noise_sd{}, noise_mean{};  ///< by joint, watched or not [Nm or N]
+    std::array<double, max_joints> noise_sd{}, noise_mean{};  ///< by joint, monitored or not [Nm or N]
     double arming_delay = 0;                                  ///< ticks earlier than this never alarm [s]
     double correlation = 0;  ///< of the noise from tick to tick; sd stays its stationary value
     /// The observer's first-order filter: the share of the old residual that a tick keeps; 0: the direct residual.
@@ -40,14 +40,14 @@ struct GaussianThresholds {
         noise_sd[j] = joint_sd;
         noise_mean[j] = joint_mean;
         if (!std::isfinite(limit)) return;
-        joint[watched] = j;
-        threshold[watched] = limit;
-        sd[watched] = joint_sd;
-        mean[watched] = joint_mean;
+        joint[monitored] = j;
+        threshold[monitored] = limit;
+        sd[monitored] = joint_sd;
+        mean[monitored] = joint_mean;
         // Without noise the error function becomes a step; 1e150 does that and still squares without overflow
         // after erfc has cut its argument.
-        scale[watched] = joint_sd > 0 ? 0.70710678118654752440 / joint_sd : 1e150;
-        ++watched;
+        scale[monitored] = joint_sd > 0 ? 0.70710678118654752440 / joint_sd : 1e150;
+        ++monitored;
     }
 };
 
@@ -57,7 +57,7 @@ struct AlarmProbability {
     T alarm, silent;
 };
 
-/// P(|r| > threshold) of one watched joint for the noiseless residual `r` (without the noise mean).
+/// P(|r| > threshold) of one monitored joint for the noiseless residual `r` (without the noise mean).
 template <class T>
 AlarmProbability<T> joint_alarm(const GaussianThresholds& detector, int w, T r) {
     const double threshold = detector.threshold[w], scale = detector.scale[w];
@@ -73,12 +73,12 @@ AlarmProbability<T> joint_alarm(const GaussianThresholds& detector, int w, T r) 
     return {select(inside, tails, 1.0 - body), select(inside, 1.0 - tails, body)};
 }
 
-/// P(any watched joint alarms): q <- q + (1 - q) q_j has no cancellation, and the complements multiply.
-/// `torque(w)` gives the noiseless residual of watched joint w.
+/// P(any monitored joint alarms): q <- q + (1 - q) q_j has no cancellation, and the complements multiply.
+/// `torque(w)` gives the noiseless residual of monitored joint w.
 template <class T, class Torque>
 AlarmProbability<T> any_alarm(const GaussianThresholds& detector, Torque torque) {
     AlarmProbability<T> total{T(0.0), T(1.0)};
-    for (int w = 0; w < detector.watched; ++w) {
+    for (int w = 0; w < detector.monitored; ++w) {
         const AlarmProbability<T> one = joint_alarm(detector, w, T(torque(w)));
         total.alarm = total.alarm + total.silent * one.alarm;
         total.silent = total.silent * one.silent;

@@ -60,7 +60,7 @@ struct SurvivingNoiseDensity {
     std::vector<T> value;  ///< at the nodes, per Nm; integrates to one
     T low, high;           ///< where the nodes lie [Nm or N]
     T centre;              ///< what the noise is added to: contact torque and noise mean
-    T known = 0.0;         ///< 0: nothing has been watched yet, so the noise is as it always is; else 1
+    T known = 0.0;         ///< 0: nothing has been monitored yet, so the noise is as it always is; else 1
 
     void forget(const NoiseMemory& memory) {
         value.assign(std::size_t(memory.size()), T(0.0));

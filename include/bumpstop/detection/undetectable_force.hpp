@@ -23,7 +23,7 @@ struct UndetectableForce {
     /// Of the farthest one [N]; infinite where some direction is not detectable at all; NaN for a Jacobian that is none.
     double largest = std::numeric_limits<double>::infinity();
     double largest_detectable = 0;  ///< [N] the same among forces without a component in the null space
-    Vector3 farthest{};             ///< [N] B; that force
+    Vector3 largest_vector{};       ///< [N] B; that force
     Vector3 singular{};             ///< of the monitored columns of J_v, largest first [m or 1]
     int rank = 0;                   ///< directions that are detectable, 0 to 3
     /// B; unit vectors, orthogonal. The first `rank` are detectable, best first; the others are the null space.
@@ -195,7 +195,7 @@ inline UndetectableForce undetectable_force(const Point3<double>* column, const 
     out.largest_detectable = std::sqrt(std::max(0.0, polytope.best));
     if (out.rank == 3) out.largest = out.largest_detectable;
     for (int k = 0; k < out.rank; ++k)
-        for (int c = 0; c < 3; ++c) out.farthest[c] += polytope.at[k] * polytope.scale[k] * out.axis[k][c];
+        for (int c = 0; c < 3; ++c) out.largest_vector[c] += polytope.at[k] * polytope.scale[k] * out.axis[k][c];
     return out;
 }
 

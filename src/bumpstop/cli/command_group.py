@@ -6,7 +6,7 @@ from typing import Any
 
 from typer.core import TyperGroup
 
-# From the question of how hard a collision is, over what makes it harmless, to recordings and what is made of them.
+# How hard a collision is, what brings it below the limits, recordings, and what is made of them.
 _ORDER = (
     *("evaluate", "require", "sensitivity", "stopping", "study", "robots", "bodies"),
     *("recording", "plan", "identify", "validate", "tune", "detect", "score", "detector"),

@@ -14,7 +14,7 @@ from bumpstop.collision.scenario.scenario import Scenario, as_scenario
 from bumpstop.errors import InputError
 
 # Reasons for the end of a path by their number; 255 is a singular start.
-_ENDS = {0: "horizon", 1: "joint_limit", 2: "singularity", 3: "certain_detection", 255: "singular_start"}
+_ENDS = {0: "motion_end", 1: "joint_limit", 2: "singularity", 3: "all_detected", 255: "singular_start"}
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from bumpstop.errors import InputError
 AT_REST = ("joint_limit", "singularity")
 
 
-PathEnd = Literal["horizon", "joint_limit", "singularity", "certain_detection", "trajectory"]
+PathEnd = Literal["motion_end", "joint_limit", "singularity", "all_detected", "trajectory"]
 
 
 class TrajectoryReactions:
@@ -40,12 +40,12 @@ class StoppingCurve:
         kernel: the compiled curve, which simulates reactions.
         tick_time: (ticks,) [s] after the start of the motion.
         tick_distance: s(k), (ticks,) distance along the contact normal [m].
-        farthest: s_stop(k), (ticks,) [m].
+        max_distance: s_stop(k), (ticks,) [m].
         torque_per_newton: a(k) = J_v' n, (ticks, dof): residual per newton of contact force [Nm/N or 1].
         distance: (steps + 1,) distance after every simulation step [m]; entry 0 is the start.
         start, normal: contact point at the start [m] and contact normal, base frame (3,).
         approach_speed: of the contact point along the normal at full speed [m/s].
-        end: why the curve ends: ``"horizon"``, ``"joint_limit"``, ``"singularity"``, ``"certain_detection"`` or
+        end: why the curve ends: ``"motion_end"``, ``"joint_limit"``, ``"singularity"``, ``"all_detected"`` or
             ``"trajectory"``, with the trajectory.
         end_joint: the joint at its limit, from 1, or None.
     """
@@ -53,7 +53,7 @@ class StoppingCurve:
     kernel: _native.LineStoppingCurve | TrajectoryReactions
     tick_time: FloatArray
     tick_distance: FloatArray
-    farthest: FloatArray
+    max_distance: FloatArray
     torque_per_newton: FloatArray
     distance: FloatArray
     start: FloatArray
@@ -106,7 +106,7 @@ def stopping_curve(problem: CollisionProblem, *, whole: bool = False) -> Stoppin
         kernel=kernel,
         tick_time=np.asarray(index * step, dtype=np.float64),
         tick_distance=distance[index],
-        farthest=kernel.farthest,
+        max_distance=kernel.max_distance,
         torque_per_newton=kernel.torque_per_newton,
         distance=distance,
         start=kernel.start,

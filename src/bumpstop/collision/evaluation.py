@@ -119,7 +119,7 @@ def integrate(problem: CollisionProblem, curve: StoppingCurve, *, refinement: in
             law,
             "peak_force",
             undetected=0.0 if law.rests else undetected,
-            bounded=curve.end != "horizon",
+            bounded=curve.end != "motion_end",
             far_tail=lambda force: curve.line.tail_without_interpolation(problem.detector, problem.contact, force),
         )
         force_at_detection = ExactDistribution(law, "force_at_detection", condition=after_contact)
@@ -169,9 +169,9 @@ def monte_carlo(
         # A motion that ends before the first tick has none to look up, and no detection.
         return values[at] if values.size else np.zeros(at.shape)
 
-    peak = K * np.maximum(0.0, at_tick(curve.farthest) - offset)
-    # The path goes on for a latency beyond the horizon, for the reactions; the motion does not.
-    motion = curve.distance[: _horizon(problem) + 1]
+    peak = K * np.maximum(0.0, at_tick(curve.max_distance) - offset)
+    # The path goes on for a latency beyond the end of the motion, for the reactions; the motion does not.
+    motion = curve.distance[: _motion_steps(problem) + 1]
     braking = curve.line.braking if curve.end in ("joint_limit", "singularity") else np.zeros(0)
     if problem.gives_way:
         motion, braking = np.append(motion, braking), np.zeros(0)
@@ -179,7 +179,7 @@ def monte_carlo(
     # A body that the arm reaches only while it brakes at the end of its line is pressed as deep as any other.
     greatest = K * np.maximum(0.0, max(motion.max(), braking.max(initial=-math.inf)) - offset)
     missed = ~detected & touches
-    peak = np.where(detected, peak, np.where(missed & (curve.end == "horizon"), math.inf, greatest))
+    peak = np.where(detected, peak, np.where(missed & (curve.end == "motion_end"), math.inf, greatest))
     force = K * np.maximum(0.0, at_tick(curve.tick_distance) - offset)
     transient_contact_duration = None
     # From the first tick in contact on, also where the arm falls back from the body again.
@@ -245,5 +245,5 @@ def _check_sample(samples: int, seed: int, threads: int) -> None:
     as_whole_number(threads, "threads", 1, 256)
 
 
-def _horizon(problem: CollisionProblem) -> int:
+def _motion_steps(problem: CollisionProblem) -> int:
     return round(problem.scenario.motion.duration_s / problem.scenario.simulation.step_s)

@@ -26,7 +26,7 @@ class UndetectableForces:
     Attributes:
         largest: (N,) largest undetectable force [N]; infinite where some direction is not detectable at all.
         largest_detectable: (N,) the same among forces without a component along such a direction [N].
-        farthest: (N, 3) the force that ``largest_detectable`` is the size of, in B, as the arm exerts it [N].
+        largest_vector: (N, 3) the force that ``largest_detectable`` is the size of, in B, as the arm exerts it [N].
         rank: (N,) directions that are detectable, 0 to 3.
         axes: (N, 3, 3) rows are orthogonal unit vectors in B, the best detectable first; those from ``rank`` on span
             the null
@@ -36,7 +36,7 @@ class UndetectableForces:
 
     largest: FloatArray
     largest_detectable: FloatArray
-    farthest: FloatArray
+    largest_vector: FloatArray
     rank: npt.NDArray[np.int64]
     axes: FloatArray
     singular_values: FloatArray
@@ -94,8 +94,8 @@ def undetectable_forces(
     low, high = residual_band(robot.dof, thresholds, noise_mean=noise_mean, noise_sd=noise_sd, z=z)
     jacobian = robot.jacobian(rows, link, point)[:, :3]
     found = _native.undetectable_forces(np.ascontiguousarray(jacobian), low, high)
-    largest, detectable, farthest, singular, rank, axes = (value[0] if single else value for value in found)
-    return UndetectableForces(largest, detectable, farthest, rank, axes, singular)
+    largest, detectable, largest_vector, singular, rank, axes = (value[0] if single else value for value in found)
+    return UndetectableForces(largest, detectable, largest_vector, rank, axes, singular)
 
 
 @dataclass(frozen=True)

@@ -180,7 +180,9 @@ def line(
     rates = np.zeros_like(positions)
     rates[0] = first
     positions[1:, free], rates[1:, free] = states[:, 0], states[:, 1]
-    notes = () if path.end == "horizon" else (f"The line ends after {len(states) * COMMAND_STEP:.3g} s: {path.end}.",)
+    notes = (
+        () if path.end == "motion_end" else (f"The line ends after {len(states) * COMMAND_STEP:.3g} s: {path.end}.",)
+    )
     resolver = _Resolver(robot, free, rows)
 
     def react(knot: int, reaction: PlantReaction, limit: FloatArray, rest: float) -> tuple[FloatArray, FloatArray]:

@@ -156,7 +156,7 @@ class Variable:
         if self.name == "motion.speed":
             assert scenario.motion.velocity_mm_s is not None
             factor = value / self.value(scenario)
-            # In the same time a slow arm would not get to the body, and seem harmless.
+            # In the same time a slow arm would not get to the body, and its force would seem to be zero.
             return {
                 "motion.velocity_mm_s": [factor * v for v in scenario.motion.velocity_mm_s],
                 "motion.duration_s": duration_s(scenario, factor),

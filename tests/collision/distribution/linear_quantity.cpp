@@ -30,14 +30,14 @@ struct Integral {
 // Over each side of the kink, where force and density are polynomials, Gauss's rule of 16 nodes is exact.
 Integral integral(const Stopped& stopped, double low, double high, double stiffness) {
     const GaussRule rule(16);
-    const double edge = std::clamp(stopped.farthest, low, high);
+    const double edge = std::clamp(stopped.max_distance, low, high);
     Integral made;
     for (const auto& [from, to] : {std::pair{low, edge}, std::pair{edge, high}}) {
         for (int g = 0; g < rule.order; ++g) {
             const double offset = 0.5 * (from + to) + 0.5 * (to - from) * rule.node[std::size_t(g)];
             const double x = (2 * offset - low - high) / (high - low);
             const double mass = stopped.density(x) * rule.weight[std::size_t(g)] * (to - from) / (high - low);
-            const double force = stiffness * std::max(0.0, stopped.farthest - offset);
+            const double force = stiffness * std::max(0.0, stopped.max_distance - offset);
             made.mass += mass;
             made.first += mass * force;
             made.second += mass * force * force;
@@ -48,7 +48,7 @@ Integral integral(const Stopped& stopped, double low, double high, double stiffn
 
 double mass_below(const Stopped& stopped, double low, double high) {
     const GaussRule rule(16);
-    const double share = (std::clamp(stopped.farthest, low, high) - low) / (high - low);
+    const double share = (std::clamp(stopped.max_distance, low, high) - low) / (high - low);
     double mass = 0;
     for (int g = 0; g < rule.order; ++g)
         mass += stopped.density(share * (rule.node[std::size_t(g)] + 1) - 1) * rule.weight[std::size_t(g)] * share;
@@ -96,14 +96,14 @@ void moments_and_tails_are_integrals() {
                 for (double c : series_of(stopped)) density.series.push_back(stopped.factor * c);
                 density.mass.push_back(2 * stopped.factor * series_of(stopped)[0]);
                 density.panel.back().mass += density.mass.back();
-                force.reach.push_back(stopped.farthest);
+                force.reach.push_back(stopped.max_distance);
                 const Integral own = integral(stopped, low, high, stiffness);
                 wanted.mass += own.mass;
                 wanted.first += own.first;
                 wanted.second += own.second;
                 // What lies nearer than a force from the end of its stopping path exceeds it.
                 Stopped nearer = stopped;
-                nearer.farthest -= y / stiffness;
+                nearer.max_distance -= y / stiffness;
                 above += mass_below(nearer, low, high);
             }
         }

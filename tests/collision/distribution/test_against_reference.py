@@ -27,7 +27,7 @@ def test_run_by_run(name: str) -> None:
     result = bs.evaluate(scenario, samples=RUNS, seed=5)
     assert result.runs is not None
     offset, tick = result.runs["offset"], result.runs["tick"]
-    # Enough for the slowest detection; the reference simulator's horizon is cut to it, to spare the noise of ticks
+    # Enough for the slowest detection; the reference simulator's motion is cut to it, to spare the noise of ticks
     # nobody reaches.
     ticks = int(tick.max()) + 2
     settings = replace(settings, duration_s=ticks * settings.period_steps * settings.step_s)
@@ -86,7 +86,7 @@ def test_reactions_come_forward_again_beside_a_singularity() -> None:
     runs = simulate(settings, np.full(len(ticks), math.inf), noise)
     np.testing.assert_array_equal(runs.detection_tick, ticks)
     # What the singularity makes of roundings is less than 1e-6 m; ours may be followed longer.
-    assert (curve.farthest[ticks] - runs.max_travel_m).min() > -1e-6
+    assert (curve.max_distance[ticks] - runs.max_travel_m).min() > -1e-6
 
 
 def assert_same_path(scenario: bs.Scenario) -> None:

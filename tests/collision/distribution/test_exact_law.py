@@ -64,7 +64,7 @@ def test_tails_against_forty_digits() -> None:
             )
             tau = mp.mpf(float(problem.thresholds[j]))
             silent *= 1 - (mp.erfc((tau - m) / (sd * mp.sqrt(2))) + mp.erfc((tau + m) / (sd * mp.sqrt(2)))) / 2
-        rows.append((survival * (1 - silent), problem.stiffness * max(0.0, float(curve.farthest[k]) - 0.00117)))
+        rows.append((survival * (1 - silent), problem.stiffness * max(0.0, float(curve.max_distance[k]) - 0.00117)))
         survival *= silent
     peaks = sorted(peak for _, peak in rows if peak > 0)
     checked = 0
@@ -107,7 +107,7 @@ def test_noise_that_vanishes_tends_to_no_noise() -> None:
 def test_probabilities_add_up() -> None:
     for name, scenario in VARIED.items():
         result = bs.evaluate(scenario)
-        total = result.integral.total("peak_force") + result.integral.harmless
+        total = result.integral.total("peak_force") + result.integral.zero_force
         # An arm that comes to rest has a force for what it never detects, too.
         total += 0.0 if result.integral.rests else result.undetected_probability
         assert total == pytest.approx(1, abs=1e-9), name
@@ -127,7 +127,7 @@ def test_lower_thresholds_and_softer_bodies_make_softer_hits() -> None:
 
 def test_undetected_without_bound_has_no_mean_and_counts_as_over() -> None:
     result = bs.evaluate(control_group(detector__thresholds_Nm=[1e6] * 7, motion__duration_s=0.05))
-    assert result.curve.end == "horizon"
+    assert result.curve.end == "motion_end"
     assert result.undetected_probability > 0.1
     figures = result.peak_force.to_json()
     assert figures["mean"] is None
@@ -238,7 +238,7 @@ def test_probabilities_of_a_motion_that_ends_early_add_up() -> None:
     assert result.no_contact_probability > 0.7
     # The arm comes to rest there: what it does not detect has a force.
     assert kernel.rests
-    assert kernel.total("peak_force") + kernel.harmless == pytest.approx(1, abs=1e-12)
+    assert kernel.total("peak_force") + kernel.zero_force == pytest.approx(1, abs=1e-12)
 
 
 @pytest.mark.parametrize("pose", [76, 87, 219])
@@ -255,12 +255,12 @@ def test_rough_stopping_curves_are_those_of_their_reactions(pose: int) -> None:
     del settings["pose_deg"]
     settings |= {"pose_rad": q[pose].tolist()}
     settings["motion"]["velocity_mm_s"] = (velocity[pose] * 1e3).tolist()
-    assert_farthest_is_that_of_each_reaction(bs.Scenario.from_dict(settings))
+    assert_max_distance_is_that_of_each_reaction(bs.Scenario.from_dict(settings))
 
 
 def test_no_leap_passes_over_two_singularities_in_a_row() -> None:
     """Four milliseconds apart, with rates slowed to a velocity limit: the arm looks the same before and after both."""
-    assert_farthest_is_that_of_each_reaction(
+    assert_max_distance_is_that_of_each_reaction(
         control_group(
             pose_deg=[-3.025, -58.43, -147.015, 56.138, 112.724, 10.634, 0],
             motion__velocity_mm_s=[-5.68, 26.65, 16.98],
@@ -268,10 +268,10 @@ def test_no_leap_passes_over_two_singularities_in_a_row() -> None:
     )
 
 
-def assert_farthest_is_that_of_each_reaction(scenario: bs.Scenario) -> None:
+def assert_max_distance_is_that_of_each_reaction(scenario: bs.Scenario) -> None:
     problem = bs.CollisionProblem.from_scenario(scenario)
     curve = bs.stopping_curve(problem)
-    ticks = list(range(len(curve.farthest)))
+    ticks = list(range(len(curve.max_distance)))
     there = [float(curve.distance[problem.period_steps * k + 1]) for k in ticks]
-    farthest = [path.max() for path in curve.kernel.reaction_paths(ticks, there)]
-    np.testing.assert_allclose(curve.farthest, farthest, rtol=0, atol=5e-9)
+    expected = [path.max() for path in curve.kernel.reaction_paths(ticks, there)]
+    np.testing.assert_allclose(curve.max_distance, expected, rtol=0, atol=5e-9)

@@ -18,7 +18,7 @@ def test_of_numbers() -> None:
     assert math.isnan(finite_mean(SampledDistribution(np.array([math.inf]))))
 
 
-def test_of_collisions_cut_off_by_the_horizon() -> None:
+def test_of_collisions_cut_off_by_the_end_of_the_motion() -> None:
     """Half are never detected, the others have forces: of sampled ones the mean is a plain sum."""
     scenario = control_group(detector__thresholds_Nm=[100.0] * 7, motion__duration_s=0.076)
     exact, sampled = bs.evaluate(scenario), bs.evaluate(scenario, samples=100_000, seed=3)

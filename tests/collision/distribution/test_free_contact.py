@@ -138,9 +138,9 @@ def test_contact_lasts_until_the_body_has_got_away(name: str) -> None:
     picked |= {int(i) for i in np.flatnonzero((runs["force_at_detection"] == 0) & (runs["tick"] >= 0) & (peak > 0))[:2]}
     for run in sorted(picked):
         tick, offset = int(runs["tick"][run]), float(runs["offset"][run])
-        horizon = round(scenario.motion.duration_s / 1e-3)
+        steps = round(scenario.motion.duration_s / 1e-3)
         # An arm that cannot follow its line brakes, and does so without a reaction, too.
-        path, retreat = np.append(curve.distance[: horizon + 1], curve.line.braking), 0.0
+        path, retreat = np.append(curve.distance[: steps + 1], curve.line.braking), 0.0
         if tick >= 0:
             begin = min(tick * problem.period_steps + 1 + problem.latency_steps, curve.distance.size - 1)
             reaction = curve.kernel.reaction_paths([tick], [offset - 1e-3])[0]

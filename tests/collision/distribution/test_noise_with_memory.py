@@ -83,7 +83,7 @@ def test_observer_without_noise_detects_at_the_tick_its_filter_says(gain: float)
     force = problem.stiffness * np.maximum(0, curve.tick_distance - 0.4e-3)
     residual = np.abs(contact_residual(problem, curve.torque_per_newton * force[:, None]))
     tick = int(np.argmax((residual > problem.thresholds).any(axis=1)))
-    expected = problem.stiffness * (curve.farthest[tick] - 0.4e-3)
+    expected = problem.stiffness * (curve.max_distance[tick] - 0.4e-3)
     assert result.peak_force.mean == pytest.approx(expected, rel=1e-12)
     drawn = bs.evaluate(scenario, samples=3, seed=1)
     assert drawn.runs is not None
@@ -104,7 +104,7 @@ def narrow_observer(**changes: Any) -> bs.Scenario:
 
 @pytest.mark.parametrize("noise_sd", [0.0, 1e-3])
 def test_observer_almost_without_noise_against_every_offset_by_itself(noise_sd: float) -> None:
-    """The tick of detection leaps from one to the next where the filtered residual passes the threshold."""
+    """The tick of detection jumps from one to the next where the filtered residual passes the threshold."""
     result = bs.evaluate(narrow_observer(detector__noise_sd_Nm=noise_sd))
     curve, problem = result.curve, result.problem
     offset = (np.arange(1_000_000) + 0.5) / 1_000_000 * problem.offset_size
@@ -116,7 +116,7 @@ def test_observer_almost_without_noise_against_every_offset_by_itself(noise_sd: 
         tick[(tick < 0) & (np.abs(residual) > problem.thresholds).any(axis=1)] = k
     assert np.unique(tick).size > 1
     at_detection = problem.stiffness * (curve.tick_distance[tick] - offset)
-    peak = problem.stiffness * (curve.farthest[tick] - offset)
+    peak = problem.stiffness * (curve.max_distance[tick] - offset)
     assert result.force_at_detection.mean == pytest.approx(at_detection.mean(), rel=2e-5)
     assert result.peak_force.mean == pytest.approx(peak.mean(), rel=1e-5)
     assert result.peak_force.exceedance(400.0) == pytest.approx((peak > 400).mean(), abs=1e-4)

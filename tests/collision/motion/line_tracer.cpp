@@ -106,7 +106,7 @@ void paths_agree(int dof, const std::vector<int>& sliding, int held, bool from_r
             }
             if (known <= std::size_t(steps)) continue;
             ++whole;
-            CHECK(path.end == PathEnd::horizon && path.ticks == (steps - 1) / period + 1);
+            CHECK(path.end == PathEnd::motion_end && path.ticks == (steps - 1) / period + 1);
         }
     }
     CHECK(whole > 5);

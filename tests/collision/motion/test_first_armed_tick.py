@@ -59,8 +59,8 @@ def test_a_sure_alarm_comes_at_the_first_armed_tick(delay: float, first: int, ki
         force = result.problem.stiffness * (result.curve.tick_distance[first] - offset_mm / 1e3)
         assert result.force_at_detection.mean == pytest.approx(force, rel=1e-9)
         # Nothing after it is computed.
-        assert result.curve.end == "certain_detection"
-        assert len(result.curve.farthest) == first + 1
+        assert result.curve.end == "all_detected"
+        assert len(result.curve.max_distance) == first + 1
     for threads in (1, 2):
         runs = bs.evaluate(scenario, samples=50, threads=threads).runs
         assert runs is not None

@@ -70,7 +70,7 @@ def test_an_arm_that_brakes_goes_as_far_as_the_reference_simulator(latency: floa
         runs = simulate(replace(settings, latency_steps=latency_steps), np.full(curve.ticks, math.inf), noise)
         np.testing.assert_array_equal(runs.detection_tick, np.arange(curve.ticks))
         travel.append(runs.max_travel_m)
-    np.testing.assert_allclose(curve.farthest, np.max(travel, axis=0), atol=1e-9)
+    np.testing.assert_allclose(curve.max_distance, np.max(travel, axis=0), atol=1e-9)
     # Undetected it comes to rest where the reference simulator does.
     undetected = replace(settings, thresholds_Nm=math.inf)
     body = simulate(undetected, np.zeros(1), None)
@@ -129,7 +129,7 @@ def test_a_reaction_that_never_turns_back_keeps_its_farthest_point() -> None:
     curve = bs.stopping_curve(bs.CollisionProblem.from_scenario(scenario), whole=True)
     ticks = list(range(curve.ticks))
     every = [float(path.max()) for path in curve.kernel.reaction_paths(ticks, [-1e9] * len(ticks))]
-    np.testing.assert_allclose(np.maximum(every, curve.tick_distance), curve.farthest, rtol=1e-7)
+    np.testing.assert_allclose(np.maximum(every, curve.tick_distance), curve.max_distance, rtol=1e-7)
 
 
 @pytest.mark.parametrize("latency", [0.008, 0.010, 0.050])

@@ -31,7 +31,7 @@ def line(folder: Path, **changes: Any) -> bs.Scenario:
 @pytest.mark.parametrize("kind", ["stop", "reverse"])
 def test_a_slow_arm_is_followed_until_it_stands(kind: str, tmp_path: Path) -> None:
     curve = bs.stopping_curve(bs.CollisionProblem.from_scenario(line(tmp_path, reaction__kind=kind)), whole=True)
-    np.testing.assert_allclose(curve.farthest - curve.tick_distance, OVERRUN, rtol=1e-6)
+    np.testing.assert_allclose(curve.max_distance - curve.tick_distance, OVERRUN, rtol=1e-6)
 
 
 def test_so_is_one_on_a_trajectory(tmp_path: Path) -> None:
@@ -44,7 +44,7 @@ def test_so_is_one_on_a_trajectory(tmp_path: Path) -> None:
     result = bs.evaluate(scenario(tmp_path, motion, detector__feedback_period_s=0.05, **SLOW))
     stops = result.curve.tick_distance + OVERRUN < SPEED * t[-1]
     assert stops.any()
-    np.testing.assert_allclose((result.curve.farthest - result.curve.tick_distance)[stops], OVERRUN, rtol=1e-6)
+    np.testing.assert_allclose((result.curve.max_distance - result.curve.tick_distance)[stops], OVERRUN, rtol=1e-6)
 
 
 @pytest.mark.parametrize(

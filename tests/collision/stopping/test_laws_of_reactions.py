@@ -113,18 +113,18 @@ def test_integrated_and_drawn_agree(law: str, kind: str) -> None:
         assert drawn.peak_force.exceedance(limit) == pytest.approx(1 - p, abs=4 * (p * (1 - p) / 200_000) ** 0.5)
 
 
-def farthest(scenario: bs.Scenario) -> np.ndarray:
-    return bs.stopping_curve(bs.CollisionProblem.from_scenario(scenario), whole=True).farthest
+def max_distance(scenario: bs.Scenario) -> np.ndarray:
+    return bs.stopping_curve(bs.CollisionProblem.from_scenario(scenario), whole=True).max_distance
 
 
 @pytest.mark.parametrize("kind", ["stop", "reverse"])
 def test_a_brake_that_bites_at_once_has_constant_deceleration(kind: str) -> None:
     plain = control_group(reaction__kind=kind, motion__duration_s=0.4)
     at_once = plain.with_values({"reaction.deceleration": "ramp", "reaction.ramp_time_s": 0.0})
-    np.testing.assert_array_equal(farthest(at_once), farthest(plain))
+    np.testing.assert_array_equal(max_distance(at_once), max_distance(plain))
     # Shorter than half a sub-step, so that the first one has the whole limit, but by the other way through the code.
     soon = plain.with_values({"reaction.deceleration": "ramp", "reaction.ramp_time_s": 1e-4})
-    np.testing.assert_allclose(farthest(soon), farthest(plain), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(max_distance(soon), max_distance(plain), rtol=0, atol=1e-12)
 
 
 def test_constant_time_is_constant_deceleration_by_what_it_takes() -> None:
@@ -135,7 +135,7 @@ def test_constant_time_is_constant_deceleration_by_what_it_takes() -> None:
     limits = np.maximum(rate / 0.2, 0.1)  # joints that nearly stand never decide
     timed = plain.with_values({"reaction.deceleration": "constant_time", "reaction.stopping_time_s": 0.2})
     limited = plain.with_values({"reaction.joint_acceleration_rad_s2": limits.tolist()})
-    first = farthest(timed)[0], farthest(limited)[0]
+    first = max_distance(timed)[0], max_distance(limited)[0]
     assert first[0] == pytest.approx(first[1], rel=2e-3)
 
 
@@ -151,7 +151,7 @@ def test_the_distance_of_constant_time_is_half_of_speed_by_time(stop_s: float) -
     )
     problem = bs.CollisionProblem.from_scenario(scenario)
     curve = bs.stopping_curve(problem, whole=True)
-    overtravel = curve.farthest - curve.tick_distance
+    overtravel = curve.max_distance - curve.tick_distance
     assert overtravel == pytest.approx(0.02 * (stop_s - 0.0002) / 2, rel=2e-3)
 
 

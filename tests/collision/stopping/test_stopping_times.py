@@ -185,7 +185,9 @@ def test_a_table_of_constant_times_is_constant_time(tmp_path: Path, kind: str) -
     table = grid(lambda p, e, v, j: 0.1 * v)
     tabled = line(tmp_path, table, kind=kind, deceleration="table", stopping_table="table.csv")
     timed = line(tmp_path, table, kind=kind, deceleration="constant_time", stopping_time_s=0.2)
-    curves = [bs.stopping_curve(bs.CollisionProblem.from_scenario(one), whole=True).farthest for one in (tabled, timed)]
+    curves = [
+        bs.stopping_curve(bs.CollisionProblem.from_scenario(one), whole=True).max_distance for one in (tabled, timed)
+    ]
     np.testing.assert_allclose(curves[0], curves[1], rtol=0, atol=2e-9)
     batch = bs.evaluate_batch(
         tabled, *(np.array([x]) for x in (bs.CollisionProblem.from_scenario(tabled).q, [0.08, 0.04, -0.06]))
@@ -202,7 +204,7 @@ def test_brakes_of_a_table_stop_every_joint_in_its_own_time(tmp_path: Path) -> N
     ]
     problems = [bs.CollisionProblem.from_scenario(one) for one in scenarios]
     brakes, drives = (bs.stopping_curve(problem, whole=True) for problem in problems)
-    assert not np.allclose(brakes.farthest, drives.farthest, atol=1e-5)
+    assert not np.allclose(brakes.max_distance, drives.max_distance, atol=1e-5)
     # By hand, from the first tick: every joint goes on for v T / 2, less half a sub-step.
     problem, h = problems[0], 0.0002
     state = np.asarray(brakes.line.reaction_state)[0]
@@ -213,7 +215,7 @@ def test_brakes_of_a_table_stop_every_joint_in_its_own_time(tmp_path: Path) -> N
     q = state[0] + state[1] * way
     link, point = problem.contact_point
     place = problem.robot.chain.poses(np.ascontiguousarray(q), link, point)[:, :3, 3]
-    assert float(((place - brakes.start) @ brakes.normal).max()) == pytest.approx(brakes.farthest[0], abs=2e-6)
+    assert float(((place - brakes.start) @ brakes.normal).max()) == pytest.approx(brakes.max_distance[0], abs=2e-6)
 
 
 def test_the_limit_of_even_time_is_the_stop_of_the_ramp() -> None:

@@ -97,7 +97,7 @@ def test_stopping_distance(speed: float, tmp_path: Path) -> None:
     kernel = trajectory_kernel(problem)
     curve = kernel.curve(0.1, [0.0, 0.0, -1.0])
     for k in (30, 100, 200):
-        travelled = curve.farthest[k] - curve.distance[4 * k + 1]
+        travelled = curve.max_distance[k] - curve.distance[4 * k + 1]
         # The controller works in sub-steps of 0.2 ms; it has lost speed before it moves on.
         assert travelled == pytest.approx(speed**2 / (2 * 2.0) - speed * 0.2e-3 / 2, abs=2e-6 * speed)
 

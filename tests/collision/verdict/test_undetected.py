@@ -99,9 +99,9 @@ def test_no_milder_than_a_simulator_that_follows_the_line() -> None:
     assert result.peak_force.quantile(0.5) >= followed.force_N.max() - 1e-9 * result.problem.stiffness
 
 
-def test_a_horizon_leaves_no_bound_and_names_its_key() -> None:
+def test_the_end_of_a_motion_leaves_no_bound_and_names_its_key() -> None:
     result = bs.evaluate(control_group(detector__thresholds_Nm=[6000.0] * 7, motion__duration_s=2.0))
-    assert result.curve.end == "horizon"
+    assert result.curve.end == "motion_end"
     assert result.verdict.p_over_force == pytest.approx(result.undetected_probability)
     assert result.verdict.acceptable is False
     assert "are not detected within 2 s (motion.duration_s) and count as over every limit" in result.verdict.reason

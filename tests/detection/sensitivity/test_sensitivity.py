@@ -57,7 +57,7 @@ def test_singular_poses(dof: int, rank: int) -> None:
 
 def kernel(columns: np.ndarray, low: np.ndarray, high: np.ndarray) -> dict[str, np.ndarray]:
     """Of cases with bands of their own."""
-    names = ("largest", "detectable", "farthest", "singular", "rank", "axes")
+    names = ("largest", "detectable", "largest_vector", "singular", "rank", "axes")
     rows = [
         _native.undetectable_forces(np.ascontiguousarray(c[None]), a, b)
         for c, a, b in zip(columns, low, high, strict=True)
@@ -70,11 +70,11 @@ def test_the_farthest_force_lies_on_three_faces_and_inside_the_others() -> None:
     q = np.random.default_rng(5).uniform(-1.5, 1.5, (200, 7))
     theta, mean = np.array([20.0, 10, 15, 8, 5, 4, 3]), np.array([1.0, -2, 0, 1, 0.5, 0, -0.5])
     forces = undetectable_forces(robot, q, theta, noise_mean=mean)
-    residual = np.einsum("nij,ni->nj", robot.jacobian(q)[:, :3], forces.farthest) + mean
+    residual = np.einsum("nij,ni->nj", robot.jacobian(q)[:, :3], forces.largest_vector) + mean
     share = np.sort(np.abs(residual) / theta, axis=1)
     assert (share[:, -1] < 1 + ROUNDING).all()
     np.testing.assert_allclose(share[:, -3:], 1, rtol=1e-9)
-    np.testing.assert_allclose(np.linalg.norm(forces.farthest, axis=1), forces.largest, rtol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(forces.largest_vector, axis=1), forces.largest, rtol=1e-12)
 
 
 def test_three_prismatic_joints_make_a_box() -> None:
@@ -86,8 +86,8 @@ def test_three_prismatic_joints_make_a_box() -> None:
     assert float(undetectable_forces(box, [0, 0, 0], [3, 4, 12]).largest) == pytest.approx(13, rel=ROUNDING)
     # A mean takes from one side what it gives to the other; z sigma moves both out.
     forces = undetectable_forces(box, [0, 0, 0], [3, 4, 12], noise_mean=[1, 0, 0])
-    np.testing.assert_allclose(np.abs(forces.farthest), [4, 4, 12], rtol=ROUNDING)
-    assert forces.farthest[0] < 0
+    np.testing.assert_allclose(np.abs(forces.largest_vector), [4, 4, 12], rtol=ROUNDING)
+    assert forces.largest_vector[0] < 0
     wide = undetectable_forces(box, [0, 0, 0], [3, 4, 12], noise_sd=[1, 2, 3], z=2)
     assert float(wide.largest) == pytest.approx(math.sqrt(5**2 + 8**2 + 18**2), rel=ROUNDING)
     # A joint without a threshold drops out, and its direction with it.
@@ -116,7 +116,7 @@ def test_along_a_direction() -> None:
     rows = np.tile(problem.q, (500, 1))
     forces = undetectable_force_along(robot, rows, n, problem.thresholds)
     assert forces.max() <= float(worst.largest) * (1 + ROUNDING)
-    own = undetectable_force_along(robot, problem.q, worst.farthest / worst.largest, problem.thresholds)
+    own = undetectable_force_along(robot, problem.q, worst.largest_vector / worst.largest, problem.thresholds)
     assert float(own) == pytest.approx(float(worst.largest), rel=1e-9)
 
 

@@ -33,7 +33,7 @@ class ContactReactions {
             path[lane] = PathAfter(*paths_, tick[lane], first[lane]);
             // An arm that stops short of the body need not be followed.
             const bool arrives =
-                paths_->farthest[std::size_t(tick[lane])] > lane_of(offset, lane) - separation_tolerance;
+                paths_->max_distance[std::size_t(tick[lane])] > lane_of(offset, lane) - separation_tolerance;
             if (arrives || lane_of(state.touched, lane) > 0.5) longest = std::max(longest, path[lane].length());
         }
         if (longest > 0) follow(state, path, longest, offset);

@@ -43,10 +43,10 @@ class ContactCuts {
         double offset = 0;
         double parted = HUGE_VAL;      // after the start of the motion, in steps
         int first = 0;                 // tick
-        std::vector<double> residual;  // [tick from the first on][watched joint], without noise
+        std::vector<double> residual;  // [tick from the first on][monitored joint], without noise
 
-        double at_tick(int k, int w, int watched) const {
-            const std::size_t i = std::size_t(k - first) * std::size_t(watched) + std::size_t(w);
+        double at_tick(int k, int w, int monitored) const {
+            const std::size_t i = std::size_t(k - first) * std::size_t(monitored) + std::size_t(w);
             return k >= first && i < residual.size() ? residual[i] : 0.0;
         }
     };
@@ -73,12 +73,12 @@ class ContactCuts {
     void feel(Probe& made, int k, const ContactState<double>& state) const {
         const LinePath& path = *paths_.path;
         if (k >= path.ticks) return;
-        for (int w = 0; w < narrow_->watched; ++w) {
+        for (int w = 0; w < narrow_->monitored; ++w) {
             const int joint = narrow_->joint[w];
             const double torque = dynamics_.propagator().elastic
                                       ? dynamics_.residual(state, joint)
                                       : path.torque_per_N[std::size_t(k * path.dof + joint)] * state.force;
-            made.residual.push_back(narrow_->filtered(made.at_tick(k - 1, w, narrow_->watched), torque));
+            made.residual.push_back(narrow_->filtered(made.at_tick(k - 1, w, narrow_->monitored), torque));
         }
     }
 
@@ -104,13 +104,13 @@ class ContactCuts {
             if (low.parted < tick && high.parted >= tick && std::isfinite(high.parted))
                 cuts.push_back(root(low, high, [&](const Probe& at) { return at.parted - tick; }));
             if (narrow_ == nullptr) continue;
-            for (int w = 0; w < narrow_->watched; ++w) pass(w, k, low, high, cuts);
+            for (int w = 0; w < narrow_->monitored; ++w) pass(w, k, low, high, cuts);
         }
     }
 
     /// Where the residual of a joint passes its threshold at tick k, and twice to eight standard deviations about it.
     void pass(int w, int k, const Probe& low, const Probe& high, std::vector<double>& cuts) const {
-        auto residual = [&](const Probe& at) { return at.at_tick(k, w, narrow_->watched); };
+        auto residual = [&](const Probe& at) { return at.at_tick(k, w, narrow_->monitored); };
         const double slope = (residual(high) - residual(low)) / (high.offset - low.offset);
         const double width = narrow_->sd[w] / std::fabs(slope);
         for (double side : {-1.0, 1.0}) {

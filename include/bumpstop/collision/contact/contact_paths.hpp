@@ -14,7 +14,7 @@ struct ContactPaths {
     double step = 0;                            ///< simulation step [s]
     bool reverses = false;                      ///< reactions go back, and do not stand at last
     std::vector<std::vector<double>> reaction;  ///< by tick: distances [m] from the step it begins in on; may be empty
-    std::vector<double> farthest;               ///< by tick: the greatest distance from the tick on [m]
+    std::vector<double> max_distance;           ///< by tick: the greatest distance from the tick on [m]
     std::vector<std::vector<double>>
         later;                    ///< by tick and step of its reaction: the greatest distance from there on [m]
     std::vector<double> reached;  ///< by step: the greatest distance of the undisturbed motion so far [m]
@@ -35,8 +35,8 @@ struct ContactPaths {
         return int(std::upper_bound(reached.begin() + 1, reached.end(), offset) - reached.begin()) - 1;
     }
 
-    void find_farthest() {
-        farthest.clear();
+    void find_max_distance() {
+        max_distance.clear();
         reached = path->s;
         reached.insert(reached.end(), path->braking.begin(), path->braking.end());
         for (std::size_t i = 1; i < reached.size(); ++i) reached[i] = std::max(reached[i], reached[i - 1]);
@@ -45,7 +45,7 @@ struct ContactPaths {
             const int to = reaction[k].empty() ? std::max(last_step(), tick_step(int(k))) : reaction_step(int(k));
             for (int i = tick_step(int(k)); i <= to; ++i) most = std::max(most, undisturbed(i));
             for (double s : reaction[k]) most = std::max(most, s);
-            farthest.push_back(most);
+            max_distance.push_back(most);
         }
         later = reaction;
         for (std::vector<double>& own : later)
@@ -211,7 +211,7 @@ ContactPaths contact_paths(const CollisionSetup& setup, const StoppingCurve& cur
     const LinePath& path = curve.path;
     const Timing& timing = setup.timing;
     int certain = path.ticks;  // ticks of contact after which a detection is
-    for (int k = 0; path.end == PathEnd::certain_detection && k < path.ticks; ++k)
+    for (int k = 0; path.end == PathEnd::all_detected && k < path.ticks; ++k)
         certain -= path.at_tick(k, timing.period) <= largest_offset;
     ContactPaths paths{&path,
                        timing.period,
@@ -257,7 +257,7 @@ ContactPaths contact_paths(const CollisionSetup& setup, const StoppingCurve& cur
         }
         families = std::move(rough);
     }
-    paths.find_farthest();
+    paths.find_max_distance();
     return paths;
 }
 

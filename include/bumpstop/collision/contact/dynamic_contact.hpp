@@ -196,7 +196,7 @@ template <class T>
 void add_alarms(const ContactReactions<T>& reactions, const OffsetDistribution& offset, int k, double chance,
                 double low, EarlyReactions& out) {
     constexpr double most_sd = 0.5;  // in a piece
-    const double top = std::min(reactions.paths().farthest[std::size_t(k)], offset.largest());
+    const double top = std::min(reactions.paths().max_distance[std::size_t(k)], offset.largest());
     if (offset.kind == OffsetKind::fixed) {
         if (top >= offset.size && offset.size >= low) detail::add_piece(reactions, offset, k, chance, low, top, out);
         return;

@@ -14,14 +14,14 @@ inline constexpr int block_registers = 8 / Scalar<T>::lanes;
 /// What a detector meets at a tick, for a block of offsets.
 template <class T>
 struct TickContact {
-    const double* torque_per_N;                  ///< by watched joint [Nm/N]
+    const double* torque_per_N;                  ///< by monitored joint [Nm/N]
     T force[block_registers<T>];                 ///< N
-    T residual[max_joints][block_registers<T>];  ///< of watched joints, without noise; not for alarms from a table
+    T residual[max_joints][block_registers<T>];  ///< of monitored joints, without noise; not for alarms from a table
 };
 
 // An alarm model serves one block of offsets after another, tick by tick:
 //   begin(tick)     the first tick in contact
-//   at(contact)     a tick; what it returns gives, for watched joint w and register r,
+//   at(contact)     a tick; what it returns gives, for monitored joint w and register r,
 //     .chance(w, r) the probability of an alarm there, given none before
 //   skip(contact)   a tick at which the detector is not armed
 
@@ -86,7 +86,7 @@ class TabulatedAlarms {
         // The offsets of a block grow, and so the force falls, from its first lane to its last.
         const double first = lane_of(contact.force[0], 0),
                      last = lane_of(contact.force[block_registers<T> - 1], Scalar<T>::lanes - 1);
-        return {table_.near<T>(detector_.watched, contact.torque_per_N, 0.5 * (first + last)), contact};
+        return {table_.near<T>(detector_.monitored, contact.torque_per_N, 0.5 * (first + last)), contact};
     }
     void skip(const TickContact<T>&) {}
 
@@ -109,8 +109,8 @@ class CorrelatedAlarms {
     CorrelatedAlarms(const GaussianThresholds& detector, const PreContactAlarms& before)
         : detector_(detector),
           before_(before),
-          residual_(std::size_t(detector.watched * registers)),
-          density_(std::size_t(detector.watched * registers)) {}
+          residual_(std::size_t(detector.monitored * registers)),
+          density_(std::size_t(detector.monitored * registers)) {}
 
     class Tick {
       public:
@@ -124,7 +124,7 @@ class CorrelatedAlarms {
 
     /// The noise is as the ticks before contact left it.
     void begin(int tick) {
-        for (int w = 0; w < detector_.watched; ++w) {
+        for (int w = 0; w < detector_.monitored; ++w) {
             for (int r = 0; r < registers; ++r) {
                 residual_[place(w, r)] = 0.0;
                 if (!before_.correlated(w)) continue;
@@ -144,7 +144,7 @@ class CorrelatedAlarms {
     }
     /// A tick that is not armed says nothing about the noise.
     void skip(const TickContact<T>& contact) {
-        for (int w = 0; w < detector_.watched; ++w) {
+        for (int w = 0; w < detector_.monitored; ++w) {
             for (int r = 0; r < registers; ++r) {
                 T& own = residual_[place(w, r)];
                 own = detector_.filtered(own, contact.residual[w][r]);

@@ -203,8 +203,8 @@ CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity qu
             if (!positive || at_node[g] > 0) out.add_node(at_node[g], early.node_mass[g]);
     }
     if (!positive) {
-        out.add_cell(0, 0, law.harmless);
-        out.add_node(0, law.harmless);
+        out.add_cell(0, 0, law.zero_force);
+        out.add_node(0, law.zero_force);
     }
     return out;
 }

@@ -16,7 +16,7 @@ struct CollisionDistribution {
     bool rests = false;               ///< the arm comes to rest where its path ends, so that `end_force` has a bound
     double detected = 0;              ///< before contact or after, of clamped contact
     double false_alarm = 0;           ///< detection before contact
-    double harmless = 0;              ///< of those, and of motions that end before contact: no force at all
+    double zero_force = 0;            ///< of those, and of motions that end before contact: no force at all
     double undetected = 0;            ///< contact, and no detection by the end of the motion
     double no_contact = 0;            ///< the motion ends before contact, no alarm
     double several = 0;               ///< two or more joints over their threshold at the tick of detection
@@ -40,8 +40,8 @@ struct CollisionDistribution {
     }
     /// Mean and standard deviation of the peak force, counting the force by the end where nothing was detected.
     Moments moments() const {
-        const double bounded = peak_force.total + harmless;
-        const Moments known = mixture(peak_force.total, peak_force.moments, harmless, {0, 0});
+        const double bounded = peak_force.total + zero_force;
+        const Moments known = mixture(peak_force.total, peak_force.moments, zero_force, {0, 0});
         // Where the arm comes to rest the others are among them.
         return rests ? known : mixture(bounded, known, end_force.total, end_force.moments);
     }

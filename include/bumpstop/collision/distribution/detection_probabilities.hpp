@@ -26,7 +26,7 @@ struct DetectionProbabilities {
     std::vector<Panel> panel;
     std::vector<double> detected;  ///< [slot][node], slots of all panels in a row
     std::vector<double> survived;  ///< [row][node]: not detected by the end
-    std::vector<double> trigger;   ///< [row][watched joint, then several at once][node]
+    std::vector<double> trigger;   ///< [row][monitored joint, then several at once][node]
     /// Where something gives way, as `detected` and `survived`: greatest force [N], time in contact [s], force at detection [N].
     std::vector<double> peak_force, duration, force_at_detection, undetected_peak_force, undetected_duration;
     std::vector<Run> run;
@@ -42,12 +42,12 @@ struct DetectionProbabilities {
         rows = 0;
     }
     /// Begins a panel that is to be found.
-    void add(std::size_t p, std::size_t order, std::size_t watched) {
+    void add(std::size_t p, std::size_t order, std::size_t monitored) {
         panel[p].known = true;
         panel[p].first_slot = detected.size() / order;
         panel[p].row = rows++;
         survived.resize(rows * order);
-        trigger.resize(rows * (watched + 1) * order);
+        trigger.resize(rows * (monitored + 1) * order);
     }
 
     /// Values by slot and node of panel p, laid like `detected`; `room` is for those that are interpolated.
@@ -139,19 +139,19 @@ class DetectionIntegrator {
     /// `max_force`: no collision of the path reaches a greater one [N]. Joints of an arm that `sways` move all of them.
     void begin(const LinePath& path, double max_force, bool sways = false) {
         path_ = &path;
-        alignas(64) double most[max_joints] = {};  // by watched joint
+        alignas(64) double most[max_joints] = {};  // by monitored joint
         torque_per_N_.assign(std::size_t(path.ticks) * max_joints, 0.0);
         for (int k = 0; k < path.ticks; ++k) {
             double* own = &torque_per_N_[std::size_t(k) * max_joints];
-            for (int w = 0; w < detector_.watched; ++w)
+            for (int w = 0; w < detector_.monitored; ++w)
                 own[w] = path.torque_per_N[std::size_t(k * path.dof + detector_.joint[std::size_t(w)])];
-            for (int w = 0; w < detector_.watched; w += native_lanes)
+            for (int w = 0; w < detector_.monitored; w += native_lanes)
                 store(max(load<Native>(most + w), abs(load<Native>(own + w))), most + w);
         }
         touched_count_ = 0;
         untouched_ = {};
         const NoContactTick& alone = before_.no_contact(before_.unarmed());
-        for (int w = 0; w < detector_.watched; ++w) {
+        for (int w = 0; w < detector_.monitored; ++w) {
             const double residual = most[w] * max_force * detector_.scale[std::size_t(w)];
             if (sways || residual > Alarms::negligible_residual) {
                 touched_[touched_count_++] = w;
@@ -166,7 +166,7 @@ class DetectionIntegrator {
     template <class Contact>
     void find(Contact& contact, const OffsetPanel& panel, int order, std::size_t p, DetectionProbabilities& out) {
         allow_interruption();
-        out.add(p, std::size_t(order), std::size_t(detector_.watched));
+        out.add(p, std::size_t(order), std::size_t(detector_.monitored));
         for (int first = 0; first < order; first += PiecewiseDensity::block)
             find_block(contact, panel, order, first, p, out);
     }
@@ -262,14 +262,14 @@ class DetectionIntegrator {
             break;
         }
         for (int r = 0; r < registers; ++r) {
-            const std::size_t at = std::size_t(first + r * lanes), rows = std::size_t(detector_.watched) + 1;
+            const std::size_t at = std::size_t(first + r * lanes), rows = std::size_t(detector_.monitored) + 1;
             const auto row = [&](int w) {
                 return &out.trigger[(own.row * rows + std::size_t(w)) * std::size_t(order) + at];
             };
             store(survival[r], &out.survived[own.row * std::size_t(order) + at]);
-            for (int w = 0; w < detector_.watched; ++w) store(armed[r] * untouched_.single[std::size_t(w)], row(w));
+            for (int w = 0; w < detector_.monitored; ++w) store(armed[r] * untouched_.single[std::size_t(w)], row(w));
             for (int f = 0; f < touched_count_; ++f) store(single[f][r], row(touched_[f]));
-            store(several[r], row(detector_.watched));
+            store(several[r], row(detector_.monitored));
         }
         contact.finish(own, std::size_t(first), std::size_t(order), out);
     }
@@ -280,8 +280,8 @@ class DetectionIntegrator {
     Alarms alarms_;
     double negligible_survival_;
     const LinePath* path_ = nullptr;
-    std::vector<double> torque_per_N_;                  ///< [tick][watched joint, max_joints places]
-    int touched_[max_joints] = {}, touched_count_ = 0;  ///< watched joints that a force moves
+    std::vector<double> torque_per_N_;                  ///< [tick][monitored joint, max_joints places]
+    int touched_[max_joints] = {}, touched_count_ = 0;  ///< monitored joints that a force moves
     NoContactTick untouched_;                           ///< of the others
 };
 

@@ -91,7 +91,7 @@ class MonteCarlo {
         s_.resize(ticks);
         for (int k = 0; k < ticks; ++k) s_[k] = curve.path.at_tick(k, setup.timing.period);
         while (first_armed_ < ticks && !detector.armed(setup.tick_time(first_armed_))) ++first_armed_;
-        for (int w = 0; w < detector.watched; ++w) {
+        for (int w = 0; w < detector.monitored; ++w) {
             pair_[w] = detector.joint[w] / 2;
             half_[w] = detector.joint[w] % 2;
             const double threshold = detector.threshold[w], mean = detector.mean[w], scale = detector.scale[w];
@@ -174,7 +174,7 @@ class MonteCarlo {
             T noise[max_joints], residual[max_joints];
             PhiloxBlock<IntOf<T>> block{};
             int known_pair = -1;
-            for (int w = 0; w < detector_.watched; ++w) {
+            for (int w = 0; w < detector_.monitored; ++w) {
                 if (pair_[w] != known_pair) {
                     known_pair = pair_[w];
                     block = noise_block(seed_, runs, k, known_pair);
@@ -216,7 +216,7 @@ class MonteCarlo {
         open[lane] = false;
         const std::int64_t i = index[lane];
         out.tick[i] = k;
-        for (int w = 0; w < detector_.watched; ++w)
+        for (int w = 0; w < detector_.monitored; ++w)
             if (lane_of(over[w], lane)) out.triggers[i] |= 1u << detector_.joint[w];
         return true;
     }
@@ -256,7 +256,7 @@ class MonteCarlo {
                       int used, MonteCarloRuns& out, const int* touch, ContactCollision<T>* collision) const {
         const int dof = curve_.path.dof;
         const double fresh = std::sqrt((1 - detector_.correlation) * (1 + detector_.correlation));
-        T noise[max_joints], contact[max_joints];  // by joint, watched or not
+        T noise[max_joints], contact[max_joints];  // by joint, monitored or not
         for (int j = 0; j < dof; ++j) contact[j] = 0.0;
         int remaining = used;
         for (int k = 0; k < curve_.path.ticks && remaining > 0; ++k) {
@@ -303,7 +303,7 @@ class MonteCarlo {
                 }
             }
             MaskOf<T> fired = T(0.0) > T(1.0), over[max_joints];
-            for (int w = 0; w < detector_.watched; ++w) {
+            for (int w = 0; w < detector_.monitored; ++w) {
                 const int j = detector_.joint[w];
                 over[w] = abs(noise[j] + contact[j]) > T(detector_.threshold[w]);
                 fired = fired | over[w];
@@ -325,7 +325,7 @@ class MonteCarlo {
         }
     }
 
-    /// Noise and residual of all joints at the tick of detection, watched or not.
+    /// Noise and residual of all joints at the tick of detection, monitored or not.
     void describe(const std::int64_t* index, int used, MonteCarloRuns& out) const {
         const int dof = curve_.path.dof;
         for (int lane = 0; lane < used; ++lane) {

@@ -116,16 +116,16 @@ class OffsetMesh {
     void find_gain() {
         using L = Lanes<native_lanes>;
         static_assert(max_joints % native_lanes == 0);
-        alignas(64) double torque[max_joints] = {};  // by watched joint
+        alignas(64) double torque[max_joints] = {};  // by monitored joint
         for (int k = 0; k < path_->ticks; ++k) {
             const double* own = &path_->torque_per_N[std::size_t(k) * std::size_t(path_->dof)];
             alignas(64) double here[max_joints] = {};
-            for (int w = 0; w < detector_.watched; ++w) here[w] = own[detector_.joint[std::size_t(w)]];
-            for (int w = 0; w < detector_.watched; w += native_lanes)
+            for (int w = 0; w < detector_.monitored; ++w) here[w] = own[detector_.joint[std::size_t(w)]];
+            for (int w = 0; w < detector_.monitored; w += native_lanes)
                 store(max(load<L>(torque + w), abs(load<L>(here + w))), torque + w);
         }
         gain_ = 0;
-        for (int w = 0; w < detector_.watched; ++w)
+        for (int w = 0; w < detector_.monitored; ++w)
             gain_ = std::max(gain_, torque[w] * detector_.scale[std::size_t(w)] * std::numbers::sqrt2);
         // What correlated noise adds from tick to tick is narrower than the noise.
         gain_ *=
@@ -279,7 +279,7 @@ class OffsetMesh {
         inner_.insert(inner_.end(), std::upper_bound(abrupt.begin(), abrupt.end(), low),
                       std::lower_bound(abrupt.begin(), abrupt.end(), high));
         std::sort(inner_.begin(), inner_.end());
-        if (path_->end != PathEnd::certain_detection) whole = 0;
+        if (path_->end != PathEnd::all_detected) whole = 0;
         double from = low;
         // Rounding leaves no slivers.
         const double least = 1e-9 * (high - low);
@@ -306,7 +306,7 @@ class OffsetMesh {
 
     /// Offsets about which a joint's residual passes its threshold at a tick, where the noise is narrow.
     void add_transitions(int first, double low, double high) {
-        for (int w = 0; w < detector_.watched; ++w) {
+        for (int w = 0; w < detector_.monitored; ++w) {
             for (double side : {-1.0, 1.0}) {
                 bool passed = false;
                 const double limit = side * detector_.threshold[std::size_t(w)] - detector_.mean[std::size_t(w)];

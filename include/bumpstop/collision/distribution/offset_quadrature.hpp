@@ -28,8 +28,7 @@ class OffsetQuadrature {
         path_ = &path;
         settings_ = settings;
         if constexpr (Alarms::tabulated) {
-            const double growth =
-                path.end == PathEnd::certain_detection ? AlarmTable::widest : Alarms::max_uncertain_growth;
+            const double growth = path.end == PathEnd::all_detected ? AlarmTable::widest : Alarms::max_uncertain_growth;
             if (!mesh_.build(path, settings_, {PiecewiseDensity::block, growth, Alarms::max_offset_growth}))
                 return false;
         } else {
@@ -44,16 +43,16 @@ class OffsetQuadrature {
     /// By tick: how probable a detection there is, at most, that a stopping path matters to.
     const std::vector<double>& detection() const { return detection_; }
 
-    /// `farthest`: where the stopping paths get to at most, by tick [m].
-    void finish(const std::vector<double>& farthest) {
-        harmless_from_ = alarm_before_ + result_.no_contact;
+    /// `max_distance`: where the stopping paths get to at most, by tick [m].
+    void finish(const std::vector<double>& max_distance) {
+        zero_force_from_ = alarm_before_ + result_.no_contact;
         if (dynamic()) {
             add_early_reactions();
         } else {
-            add_alarms(farthest);
+            add_alarms(max_distance);
         }
-        result_.harmless = std::max(0.0, harmless_from_);
-        find_quantities(farthest);
+        result_.zero_force = std::max(0.0, zero_force_from_);
+        find_quantities(max_distance);
     }
 
     const CollisionDistribution& result() const { return result_; }
@@ -193,17 +192,17 @@ class OffsetQuadrature {
         for (int m = 0; m < run.nodes; ++m) add(run.panel[m], probabilities_.weight[panel.weight + std::size_t(m)]);
     }
     void find_triggers() {
-        const std::size_t step = std::size_t(mesh_.order()), watched = std::size_t(detector_.watched);
+        const std::size_t step = std::size_t(mesh_.order()), monitored = std::size_t(detector_.monitored);
         const double* trigger = probabilities_.trigger.data();
         T sum[max_joints + 1];
-        std::fill(sum, sum + watched + 1, T(0.0));
+        std::fill(sum, sum + monitored + 1, T(0.0));
         for (std::size_t row = 0; row < probabilities_.rows; ++row) {
-            for (std::size_t w = 0; w <= watched; ++w, trigger += step)
+            for (std::size_t w = 0; w <= monitored; ++w, trigger += step)
                 for (std::size_t g = 0; g < step; g += std::size_t(lanes))
                     sum[w] += load<T>(&node_weight_[row * step + g]) * load<T>(trigger + g);
         }
-        for (std::size_t w = 0; w < watched; ++w) result_.trigger[detector_.joint[w]] = sum_of_lanes(sum[w]);
-        result_.several = sum_of_lanes(sum[watched]);
+        for (std::size_t w = 0; w < monitored; ++w) result_.trigger[detector_.joint[w]] = sum_of_lanes(sum[w]);
+        result_.several = sum_of_lanes(sum[monitored]);
     }
 
     void count_false_alarms() {
@@ -222,7 +221,7 @@ class OffsetQuadrature {
             waiting += contact_from_[std::size_t(k) + 1];
             const NoContactTick& tick = before_.no_contact(k);
             const double here = waiting * before_.survival_before(k);
-            for (int w = 0; w < detector_.watched; ++w)
+            for (int w = 0; w < detector_.monitored; ++w)
                 result_.trigger[detector_.joint[std::size_t(w)]] += here * tick.single[std::size_t(w)];
             result_.several += here * std::max(0.0, tick.alarm - tick.one);
         }
@@ -230,18 +229,18 @@ class OffsetQuadrature {
 
     /// Alarms before contact whose stopping path reaches the body. At the end of its line the arm may brake into one that it
     /// did not reach before, and that nothing alarmed of.
-    void add_alarms(const std::vector<double>& farthest) {
+    void add_alarms(const std::vector<double>& max_distance) {
         const int ticks = path_->ticks;
-        const double braking = path_->farthest_braking();
+        const double braking = path_->max_braking_distance();
         if (!(before_.false_alarm_before(ticks) > 0) && !path_->brakes()) return;
         // By tick: the farthest any stopping path gets that begins there or earlier.
-        farthest_yet_.assign(farthest.begin(), farthest.begin() + ticks);
-        for (std::size_t k = 1; k < farthest_yet_.size(); ++k)
-            farthest_yet_[k] = std::max(farthest_yet_[k], farthest_yet_[k - 1]);
+        max_distance_yet_.assign(max_distance.begin(), max_distance.begin() + ticks);
+        for (std::size_t k = 1; k < max_distance_yet_.size(); ++k)
+            max_distance_yet_[k] = std::max(max_distance_yet_[k], max_distance_yet_[k - 1]);
         PiecewiseDensity& density = result_.density;
         end_panels_.clear();
-        mesh_.add_end_panels(mesh_.edges().back(), std::max(ticks > 0 ? farthest_yet_.back() : 0.0, braking), ticks + 1,
-                             end_panels_);
+        mesh_.add_end_panels(mesh_.edges().back(), std::max(ticks > 0 ? max_distance_yet_.back() : 0.0, braking),
+                             ticks + 1, end_panels_);
         for (const OffsetPanel& panel : end_panels_) density.panel.push_back({panel.low, panel.high, panel.tick});
         if (!density.end_series.empty())
             density.end_series.resize(density.panel.size() * std::size_t(density.order), 0.0);
@@ -252,10 +251,10 @@ class OffsetQuadrature {
             if (panel.first_tick > ticks && braking > panel.low)
                 density.alarm.push_back({ticks, braking, before_.survival_before(ticks), 0});
             for (int k = std::min(panel.first_tick, ticks) - 1; k >= 0; --k) {
-                if (!(farthest_yet_[std::size_t(k)] > panel.low)) break;
+                if (!(max_distance_yet_[std::size_t(k)] > panel.low)) break;
                 if (before_.armed(k))
                     density.alarm.push_back(
-                        {k, farthest[std::size_t(k)], before_.survival_before(k) * before_.no_contact(k).alarm, 0});
+                        {k, max_distance[std::size_t(k)], before_.survival_before(k) * before_.no_contact(k).alarm, 0});
             }
             panel.end_alarm = int(density.alarm.size());
             if (panel.first_alarm == panel.end_alarm) continue;
@@ -263,7 +262,7 @@ class OffsetQuadrature {
             double* series = &density.offset_series[p * std::size_t(density.order)];
             weigh_offsets(panel.low, panel.high, row);
             legendre_.find(row.value, series);
-            harmless_from_ -= 2 * series[0] * sort_alarms(panel);
+            zero_force_from_ -= 2 * series[0] * sort_alarms(panel);
         }
     }
 
@@ -281,7 +280,7 @@ class OffsetQuadrature {
         return chances;
     }
 
-    void find_quantities(const std::vector<double>& farthest) {
+    void find_quantities(const std::vector<double>& max_distance) {
         PiecewiseDensity& density = result_.density;
         const int ticks = path_->ticks;
         result_.rests = path_->rests();
@@ -289,7 +288,7 @@ class OffsetQuadrature {
         force.scale = settings_.contact.body.stiffness;
         force.of_alarms = true;
         force.of_end = result_.rests;
-        force.reach.assign(farthest.begin(), farthest.begin() + ticks);
+        force.reach.assign(max_distance.begin(), max_distance.begin() + ticks);
         force.end_reach = path_->greatest(mesh_.end_step());
         summarise(density, force);
         find_moments<T>(density, force);
@@ -373,7 +372,7 @@ class OffsetQuadrature {
                 bumpstop::add_alarms<T>(reactions, settings_.contact.offset, k, chance,
                                         mesh_.edges()[std::size_t(k) + 1], result_.early_reactions);
         }
-        harmless_from_ -= result_.early_reactions.total;
+        zero_force_from_ -= result_.early_reactions.total;
     }
 
     static constexpr double rare_alarms = 1e-4;  ///< before contact, in all
@@ -391,9 +390,9 @@ class OffsetQuadrature {
     const LinePath* path_ = nullptr;
     LegendreSeries<T> legendre_;
     double alarm_before_ = 0;           ///< probability of an alarm before contact
-    double harmless_from_ = 0;          ///< of no contact, or an alarm before it; then less those that arrive
+    double zero_force_from_ = 0;        ///< of no contact, or an alarm before it; then less those that arrive
     std::vector<double> contact_from_;  ///< by first tick in contact: probability; the last is all later ones
-    std::vector<double> detection_, beyond_, farthest_yet_, room_, node_weight_;
+    std::vector<double> detection_, beyond_, max_distance_yet_, room_, node_weight_;
     std::vector<OffsetPanel> end_panels_;
     CollisionDistribution result_;
 };

@@ -10,7 +10,7 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// What may happen at an armed tick without contact, given no alarm before.
 struct NoContactTick {
     double alarm = 0, no_alarm = 1, one = 0;  ///< any joint, none, exactly one over its threshold
-    std::array<double, max_joints> single{};  ///< by watched joint
+    std::array<double, max_joints> single{};  ///< by monitored joint
 
     void add(int w, const AlarmProbability<double>& joint) {
         alarm += no_alarm * joint.alarm;
@@ -27,7 +27,7 @@ class PreContactAlarms {
     PreContactAlarms(const CollisionSetup& setup, const GaussianThresholds& detector, int ticks)
         : detector_(detector), period_(setup.timing.period), step_(setup.motion.step) {
         while (unarmed_ <= ticks && !detector.armed(time(unarmed_))) ++unarmed_;
-        for (int w = 0; w < detector.watched; ++w) white_.add(w, joint_alarm(detector, w, 0.0));
+        for (int w = 0; w < detector.monitored; ++w) white_.add(w, joint_alarm(detector, w, 0.0));
         std::vector<double> log_survival(std::size_t(ticks) + 1, 0.0);
         if (detector.correlation != 0) {
             propagate(log_survival);
@@ -83,7 +83,7 @@ class PreContactAlarms {
     void propagate(std::vector<double>& log_survival) {
         const int ticks = int(log_survival.size()) - 1;
         std::vector<double> work;
-        for (int w = 0; w < detector_.watched; ++w) {
+        for (int w = 0; w < detector_.monitored; ++w) {
             place_[w] = -1;
             if (!(detector_.sd[w] > 0)) continue;
             place_[w] = int(memory_.size());
@@ -103,7 +103,7 @@ class PreContactAlarms {
             if (settled) {
                 idle = idle_[std::size_t(k) - 1];
             } else if (armed(k)) {
-                for (int w = 0; w < detector_.watched; ++w) {
+                for (int w = 0; w < detector_.monitored; ++w) {
                     const int m = place_[w];
                     idle.add(w, m < 0 ? joint_alarm(detector_, w, 0.0) : propagate_tick(memory_[m], now[m], 0.0, work));
                 }

@@ -25,14 +25,14 @@ class SurvivalCriterion {
     void observe(const T& s, const T* torque_per_N) {
         const T force = max(s - largest_offset_, T(0.0)) * stiffness_;
         T torque[max_joints];
-        for (int w = 0; w < detector_->watched; ++w)
+        for (int w = 0; w < detector_->monitored; ++w)
             torque[detector_->joint[std::size_t(w)]] = torque_per_N[detector_->joint[std::size_t(w)]] * force;
         observe_contact(force, torque);
     }
     /// The same where the residuals by joint, without noise, are known [Nm]; `touched` is above zero once contact has begun.
     void observe_contact(const T& touched, const T* residual) {
         touched_ = touched;
-        for (int w = 0; w < detector_->watched; ++w) residual_[w] = residual[detector_->joint[std::size_t(w)]];
+        for (int w = 0; w < detector_->monitored; ++w) residual_[w] = residual[detector_->joint[std::size_t(w)]];
         no_alarm_ = 1.0;
         if (detector_->filter == 0 && any(touched > T(0.0)))
             no_alarm_ = any_alarm<T>(*detector_, [&](int w) { return residual_[w]; }).silent;
@@ -42,7 +42,7 @@ class SurvivalCriterion {
         const bool touched = lane_of(touched_, moment) > 0;
         double no_alarm = lane_of(no_alarm_, moment);
         if (detector_->filter != 0) {
-            for (int w = 0; w < detector_->watched; ++w)
+            for (int w = 0; w < detector_->monitored; ++w)
                 filtered_[w] = detector_->filtered(filtered_[w], lane_of(residual_[w], moment));
             if (touched) no_alarm = any_alarm<double>(*detector_, [&](int w) { return filtered_[w]; }).silent;
         }

@@ -38,7 +38,7 @@ double sum_beyond(const StoppingCurve& curve, const Contact& contact, int order,
     const LinePath& path = curve.path;
     const int ticks = path.ticks;
     const GaussRule& rule = gauss_rule(order);
-    const double braking = path.farthest_braking();
+    const double braking = path.max_braking_distance();
     ClampedContact<T> clamped(contact.body.stiffness);
     DetectionProbabilities found;
     double total = 0;
@@ -53,13 +53,13 @@ double sum_beyond(const StoppingCurve& curve, const Contact& contact, int order,
         // The same at all nodes: alarms before contact, and the arm that brakes.
         double anywhere = panel.tick > ticks && exceeds(braking) ? before.survival_before(ticks) : 0;
         for (int k = before.unarmed(); k < std::min(panel.tick, ticks); ++k)
-            if (exceeds(curve.farthest[std::size_t(k)]))
+            if (exceeds(curve.max_distance[std::size_t(k)]))
                 anywhere += before.survival_before(k) * before.no_contact(k).alarm;
         const double survival = panel.tick > ticks ? 0 : before.survival_before(panel.tick);
         for (int g = 0; g < order; ++g) {
             double here = path.rests() && exceeds(end) ? found.survived[std::size_t(g)] : 0;
             for (int slot = 0; slot < found.panel[0].slots; ++slot)
-                if (exceeds(curve.farthest[std::size_t(panel.tick + slot)]))
+                if (exceeds(curve.max_distance[std::size_t(panel.tick + slot)]))
                     here += found.detected[std::size_t(slot * order + g)];
             const double density = fixed ? 0.5 : contact.offset.density(mid + half * rule.node[std::size_t(g)]) * half;
             total += rule.weight[std::size_t(g)] * density * (anywhere + survival * here);
@@ -81,8 +81,8 @@ double tail_without_interpolation(const CollisionSetup& setup, const StoppingCur
     OffsetMesh mesh(setup, detector, before);
     mesh.build(path, settings, true);
     const double end = path.greatest(mesh.end_step()), depth = force / contact.body.stiffness;
-    std::vector<double> reach = curve.farthest;
-    reach.push_back(path.farthest_braking());
+    std::vector<double> reach = curve.max_distance;
+    reach.push_back(path.max_braking_distance());
     std::vector<OffsetPanel> panels = mesh.panels();
     mesh.add_end_panels(mesh.edges().back(), *std::max_element(reach.begin(), reach.end()), path.ticks + 1, panels);
     if (path.rests()) reach.push_back(end);

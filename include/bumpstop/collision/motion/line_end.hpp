@@ -43,14 +43,14 @@ void brake_by_law(const Chain& chain, const MotionSettings& motion, Rate qd, dou
 /// The line ends with the last step written, where the joints are at `q(joint)` and move at `qd(joint)`: from there the arm
 /// brakes by its law of deceleration, as in a reaction that stops, until it stands. No tick follows, and no reaction begins
 /// that has not begun: more latency cannot let an arm stop at once.
-/// `met_step`: in which the limit or the singularity is met. One met after the horizon, while the line goes on for reactions
+/// `met_step`: in which the limit or the singularity is met. One met after the end of the motion, while the line goes on for reactions
 /// alone, is not what ends the motion.
 template <class Q, class Rate>
 void cut_line(const CollisionSetup& setup, PathEnd why, int met_step, Q q, Rate qd, LinePath& path) {
     const Chain& chain = setup.chain;
     const MotionSettings& motion = setup.motion;
     path.cut_step = int(path.s.size()) - 1;
-    if (path.end == PathEnd::horizon && met_step <= setup.timing.steps) path.end = why;
+    if (path.end == PathEnd::motion_end && met_step <= setup.timing.steps) path.end = why;
     const Point3<double> start{path.start[0], path.start[1], path.start[2]};
     const Point3<double> normal{path.normal[0], path.normal[1], path.normal[2]};
     double there[max_joints];

@@ -11,7 +11,7 @@
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// The arm stops following the line when ... At a joint limit and a singularity it brakes.
-enum class PathEnd { horizon, joint_limit, singularity, certain_detection };
+enum class PathEnd { motion_end, joint_limit, singularity, all_detected };
 
 /// One pose's path, all that the force law needs of it.
 struct LinePath {
@@ -32,7 +32,7 @@ struct LinePath {
     Vector3 start{}, normal{};  ///< of the contact point [m]; unit vector into the body; both in the base frame
     Vector3 velocity{};         ///< asked of the tip, base frame [m/s]
     double approach_speed = 0;  ///< of the point along the normal when the motion has its full speed [m/s]
-    PathEnd end = PathEnd::horizon;
+    PathEnd end = PathEnd::motion_end;
     int end_joint = -1;             ///< the joint that would pass its limit, from 0; -1: none would
     int cut_step = -1;              ///< the step after which the arm brakes, as it cannot follow the line; -1: it can
     std::vector<double> braking;    ///< distance after each step since then, until the arm stands [m]
@@ -46,7 +46,7 @@ struct LinePath {
     double greatest(std::size_t last) const {
         if (ticks == 0) return 0;
         return std::max(*std::max_element(s.begin(), s.begin() + std::ptrdiff_t(std::min(last, s.size() - 1)) + 1),
-                        farthest_braking());
+                        max_braking_distance());
     }
     /// The first so many ticks have reactions that begin.
     int known_reactions() const { return std::min(ticks, int(reaction_state.size() / (2 * std::size_t(free_count)))); }
@@ -58,13 +58,13 @@ struct LinePath {
         return tick >= 0 ? &reaction_state[std::size_t(tick) * n]
                          : &early_state[std::size_t(early_ticks(timing) + tick) * n];
     }
-    /// The step in which a motion ends in which nothing is detected: the line goes on for a latency beyond the horizon, for
+    /// The step in which a motion ends in which nothing is detected: the line goes on for a latency beyond its end, for
     /// the reactions. At a joint limit or a singularity the arm then brakes.
     std::size_t end_step(const Timing& timing) const { return std::min(s.size() - 1, std::size_t(timing.steps)); }
     /// Whether that motion ends with the arm braking.
     bool brakes() const { return !braking.empty() && (end == PathEnd::joint_limit || end == PathEnd::singularity); }
     /// The farthest it gets while it brakes [m]; where it does not, below every distance.
-    double farthest_braking() const {
+    double max_braking_distance() const {
         return brakes() ? *std::max_element(braking.begin(), braking.end()) : -std::numeric_limits<double>::infinity();
     }
 };
@@ -127,7 +127,7 @@ LineStart<T> begin_line(const CollisionSetup& setup, const T* q, const Point3<T>
         path.normal = {lane_of(line.normal.x, lane), lane_of(line.normal.y, lane), lane_of(line.normal.z, lane)};
         path.velocity = {lane_of(velocity.x, lane), lane_of(velocity.y, lane), lane_of(velocity.z, lane)};
         path.approach_speed = lane_of(approach, lane);
-        path.end = PathEnd::horizon;
+        path.end = PathEnd::motion_end;
         path.end_joint = -1;
         path.cut_step = -1;
         path.braking.clear();

@@ -32,7 +32,7 @@ struct LineBatch {
     }
 };
 
-/// Ends no line before its horizon.
+/// Ends no line before the motion ends.
 template <class T>
 struct NoCriterion {
     void observe(const T&, const T*) {}
@@ -176,7 +176,7 @@ class LineTracer {
         } else {
             // About the end of a motion that nothing was detected in, and after the last end of a stride.
             const int before_end = timing_.steps - (timing_.steps - 1) % stride_;
-            if (at.path->end == PathEnd::horizon && step > before_end && step <= before_end + stride_) return step;
+            if (at.path->end == PathEnd::motion_end && step > before_end && step <= before_end + stride_) return step;
             if (step > at.last_step - (at.last_step - 1) % stride_) return step;
             return step + stride_ - 1 - (step + stride_ - 2) % stride_;
         }
@@ -311,12 +311,12 @@ class LineTracer {
         }
         const int after_first = step - 1;
         const bool tick = after_first >= 0 && after_first % timing_.period == 0 && after_first < timing_.steps;
-        if (tick && path.end != PathEnd::certain_detection) {
+        if (tick && path.end != PathEnd::all_detected) {
             ++path.ticks;
             double* to = added(path.torque_per_N, chain_.dof);
             for (int j = 0; j < chain_.dof; ++j) to[j] = lane_of(torque[j], i);
             if (at.criterion->finished(i)) {
-                path.end = PathEnd::certain_detection;
+                path.end = PathEnd::all_detected;
                 at.last_step = step + timing_.latency;
             }
         }

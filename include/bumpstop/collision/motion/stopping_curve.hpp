@@ -10,8 +10,8 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 struct StoppingCurve {
     LinePath path;
-    std::vector<double> farthest;  ///< by tick: greatest distance along the normal from that tick on [m]
-    int reactions_simulated = 0;   ///< the others were interpolated
+    std::vector<double> max_distance;  ///< by tick: greatest distance along the normal from that tick on [m]
+    int reactions_simulated = 0;       ///< the others were interpolated
 };
 
 namespace detail {
@@ -33,7 +33,7 @@ inline int limiting_joint(const MotionSettings& motion, const double* inverse_li
 }
 
 /// The farthest that an arm gets which goes on from a step of its line to where it brakes, and brakes.
-inline double farthest_on_line(const LinePath& path, std::vector<double>::const_iterator from) {
+inline double max_distance_on_line(const LinePath& path, std::vector<double>::const_iterator from) {
     const double line = *std::max_element(from, path.s.end());
     return path.braking.empty() ? line : std::max(line, *std::max_element(path.braking.begin(), path.braking.end()));
 }
@@ -60,11 +60,11 @@ using Reach = std::vector<std::pair<int, double>>;
 /// the steps looked at counts for nothing. Where the line is cut the last reactions are those of its last steps.
 inline bool grows_with_latency(const Reach& reach, const StoppingCurve& curve) {
     if (!curve.path.braking.empty()) return false;
-    const auto known = curve.farthest.begin() + curve.path.known_reactions();
+    const auto known = curve.max_distance.begin() + curve.path.known_reactions();
     const auto less = [](const auto& a, const auto& b) { return b.second < a.second; };
-    return std::is_sorted(curve.farthest.begin(), known) &&
+    return std::is_sorted(curve.max_distance.begin(), known) &&
            std::adjacent_find(reach.begin(), reach.end(), less) == reach.end() &&
-           (reach.empty() || known == curve.farthest.begin() || reach.back().second <= curve.farthest.front());
+           (reach.empty() || known == curve.max_distance.begin() || reach.back().second <= curve.max_distance.front());
 }
 
 /// A latency is the longest that an arm takes to react: it may begin at any time up to then, and what takes it farthest
@@ -77,14 +77,14 @@ inline void widen_by_latency(const CollisionSetup& setup, Reach reach, bool ever
     const LinePath& path = curve.path;
     const int known = path.known_reactions();
     for (int k = 0; k < known && !every_step; ++k)
-        reach.emplace_back(LinePath::reaction_step(k, timing), curve.farthest[std::size_t(k)]);
+        reach.emplace_back(LinePath::reaction_step(k, timing), curve.max_distance[std::size_t(k)]);
     std::size_t first = 0, next = 0;   // of those that begin at the tick or later; of those not looked at
     std::vector<std::size_t> falling;  // among those looked at, each less far than the one before
     std::size_t head = 0;              // the first of them that begins at the tick or later
     for (int k = 0; k < path.ticks; ++k) {
         const int step = k * timing.period + 1;
-        double& most = curve.farthest[std::size_t(k)];
-        if (k >= known) most = farthest_on_line(path, path.s.begin() + step);
+        double& most = curve.max_distance[std::size_t(k)];
+        if (k >= known) most = max_distance_on_line(path, path.s.begin() + step);
         while (first < reach.size() && reach[first].first < step) ++first;
         for (; next < reach.size() && reach[next].first <= step + timing.latency; ++next) {
             while (falling.size() > head && reach[falling.back()].second <= reach[next].second) falling.pop_back();
@@ -145,7 +145,7 @@ Reach reach_of_every_step(const CollisionSetup& setup, const LinePath& path);
 
 }  // namespace detail
 
-/// Fills `farthest` of `count` curves whose paths are traced. Reactions are simulated at a few ticks of each range and
+/// Fills `max_distance` of `count` curves whose paths are traced. Reactions are simulated at a few ticks of each range and
 /// interpolated between; a range where the others say something else of one of them is simulated on a grid that is
 /// halved where it must be. `tolerance(i)` tells how well the ticks of curve i must be known.
 template <class T, class Tolerance>
@@ -156,7 +156,7 @@ void complete_curves(const CollisionSetup& setup, StoppingCurve* curves, int cou
     std::vector<detail::AdaptiveTickGrid> rough;
     for (int c = 0; c < count; ++c) {
         StoppingCurve& curve = curves[c];
-        curve.farthest.assign(curve.path.ticks, 0.0);
+        curve.max_distance.assign(curve.path.ticks, 0.0);
         curve.reactions_simulated = 0;
         detail::split_at_switches(setup, curve.path, c, tolerance(c), pending);
     }
@@ -178,7 +178,7 @@ void complete_curves(const CollisionSetup& setup, StoppingCurve* curves, int cou
         const LinePath& path = curves[curve].path;
         const auto from = path.s.begin() + std::ptrdiff_t(k) * timing.period + 1;
         const double before = *std::max_element(from, from + timing.latency + 1);
-        curves[curve].farthest[k] = std::max(before, from[timing.latency] + travelled);
+        curves[curve].max_distance[k] = std::max(before, from[timing.latency] + travelled);
     };
 
     for (detail::TickRange& range : pending) {
@@ -282,7 +282,7 @@ Reach reach_of_every_step(const CollisionSetup& setup, const LinePath& path) {
     complete_curves<T>(every, &curve, 1, EqualTolerance{});
     Reach reach;
     for (int k = 0; k < curve.path.known_reactions(); ++k)
-        reach.emplace_back(LinePath::reaction_step(k, every.timing), curve.farthest[std::size_t(k)]);
+        reach.emplace_back(LinePath::reaction_step(k, every.timing), curve.max_distance[std::size_t(k)]);
     return reach;
 }
 

@@ -156,7 +156,7 @@ class ArmTrajectory {
             const int k = path.ticks++;
             for (std::size_t j = 0; j < n; ++j) torque[j] = touched ? dot(lever_[std::size_t(k) * n + j], normal) : 0.0;
             path.torque_per_N.insert(path.torque_per_N.end(), torque.begin(), torque.end());
-            curve.farthest.push_back(farthest(k, begin, origin, normal, greatest));
+            curve.max_distance.push_back(max_distance(k, begin, origin, normal, greatest));
             if (dynamics) {
                 dynamics->residuals(body, path, k, torque.data());
                 criterion.observe_contact(body.touched, torque.data());
@@ -165,7 +165,7 @@ class ArmTrajectory {
             }
             const bool decided = criterion.finished(0);
             if (detector && (by != nullptr && by->gets_away ? away : decided)) {
-                path.end = PathEnd::certain_detection;
+                path.end = PathEnd::all_detected;
                 break;
             }
             away = body.parted > 0.5;
@@ -206,13 +206,13 @@ class ArmTrajectory {
                            {}};
         paths.reaction.resize(std::size_t(curve.path.ticks));
         for (int k = 0; k < curve.path.ticks; ++k) {
-            if (only_tick < 0 ? curve.farthest[std::size_t(k)] > 0 : k == only_tick)
+            if (only_tick < 0 ? curve.max_distance[std::size_t(k)] > 0 : k == only_tick)
                 paths.reaction[std::size_t(k)] = reaction_distances(k, begin, normal);
         }
-        paths.find_farthest();
+        paths.find_max_distance();
         // An arm whose reaction does not arrive need not be followed.
         for (int k = 0; k < curve.path.ticks; ++k) {
-            if (!(curve.farthest[std::size_t(k)] > 0)) paths.farthest[std::size_t(k)] = -HUGE_VAL;
+            if (!(curve.max_distance[std::size_t(k)] > 0)) paths.max_distance[std::size_t(k)] = -HUGE_VAL;
         }
         return paths;
     }
@@ -359,8 +359,8 @@ class ArmTrajectory {
     }
 
     /// The greatest distance at a step from tick k on. Where the arm reverses it passes all places since contact again.
-    double farthest(int k, double begin, const Point3<double>& origin, const Point3<double>& normal,
-                    double greatest) const {
+    double max_distance(int k, double begin, const Point3<double>& origin, const Point3<double>& normal,
+                        double greatest) const {
         const PathReaction& reaction = reaction_[std::size_t(k)];
         if (!(reaction.reach > begin)) return 0;
         const int first = first_step(k);

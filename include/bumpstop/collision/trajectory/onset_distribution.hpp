@@ -16,13 +16,14 @@ inline double compression_at(const LinePath& path, int k, int period, int first)
 struct OnsetDistribution {
     struct Detection {
         int tick;
-        double probability, farthest, distance;  // distance at the tick, 0 behind the contact; negative: a false alarm
+        double probability, max_distance,
+            distance;  // distance at the tick, 0 behind the contact; negative: a false alarm
         double peak = 0, duration = 0, force = 0;  // where something gives way [N, s, N]
     };
     std::vector<Detection> detection;
     double false_alarm, undetected, no_contact, several;
-    double harmless;  ///< false alarms whose stopping path does not arrive, and no contact
-    double greatest;  ///< distance of the undisturbed motion from contact to its end
+    double zero_force;  ///< false alarms whose stopping path does not arrive, and no contact
+    double greatest;    ///< distance of the undisturbed motion from contact to its end
     double undetected_peak = 0, undetected_duration = 0;  ///< where something gives way [N, s]
     std::array<double, max_joints> trigger;
 };
@@ -57,7 +58,7 @@ OnsetDistribution integrate_onset(const ArmTrajectory& trajectory, double begin,
     out.undetected = found.undetected;
     out.no_contact = found.no_contact;
     out.several = found.several;
-    out.harmless = found.harmless;
+    out.zero_force = found.zero_force;
     out.greatest = std::max(0.0, *std::max_element(curve.path.s.begin(), curve.path.s.end()));
     std::copy(found.trigger, found.trigger + max_joints, out.trigger.begin());
     const PiecewiseDensity& density = found.density;
@@ -75,7 +76,7 @@ OnsetDistribution integrate_onset(const ArmTrajectory& trajectory, double begin,
         const double probability = density.mass_of(panel, slot);
         const int k = panel.tick(slot);
         if (!(probability > 0)) continue;
-        out.detection.push_back({k, probability, curve.farthest[std::size_t(k)],
+        out.detection.push_back({k, probability, curve.max_distance[std::size_t(k)],
                                  compression_at(curve.path, k, setup.timing.period, panel.first_tick)});
         if (by != nullptr) {
             const std::size_t at = std::size_t(slot) * std::size_t(density.order);
@@ -94,7 +95,7 @@ OnsetDistribution integrate_onset(const ArmTrajectory& trajectory, double begin,
         // All cells of a body at one place are alike.
         const std::size_t edge = i * (EarlyReactions::cells + 1);
         out.detection.push_back({pieces.tick[i], pieces.mass[i * EarlyReactions::cells] * EarlyReactions::cells,
-                                 curve.farthest[std::size_t(pieces.tick[i])], -1, pieces.edge_force[edge],
+                                 curve.max_distance[std::size_t(pieces.tick[i])], -1, pieces.edge_force[edge],
                                  pieces.edge_duration[edge], 0});
     }
     return out;

@@ -9,14 +9,14 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// As the runs of a line, one for each onset; distances are along the normal from the place of contact [m].
 struct OnsetRuns : MonteCarloRuns {
-    std::vector<double> farthest;  ///< the farthest the arm gets once it reacts; zero when never detected
+    std::vector<double> max_distance;  ///< the farthest the arm gets once it reacts; zero when never detected
     std::vector<double>
         distance;  ///< at the tick of detection, 0 behind the contact; negative: never, or before contact
     std::vector<double> greatest;  ///< of the undisturbed motion, from contact to its end
 
     OnsetRuns(const MonteCarloSettings& settings, int dof, bool gives_way)
         : MonteCarloRuns(settings, dof, gives_way),
-          farthest(offset.size()),
+          max_distance(offset.size()),
           distance(offset.size()),
           greatest(offset.size()) {}
 };
@@ -40,7 +40,7 @@ inline void sample_onset(const ArmTrajectory& trajectory, const Onsets& onsets, 
                        by)
         .run(std::int64_t(i), std::int64_t(i) + 1, out);
     const int k = out.tick[i], period = setup.timing.period;
-    out.farthest[i] = k < 0 ? 0 : curve.farthest[std::size_t(k)];
+    out.max_distance[i] = k < 0 ? 0 : curve.max_distance[std::size_t(k)];
     int first = 0;
     while (first < curve.path.ticks && !(curve.path.at_tick(first, period) > 0)) ++first;
     out.distance[i] = k < 0 ? -1 : compression_at(curve.path, k, period, first);

@@ -207,7 +207,7 @@ def _found(
     return {
         "largest_force_N": float(undetectable.largest),
         "largest_detectable_force_N": float(undetectable.largest_detectable),
-        "farthest_force_N": undetectable.farthest.tolist(),
+        "largest_force_vector_N": undetectable.largest_vector.tolist(),
         "null_space": undetectable.null_space.tolist(),
         "direction": along.tolist(),
         "force_along_N": float(undetectable_force_along(robot, q, along, thresholds, **about)),
@@ -249,15 +249,15 @@ def _print(found: dict[str, Any], arm: Robot) -> None:
     from bumpstop.model import unit_of
 
     console = Console(highlight=False, markup=False, soft_wrap=True)
-    farthest = _row(found["farthest_force_N"])
+    largest_vector = _row(found["largest_force_vector_N"])
     if math.isfinite(found["largest_force_N"]):
-        console.print(f"largest undetectable force: {found['largest_force_N']:.4g} N, as ({farthest}) N")
+        console.print(f"largest undetectable force: {found['largest_force_N']:.4g} N, as ({largest_vector}) N")
     else:
         console.print("largest undetectable force: unbounded")
         for axis in found["null_space"]:
             console.print(f"  not detectable at all: along ({_row(axis)})")
         if found["largest_detectable_force_N"] > 0:
-            console.print(f"  across that: {found['largest_detectable_force_N']:.4g} N, as ({farthest}) N")
+            console.print(f"  across that: {found['largest_detectable_force_N']:.4g} N, as ({largest_vector}) N")
     console.print(
         f"along ({_row(found['direction'])}): {_newtons(found['force_along_N'])}; from anywhere between thresholds "
         f"{_newtons(found['worst_case_force_along_N'])}"

@@ -57,7 +57,7 @@ class ReleaseTimes:
         late = np.where(np.isfinite(touch), ahead[turn] - offset, 0.0)
         return np.maximum(first, 0.0), np.maximum(late, 0.0)
 
-    def farthest(self, tick: int) -> float:
+    def max_distance(self, tick: int) -> float:
         """Greatest distance [m] of the case that is detected at a tick."""
         return float(max(self._path[tick].max(), self._distance[: self._begin[tick]].max()))
 
@@ -170,7 +170,7 @@ def exact_cells(problem: CollisionProblem, curve: LineStoppingCurve, law: Collis
         slot, panel = slots_used[own], panels_used[own]
         # Where a stopping path barely arrives, its contact grows from nothing like a square root: the panel ends at the
         # farthest point, and places crowd there.
-        top = np.clip((spans.farthest(k) - mid[panel]) / np.maximum(half[panel], 1e-300), -1.0, 1.0)
+        top = np.clip((spans.max_distance(k) - mid[panel]) / np.maximum(half[panel], 1e-300), -1.0, 1.0)
         grazing = slot < law.slots_before
         top = np.where(grazing, top, 1.0)[:, None]
         power = np.where(grazing, 2.0, 1.0)[:, None]

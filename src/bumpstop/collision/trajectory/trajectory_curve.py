@@ -30,7 +30,7 @@ def trajectory_curve(problem: CollisionProblem, kernel: _native.Trajectory, begi
         kernel=TrajectoryReactions(kernel, begin, normal[0]),
         tick_time=np.asarray(index * step, dtype=np.float64),
         tick_distance=distance[index],
-        farthest=traced.farthest,
+        max_distance=traced.max_distance,
         torque_per_newton=traced.torque_per_newton,
         # A reaction may begin a latency after the end, where the arm stands.
         distance=np.append(distance, np.full(problem.latency_steps, distance[-1])),

@@ -197,7 +197,7 @@ def integrate_trajectory(problem: CollisionProblem, *, refinement: int = 1) -> T
     free = problem.gives_way
     mass = weight[contact] * probability
     peak, undetected_peak = (
-        (out["peak"], out["undetected_peak"]) if free else (K * out["farthest"], K * out["greatest"])
+        (out["peak"], out["undetected_peak"]) if free else (K * out["max_distance"], K * out["greatest"])
     )
     after = out["distance"] >= 0
     never = weight * out["undetected"]
@@ -205,7 +205,7 @@ def integrate_trajectory(problem: CollisionProblem, *, refinement: int = 1) -> T
     late = (tick * problem.period_steps + 1) * problem.scenario.simulation.step_s - begin[contact]
     false_alarm = float(weight @ out["false_alarm"])
     detected = float(mass[after].sum()) + false_alarm
-    zero = float(weight @ out["harmless"])
+    zero = float(weight @ out["zero_force"])
     contact_durations: Distribution | None = None
     undetected_force: Distribution | None = None
     rests = not stops_short(trajectory_of(problem))
@@ -264,9 +264,9 @@ def integrate_trajectory(problem: CollisionProblem, *, refinement: int = 1) -> T
 
 # Of onsets, then of their detections.
 _COLUMNS = (
-    *("false_alarm", "undetected", "no_contact", "several", "harmless", "greatest", "trigger"),
+    *("false_alarm", "undetected", "no_contact", "several", "zero_force", "greatest", "trigger"),
     *("undetected_peak", "undetected_duration"),
-    *("tick", "probability", "farthest", "distance", "peak", "duration", "force"),
+    *("tick", "probability", "max_distance", "distance", "peak", "duration", "force"),
 )
 
 
@@ -305,7 +305,7 @@ def monte_carlo_trajectory(
     K, tick = problem.stiffness, runs.tick
     detected = tick >= 0
     undetected = ~detected & (runs.greatest > 0)
-    peak = K * np.where(detected, runs.farthest, runs.greatest)
+    peak = K * np.where(detected, runs.max_distance, runs.greatest)
     tick_time = (tick * problem.period_steps + 1) * problem.scenario.simulation.step_s
     # From the first tick in contact on, also where the point falls back from the body again.
     after_contact = detected & (runs.distance >= 0)

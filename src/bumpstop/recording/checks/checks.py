@@ -11,7 +11,7 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.model import Robot
-from bumpstop.recording.checks.leaps import impossible_rows, spikes, turns, usual_speed
+from bumpstop.recording.checks.jumps import impossible_rows, spikes, turns, usual_speed
 from bumpstop.recording.checks.rates import rate_faults, rates_unit
 from bumpstop.recording.checks.time_order import disorder
 from bumpstop.recording.checks.units import (
@@ -136,14 +136,14 @@ def _implausible(
     turning = [robot is None or robot.joints[j].kind == "revolute" for j in range(q.shape[1])]
     revolute = np.array(turning, dtype=bool)
     speed = usual_speed(t, q, robot)
-    bad, leaps = impossible_rows(t, q, speed, revolute)
+    bad, jumps = impossible_rows(t, q, speed, revolute)
     faults = [
-        f"the positions leap at {t[i]:.6g} s, faster than the joints turn, and stay there: cut the recording there"
-        for i in np.flatnonzero(leaps)[:3]
+        f"the positions jump at {t[i]:.6g} s, faster than the joints turn, and stay there: cut the recording there"
+        for i in np.flatnonzero(jumps)[:3]
     ]
     zero: Mask = np.all(q == 0, axis=1)
     for i in np.flatnonzero(bad):
-        what = "row of zeros" if zero[i] else "leap"
+        what = "row of zeros" if zero[i] else "jump"
         j = int(np.argmax(np.abs(q[int(i)] - q[max(int(i) - 1, 0)])))
         reasons.append((int(rows[place[i]]), what, "" if zero[i] else f"q_{j + 1} = {q[int(i), j]:.6g}"))
     good[place[bad]] = False

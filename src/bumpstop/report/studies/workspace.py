@@ -109,10 +109,10 @@ class CountsPart(Part):
                 ("poses whose median force is unbounded", str(s["median_force_N"]["unbounded"])),
             ]
         words = {
-            "horizon": "the simulated time",
+            "motion_end": "the simulated time",
             "joint_limit": "a joint limit",
             "singularity": "a singularity on the way",
-            "certain_detection": "detection, which was certain",
+            "all_detected": "detection, which was certain",
             "singular_start": "a singularity at the start",
         }
         rows += [(f"motions ended by {words[end]}", str(count)) for end, count in s["ends"].items()]

@@ -26,7 +26,7 @@ _FINE = 129
 _POINTS = 32
 # Of the force over what is allowed, in the logarithm: a point this close below is on its curve.
 _CLOSE = 1e-4
-# How far a point may be moved, and how narrow its place is made where the force leaps, in cells of the rows.
+# How far a point may be moved, and how narrow its place is made where the force jumps, in cells of the rows.
 _MAX_CELLS, _NARROW = 1.5, 1e-4
 _MAX_EVALUATIONS = 24
 # Without bound is far over.
@@ -57,7 +57,7 @@ def equal_risk_curves(scenario: Scenario, first: Range, second: Range, rows: pl.
 
     def ratio_at(point: FloatArray, risk: float) -> float:
         result = evaluate(at(*point))
-        # Aimed a little below: where single forces are probable the risk leaps at the curve.
+        # Aimed a little below: where single forces are probable the risk jumps at the curve.
         return _log_ratio(result.peak_force.quantile(1 - risk), allowed_force(result.problem)) + 0.5 * _CLOSE
 
     allowed = np.array([[allowed_force(CollisionProblem.from_scenario(at(a, b))) for a in x] for b in y])
@@ -181,7 +181,7 @@ class _Curve:
                 here, ratio = between, middle
             else:
                 beyond, other = between, middle
-        # A leap of the force: the side that is allowed.
+        # A jump of the force: the side that is allowed.
         return here if ratio < 0 else beyond
 
 

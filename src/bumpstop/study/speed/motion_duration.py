@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 def duration_s(scenario: Scenario, factor: float) -> float:
     """Horizon at ``factor`` times the scenario's speed [s]: a slower arm goes as far, if it can be followed so long.
 
-    What an arm at full speed detects within the scenario's horizon, a slow one may not: the safe speeds of some bodies
+    What an arm at full speed detects within the scenario's motion, a slow one may not: the safe speeds of some bodies
     would have no lower end.
     """
     own = scenario.motion.duration_s

@@ -74,6 +74,6 @@ def _risks(problem: CollisionProblem, begin: FloatArray, limit: float) -> FloatA
     """Probability (N,) that a collision that begins at a time (N,) [s] passes the limit [N]."""
     normal, _ = approach(problem, begin)
     out = trajectory_kernel(problem).integrate(problem.detector, problem.contact, begin, np.ascontiguousarray(normal))
-    detected = out.probability * (problem.stiffness * out.farthest > limit)
+    detected = out.probability * (problem.stiffness * out.max_distance > limit)
     undetected = out.undetected * (problem.stiffness * out.greatest > limit)
     return np.asarray(np.bincount(out.onset, detected, len(begin)) + undetected)

@@ -79,11 +79,11 @@ def worst_directions(problem: CollisionProblem, q: FloatArray) -> tuple[FloatArr
     link, point = problem.contact_point
     low, high = residual_band(problem.robot.dof, problem.thresholds, noise_mean=problem.noise_mean)
     jacobian = problem.robot.chain.jacobians(np.ascontiguousarray(q), link, point)[:, :3]
-    largest, _, farthest, _, rank, axes = _native.undetectable_forces(np.ascontiguousarray(jacobian), low, high)
-    length = np.linalg.norm(farthest, axis=1)
+    largest, _, largest_vector, _, rank, axes = _native.undetectable_forces(np.ascontiguousarray(jacobian), low, high)
+    length = np.linalg.norm(largest_vector, axis=1)
     undetectable = axes[np.arange(len(q)), np.minimum(rank, 2)]
     safe = np.where(length > 0, length, 1.0)[:, None]
-    return np.where(((rank < 3) | ~(length > 0))[:, None], undetectable, farthest / safe), np.asarray(largest)
+    return np.where(((rank < 3) | ~(length > 0))[:, None], undetectable, largest_vector / safe), np.asarray(largest)
 
 
 def predictors(rows: pl.DataFrame, unsafe: Any, lowest_limit: float) -> dict[str, dict[str, float]]:

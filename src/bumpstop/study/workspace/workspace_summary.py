@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
     from bumpstop.study.workspace.workspace import WorkspaceStudy
 
-ENDS = ("horizon", "joint_limit", "singularity", "certain_detection", "singular_start")
+ENDS = ("motion_end", "joint_limit", "singularity", "all_detected", "singular_start")
 # Motions that end before contact more often than this never touch anything.
 _NEVER = 1 - 1e-6
 # Of the frequency maps: cells of condition number or singular value, by cells of force.

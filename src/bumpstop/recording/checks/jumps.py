@@ -17,7 +17,7 @@ Mask = npt.NDArray[np.bool_]
 _TIMES_LIMIT, _JITTER, _RESOLUTION = 2.0, 2.0, 5e-3
 # Without a robot: so many times the speed that 95 % of the rows stay below, and no less than this [rad/s or m/s].
 _TIMES_USUAL, _USUAL = 10.0, 3.0
-# A leap that stays costs so many rows, or this share of all: garbage that is shorter goes, what is longer stays.
+# A jump that stays costs so many rows, or this share of all: garbage that is shorter goes, what is longer stays.
 _COST_ROWS, _COST_SHARE = 5.0, 0.01
 _BACK = 40  # stretches that one looks back over
 _GAP_S, _GAP_STEPS = 0.1, 10.0  # a longer interval says nothing of what lies behind it
@@ -38,22 +38,22 @@ def usual_speed(t: FloatArray, q: FloatArray, robot: Robot | None) -> FloatArray
 
 def turns(t: FloatArray, q: FloatArray, speed: FloatArray, revolute: Mask) -> FloatArray:
     """Whole turns (N - 1, n) by which angles wrap from row to row: steps that are possible but for these."""
-    if not _leaps_somewhere(t, q, speed):
+    if not _jumps_somewhere(t, q, speed):
         return np.zeros((t.size - 1, q.shape[1]))
     step = np.diff(q, axis=0)
     count = np.where(revolute, np.round(step / _TURN), 0.0)
     way = _way(t, speed)
-    # Where half a turn is no leap for the joint it may have gone there.
+    # Where half a turn is no jump for the joint it may have gone there.
     possible = (np.abs(step - _TURN * count) <= way) & (way < _FAR_FROM_TURN)
     return np.where(possible, count, 0.0)
 
 
 def impossible_rows(t: FloatArray, q: FloatArray, speed: FloatArray, revolute: Mask) -> tuple[Mask, Mask]:
-    """Rows that cannot be believed, and rows before which the positions leap for good.
+    """Rows that cannot be believed, and rows before which the positions jump for good.
 
     Rows are cut into stretches where a step is impossible. The chain of stretches with the most rows is kept, where a
-    leap within it costs more than a few rows: single rows of garbage go, and a position that has changed for good, as
-    after a new reference, stays and is told. Stretches of zeros go wherever a leap leads to them or from them.
+    jump within it costs more than a few rows: single rows of garbage go, and a position that has changed for good, as
+    after a new reference, stays and is told. Stretches of zeros go wherever a jump leads to them or from them.
 
     Args:
         t: (N,) rising times [s].
@@ -66,7 +66,7 @@ def impossible_rows(t: FloatArray, q: FloatArray, speed: FloatArray, revolute: M
     """
     n = t.size
     nothing = np.zeros(n, dtype=bool)
-    if not _leaps_somewhere(t, q, speed):
+    if not _jumps_somewhere(t, q, speed):
         return nothing, nothing
     step = np.diff(q, axis=0)
     way = _way(t, speed)
@@ -106,14 +106,14 @@ def impossible_rows(t: FloatArray, q: FloatArray, speed: FloatArray, revolute: M
     bad = np.ones(n, dtype=bool)
     for k in chain:
         bad[begin[k] : end[k]] = False
-    leaps = nothing.copy()
+    jumps = nothing.copy()
     for a, b in pairwise(chain):
         apart = q[begin[b]] - q[end[a] - 1]
         apart = np.where(revolute, apart - _TURN * np.round(apart / _TURN), apart)
         time = t[begin[b]] - t[end[a] - 1]
         if (np.abs(apart) > _TIMES_LIMIT * speed * (time + _JITTER * slowest) + _RESOLUTION).any():
-            leaps[begin[b]] = True
-    return bad, leaps
+            jumps[begin[b]] = True
+    return bad, jumps
 
 
 def spikes(x: FloatArray) -> Mask:
@@ -126,8 +126,8 @@ def spikes(x: FloatArray) -> Mask:
     low, middle, high = np.quantile(few, [0.01, 0.5, 0.99], axis=0)
     width = high - low
     bound = 10 * np.maximum(width, 0.1 * width.max(initial=0.0))
-    farthest = np.maximum(x.max(axis=0) - middle, middle - x.min(axis=0))
-    suspects = np.flatnonzero((farthest > bound) & (bound > 0))
+    deviation = np.maximum(x.max(axis=0) - middle, middle - x.min(axis=0))
+    suspects = np.flatnonzero((deviation > bound) & (bound > 0))
     if suspects.size and x.shape[0] >= 7:
         from scipy.ndimage import median_filter
 
@@ -136,7 +136,7 @@ def spikes(x: FloatArray) -> Mask:
     return found
 
 
-def _leaps_somewhere(t: FloatArray, q: FloatArray, speed: FloatArray) -> bool:
+def _jumps_somewhere(t: FloatArray, q: FloatArray, speed: FloatArray) -> bool:
     """Whether any step is longer than what every interval allows, column by column: most recordings have none."""
     least = _TIMES_LIMIT * speed * (_JITTER * float(np.median(np.diff(t)))) + _RESOLUTION
     return any(
