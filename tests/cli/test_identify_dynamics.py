@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -148,3 +149,17 @@ def test_a_torque_that_never_changes_has_no_share_predicted(tmp_path: Path) -> N
     rows = run("validate", model, tmp_path / "rest.parquet").out.splitlines()
     (row,) = (row for row in rows if row.startswith("shoulder_lift_joint"))
     assert row.split()[1:3] == ["none", "none"]
+
+
+def test_figures_have_four_digits_at_most_and_no_digits_of_rounding(tmp_path: Path) -> None:
+    """Means of errors that a fit makes zero are 0, not 3.525e-09; parameters have no fifth digit."""
+    planted(bs.Robot.load(ROBOT), 1, seconds=6.0).save(tmp_path / "run.parquet")
+    fitted = run("identify", tmp_path / "run.parquet", "--robot", ROBOT, "--cutoff", 6, "-o", tmp_path / "arm.toml")
+    assert fitted.status == 0, fitted.err
+    told = run("validate", tmp_path / "arm.toml", tmp_path / "run.parquet").out
+    errors = re.findall(r"^\w+_joint +(\S+) +(\S+) +(\S+) +(\S+) +(\S+)$", fitted.out, flags=re.MULTILINE)
+    assert len(errors) == 6
+    assert not re.search(r"\de-0[789]|\de-1\d", fitted.out + told)
+    parameters = re.findall(r"^ +(-?[\d.]+) \+- ", fitted.out, flags=re.MULTILINE)
+    assert len(parameters) > 40
+    assert [text for text in parameters if len(text.lstrip("-0.").replace(".", "")) > 4] == []

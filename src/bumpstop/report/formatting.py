@@ -30,14 +30,6 @@ def number(value: float) -> str:
     return f"{float(text):.0f}" if "e+" in text and abs(value) < 1e7 else text
 
 
-def hours_in_words(hours: float) -> str:
-    """A time [h] in the unit that a person would choose: hours, minutes or seconds."""
-    for unit, seconds in (("h", 3600.0), ("min", 60.0)):
-        if hours * 3600.0 >= seconds:
-            return f"{number(hours * 3600.0 / seconds)} {unit}"
-    return f"{number(hours * 3600.0)} s"
-
-
 def correlation(value: float) -> str:
     """A rank correlation; ``"none"`` where there is none, as with a quantity that is everywhere the same."""
     return NONE if math.isnan(value) else f"{value:.3f}"

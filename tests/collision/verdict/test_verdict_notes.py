@@ -167,4 +167,4 @@ def test_false_alarms_an_hour_of_measured_residuals_are_counted(tmp_path: Path) 
     rate = alarm_rate(bs.CollisionProblem.from_scenario(bs.Scenario.from_dict(data, tmp_path)))
     assert rate.kind == "measured"
     assert rate.per_hour == pytest.approx(2 / 0.01)
-    assert rate.words == "200 false alarms an hour in 0.01 h of measured free motion"
+    assert rate.words == "200 false alarms an hour in 36 s of measured free motion"

@@ -114,7 +114,7 @@ def test_fewer_alarms_want_higher_thresholds_and_extrapolation_is_flagged() -> N
     far = tune(residuals(0.1, 2), 0.05)
     assert far.extrapolation() == pytest.approx(200, rel=1e-9)
     assert far.to_json()["extrapolated_too_far"]
-    assert any("Extrapolated too far" in note and "0.2 h" in note for note in far.notes)
+    assert any("Extrapolated too far" in note and "12 min" in note for note in far.notes)
     # The interval widens with the distance.
     width = [
         math.log(high / low)

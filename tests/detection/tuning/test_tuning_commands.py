@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,9 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
+from bumpstop.cli.detection.tune import _rates
 from bumpstop.detection import ResidualSeries, Thresholds, tune
+from bumpstop.detection.durations import hours_in_words
 from bumpstop.recording import Recording
 from cli.support import EXAMPLE, run, strict_json
 
@@ -266,3 +269,23 @@ def test_a_last_wrist_turns_without_end(told: str, loop: tuple[Path, Path], tmp_
         for path in (far, loop[0])
     ]
     assert thresholds[0] == pytest.approx(thresholds[1], rel=1e-6)
+
+
+def test_rates_and_durations_are_told_as_a_person_would(tmp_path: Path) -> None:
+    """Half a minute is no 0.007647 h, and a rate of 4e-06 to 9e+03 an hour is less than 0.001 to some thousands."""
+    rng = np.random.default_rng(3)
+    rows = rng.normal(size=(3440, 2)) * (1 + 3 * (rng.random((3440, 1)) > 0.997))
+    ResidualSeries(0.008 * np.arange(3440.0), rows).save(tmp_path / "short.parquet")
+    done = run("tune", tmp_path / "short.parquet", "--save", tmp_path / "limits.toml")
+    assert done.status == 0, done.err
+    for text in (done.out, (tmp_path / "limits.toml").read_text()):
+        assert "independent peaks in 27.52 s;" in text
+        assert "27.52 s carry one alarm" in text
+        assert re.search(r"interval:? (less than 0.001|[\d.]+) to [\d.]+( an hour)?$", text, flags=re.MULTILINE)
+        assert not re.search(r"\de[-+]\d\d", text)
+    assert "# from 27.52 s; one alarm" in (tmp_path / "limits.toml").read_text()
+    times = [hours_in_words(hours) for hours in (0.00375, 0.2, 1.0, 72_000.0)]
+    assert times == ["13.5 s", "12 min", "1 h", "72000 h"]
+    assert [_rates(*ends) for ends in ((4.041e-06, 9341.2), (1.27, 72.6), (2e-5, 8e-5))] == [
+        "less than 0.001 to 9341", "1.27 to 72.6", "2e-05 to 8e-05",
+    ]  # fmt: skip

@@ -141,8 +141,8 @@ def _print(found: Score, roc: Roc | None) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from bumpstop.detection.durations import hours_in_words
     from bumpstop.detection.scoring.labels import time_text
-    from bumpstop.report.formatting import hours_in_words
 
     console = Console(highlight=False, markup=False, soft_wrap=True)
     data = found.to_json()

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 THRESHOLD_KEYS = ("thresholds_Nm", "per_speed_Nm_s", "per_acceleration_Nm_s2", "fast_Nm")
 """Of a file of thresholds, as far as they are tuned."""
+_MIN_RATE, _MANY = 1e-3, 1e3  # an hour: nobody waits for rarer ones, and rates are told without powers of ten
 
 
 @takes_residual_source
@@ -114,7 +115,7 @@ def command(
             about,
             asked={
                 "recordings": ", ".join(str(path) for path in recordings),
-                "false alarms an hour": f"{tuning.target:g}",
+                "false alarms an hour": f"{tuning.target:.4g}",
                 "joints": joints or "all",
                 "confidence": f"{confidence:g}",
                 "terms beside constant thresholds": terms or "none",
@@ -145,15 +146,22 @@ def _hold_for(series: list[ResidualSeries], residual_source: ResidualSource | No
     return held
 
 
+def _rates(low: float, high: float) -> str:
+    """An interval of false alarms an hour, without powers of ten."""
+    least = "less than 0.001" if low < _MIN_RATE <= high else f"{low:.3g}"
+    return f"{least} to {f'{high:.3g}' if high < _MANY else f'{high:.0f}'}"
+
+
 def _save(tuning: Tuning, series: list[ResidualSeries], path: Path, residual_source: ResidualSource | None) -> None:
     import bumpstop
+    from bumpstop.detection.durations import hours_in_words
 
     low, high = tuning.per_hour_interval()
     times = tuning.extrapolation()
     told = [
-        f"bumpstop {bumpstop.__version__} tune, {tuning.target:g} false alarms an hour wanted",
-        f"rate {100 * tuning.confidence:g} % interval: {low:.4g} to {high:.4g} an hour",
-        f"from {tuning.tail.hours:.6g} h; one alarm is expected in {times:.4g} times that",
+        f"bumpstop {bumpstop.__version__} tune, {tuning.target:.4g} false alarms an hour wanted",
+        f"rate {100 * tuning.confidence:g} % interval: {_rates(low, high)} an hour",
+        f"from {hours_in_words(tuning.tail.hours)}; one alarm is expected in {times:.4g} times that",
         *(f"recording: {json.dumps(one.source)}" for one in series),
         *tuning.notes,
     ]
@@ -201,7 +209,7 @@ def _print(tuning: Tuning, points: list[OperatingPoint], names: list[str]) -> No
     console = Console(highlight=False, markup=False)
     low, high = tuning.per_hour_interval()
     percent = f"{100 * tuning.confidence:g} %"
-    console.print(f"{tuning.target:.4g} false alarms an hour; {percent} interval {low:.3g} to {high:.3g}")
+    console.print(f"{tuning.target:.4g} false alarms an hour; {percent} interval {_rates(low, high)}")
     table = Table(box=None, pad_edge=False)
     more = tuning.columns()
     for heading in ("joint", "threshold", f"{percent} interval", *more):

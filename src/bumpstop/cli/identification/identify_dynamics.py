@@ -99,7 +99,7 @@ def identify_dynamics_of(
     _print_left(fit.rows_left, fit.rows_beside_gaps, fit.model.cutoff_hz)
     for name, value, error in zip(fit.names, fit.model.values, fit.errors, strict=True):
         weak = "" if abs(value) >= 2 * error else "  (not distinguishable from zero)"
-        typer.echo(f"  {value:12.5g} +- {error:.2g}  {name}{weak}")
+        typer.echo(f"  {value:12.4g} +- {error:.2g}  {name}{weak}")
     _print_laws(fit)
     if fit.unobservable:
         typer.echo(f"not visible in this motion: {', '.join(fit.unobservable)}")
@@ -253,19 +253,21 @@ def _print_gains(fit: DynamicsFit) -> None:
             typer.echo(f"  {joint.name}: not identifiable, the scale of its torque means nothing")
         else:
             how = f"+- {error:.2g}" if error else "(given)"
-            typer.echo(f"  {joint.name}: {gain:.5g} {how} {unit}")
+            typer.echo(f"  {joint.name}: {gain:.4g} {how} {unit}")
 
 
 def _print_scores(scores: Sequence[JointScore], cutoff_hz: float, where: str) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from bumpstop.report.formatting import number
+
     table = Table(box=None, pad_edge=False)
     for heading in ("joint", "R2", "R2 unfiltered", "mean error", "sd", "rmse"):
         table.add_column(heading, justify="left" if heading == "joint" else "right")
     for score in scores:
         unit = f" {score.unit}" if score.free_gain else ""
-        errors = (f"{error:.4g}{unit}" for error in (score.mean, score.sd, score.rmse))
+        errors = (f"{number(error)}{unit}" for error in (score.mean, score.sd, score.rmse))
         table.add_row(score.name, *map(share_text, (score.r2, score.r2_raw)), *errors)
     console = Console(highlight=False, markup=False)
     console.print(f"predicted torque {where}, compared at {cutoff_hz:g} Hz, errors unfiltered")

@@ -233,6 +233,8 @@ def _print_scores(found: CurrentComparison, scores: Sequence[JointScore | None],
     from rich.console import Console
     from rich.table import Table
 
+    from bumpstop.report.formatting import number
+
     table = Table(box=None, pad_edge=False)
     for heading in ("joint", "R2", "R2 unfiltered", "mean error", "sd", "rmse"):
         table.add_column(heading, justify="left" if heading == "joint" else "right")
@@ -242,7 +244,7 @@ def _print_scores(found: CurrentComparison, scores: Sequence[JointScore | None],
             table.add_row(joint.name, *["unknown gain"], *[""] * 4)
             continue
         errors = (score.mean, score.sd, score.rmse)
-        table.add_row(score.name, share_text(score.r2), share_text(score.r2_raw), *(f"{error:.4g}" for error in errors))
+        table.add_row(score.name, share_text(score.r2), share_text(score.r2_raw), *map(number, errors))
     console = Console(highlight=False, markup=False)
     console.print(title)
     console.print(table)

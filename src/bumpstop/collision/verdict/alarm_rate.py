@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from bumpstop.detection.durations import hours_in_words
+
 if TYPE_CHECKING:
     from bumpstop.collision.problem import CollisionProblem
 
@@ -35,7 +37,7 @@ class AlarmRate:
         """``0.24 false alarms an hour of free motion``."""
         if self.kind == "measured":
             found = "no false alarm" if self.per_hour == 0 else f"{self.per_hour:.3g} false alarms an hour"
-            return f"{found} in {self.recorded_h:.2g} h of measured free motion"
+            return f"{found} in {hours_in_words(self.recorded_h)} of measured free motion"
         rate = "fewer than 0.001" if self.per_hour < 1e-3 else f"{self.per_hour:.3g}"
         return f"{'at most ' if self.kind == 'bound' else ''}{rate} false alarms an hour of free motion"
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray, as_number
 from bumpstop.detection.band_pass_channel import band_pass_channel
+from bumpstop.detection.durations import hours_in_words
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.detection.tuning.extreme_values import MIN_ROWS, PeaksOverThreshold
 from bumpstop.detection.tuning.joint_scales import block_rows, too_few
@@ -227,8 +228,8 @@ def tune(
     notes += ruling_moments(rows, [part.source for part in parts], monitored, thresholds[monitored], without)
     if asked is None and supported > _DEFAULT_PER_HOUR:
         notes.append(
-            f"No rate was given: {tail.hours:.3g} h carry one alarm in {_DEFAULT_REACH:g} times that, {supported:.3g}"
-            " an hour. For fewer, record for longer or give the rate."
+            f"No rate was given: {hours_in_words(tail.hours)} carry one alarm in {_DEFAULT_REACH:g} times that, "
+            f"{supported:.3g} an hour. For fewer, record for longer or give the rate."
         )
     return replace(tuning, notes=tuple(notes))
 
@@ -336,7 +337,7 @@ def _notes(
 ) -> list[str]:
     tail, spread = tuning.tail, tuning.spread
     notes = [
-        f"{tail.excess.size} independent peaks in {tail.hours:.4g} h; alarms within "
+        f"{tail.excess.size} independent peaks in {hours_in_words(tail.hours)}; alarms within "
         f"{tail.cluster_rows * tuning.period_s:.3g} s of each other count as one."
     ]
     if spread.runs == 1:
@@ -358,8 +359,9 @@ def _notes(
     times = tuning.extrapolation()
     if times > MAX_EXTRAPOLATION:
         notes.append(
-            f"Extrapolated too far: one alarm in {1 / tuning.target:.4g} h is {times:.4g} times what was recorded, "
-            f"more than {MAX_EXTRAPOLATION} times. Record for at least {1 / tuning.target / MAX_EXTRAPOLATION:.3g} h."
+            f"Extrapolated too far: one alarm in {hours_in_words(1 / tuning.target)} is {times:.4g} times what was "
+            f"recorded, more than {MAX_EXTRAPOLATION} times. Record for at least "
+            f"{hours_in_words(1 / tuning.target / MAX_EXTRAPOLATION)}."
         )
     mean = np.concatenate([one.residual for one in rows]).mean(axis=0)
     for j, bias in zip(monitored, mean, strict=True):

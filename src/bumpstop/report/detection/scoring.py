@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bumpstop.detection.durations import hours_in_words
 from bumpstop.detection.scoring.labels import time_text
 from bumpstop.report.detection.settings import SettingsPart
 from bumpstop.report.document import Document, write_document
-from bumpstop.report.formatting import hours_in_words, number
+from bumpstop.report.formatting import number
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import EVENT, INK, LAW, LIMIT, Picture, axes, plain_ticks, stack
 from bumpstop.report.section import Part
