@@ -1,17 +1,10 @@
 // The detector over the rows of a recording, and tick by tick.
 #include "bumpstop/detection/detector.hpp"
 #include "common.hpp"
-#include "links.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace {
-
-Detector make_detector(const Chain& chain, Vector mass, Matrix center, Tensor tensor, Vector rotor,
-                       const std::vector<JointTorqueParameters>& joints, const std::vector<JointTorqueErrors>& errors,
-                       const DetectorSettings& settings) {
-    return Detector(chain, make_links(mass, center, tensor, rotor), joints, errors, settings);
-}
 
 void store_row(const std::array<double, max_joints>& values, NewArray<double>& out, std::size_t row) {
     const std::size_t width = out.shape[1];
@@ -125,16 +118,15 @@ nb::tuple judge(const DecisionSettings& settings, Vector t, Matrix residual, Mat
                           over_fast, spans);
 }
 
-ContactEstimate contact_of(const Chain& chain, Vector q, Vector residual, Vector sd, Vector hidden, int link,
-                           Vector point, Vector direction) {
+// The settings give the noise of the residual, the contact point and the direction.
+ContactEstimate contact_of(const Chain& chain, const DetectorSettings& settings, Vector q, Vector residual,
+                           Vector hidden) {
     JointAngles<double> angle{};
     angle.set(chain, q.data());
     Posture<double> posture{};
     forward_kinematics(chain, q.data(), angle, posture);
-    const auto noise = contact_noise(chain.dof, residual.data(), sd.data(), hidden.data());
-    return estimate_contact(chain, posture, residual.data(), noise.data(),
-                            link_point(chain, link, {point(0), point(1), point(2)}),
-                            {direction(0), direction(1), direction(2)});
+    const auto noise = contact_noise(chain.dof, residual.data(), settings.noise_sd.data(), hidden.data());
+    return estimate_contact(chain, posture, residual.data(), noise.data(), settings.contact, settings.direction);
 }
 
 void bind_settings(nb::module_& module) {
@@ -290,15 +282,9 @@ void bind_detection(nb::module_& module) {
         .def_ro("qd", &DetectorOutput::qd)
         .def_ro("qdd", &DetectorOutput::qdd);
     nb::class_<Detector>(module, "LoopDetector", "The detector of a control loop.")
-        .def(
-            "__init__",
-            [](Detector* self, const Chain& chain, Vector mass, Matrix center, Tensor tensor, Vector rotor,
-               const std::vector<JointTorqueParameters>& joints, const std::vector<JointTorqueErrors>& errors,
-               const DetectorSettings& settings) {
-                new (self) Detector(make_detector(chain, mass, center, tensor, rotor, joints, errors, settings));
-            },
-            nb::arg("chain"), nb::arg("mass"), nb::arg("center"), nb::arg("tensor"), nb::arg("rotor"),
-            nb::arg("joints"), nb::arg("errors"), nb::arg("settings"))
+        .def(nb::init<const Chain&, const std::vector<LinkInertia>&, const std::vector<JointTorqueParameters>&,
+                      const std::vector<JointTorqueErrors>&, const DetectorSettings&>(),
+             nb::arg("chain"), nb::arg("links"), nb::arg("joints"), nb::arg("errors"), nb::arg("settings"))
         .def("run", &run, nb::arg("t"), nb::arg("q"), nb::arg("signal"), nb::arg("qd").none(), nb::arg("rearm"),
              "Residuals, fast channel and thresholds (N, n), state, fault and flags (N,), events.")
         .def(
@@ -325,9 +311,9 @@ void bind_detection(nb::module_& module) {
     module.def("judge", &judge, nb::arg("settings"), nb::arg("t"), nb::arg("residual"), nb::arg("qd"), nb::arg("qdd"),
                nb::arg("anew"), nb::arg("rearm"),
                "Fast channel and thresholds (N, n), state and masked (N,), rows of events, joints, spans.");
-    module.def("estimate_contact", &contact_of, nb::arg("chain"), nb::arg("q"), nb::arg("residual"), nb::arg("sd"),
-               nb::arg("hidden"), nb::arg("link"), nb::arg("point"), nb::arg("direction"),
-               "What a residual says of a contact.");
+    module.def("estimate_contact", &contact_of, nb::arg("chain"), nb::arg("settings"), nb::arg("q"),
+               nb::arg("residual"), nb::arg("hidden"),
+               "What a residual says of a contact: the settings give its noise, the contact point and the direction.");
     module.def("dead_zone", &dead_zone, nb::arg("joint"), nb::arg("current"), "Torque hidden at standstill [Nm].");
 }
 

@@ -3,7 +3,6 @@
 
 #include "bumpstop/model/singular_values.hpp"
 #include "dynamics.hpp"
-#include "links.hpp"
 #include "registers.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -12,8 +11,11 @@ namespace {
 
 using L = NativeLanes;
 
-Dynamics make_dynamics(const Chain& chain, Vector mass, Matrix center, Tensor tensor, Vector rotor) {
-    return {chain, Inertias(chain, make_links(mass, center, tensor, rotor))};
+LinkInertia make_link(double mass, Vector center, Matrix tensor, double rotor) {
+    LinkInertia link{mass, {center(0), center(1), center(2)}, {}, rotor};
+    for (std::size_t k = 0; k < 3; ++k)
+        for (std::size_t l = 0; l < 3; ++l) link.tensor[3 * k + l] = tensor(k, l);
+    return link;
 }
 
 Point3<L> load_vectors(Matrix vectors, std::size_t first, int column = 0) {
@@ -136,13 +138,20 @@ NewArray<double>::Array manipulability_of_rows(const Chain& chain, Matrix q, int
 }  // namespace
 
 void bind_dynamics(nb::module_& module) {
+    nb::class_<LinkInertia>(module, "LinkInertia", "Inertia of a link in its own frame, and of its motor.")
+        .def(
+            "__init__",
+            [](LinkInertia* self, double mass, Vector center, Matrix tensor, double rotor) {
+                new (self) LinkInertia(make_link(mass, center, tensor, rotor));
+            },
+            nb::arg("mass"), nb::arg("center"), nb::arg("tensor"), nb::arg("rotor"));
     nb::class_<Dynamics>(module, "Dynamics", "A chain with the inertia of its links.")
         .def(
             "__init__",
-            [](Dynamics* self, const Chain& chain, Vector mass, Matrix center, Tensor tensor, Vector rotor) {
-                new (self) Dynamics(make_dynamics(chain, mass, center, tensor, rotor));
+            [](Dynamics* self, const Chain& chain, const std::vector<LinkInertia>& links) {
+                new (self) Dynamics{chain, Inertias(chain, links)};
             },
-            nb::arg("chain"), nb::arg("mass"), nb::arg("center"), nb::arg("tensor"), nb::arg("rotor"))
+            nb::arg("chain"), nb::arg("links"))
         .def("inverse_dynamics", &inverse_dynamics_of, nb::arg("q"), nb::arg("qd"), nb::arg("qdd"), nb::arg("gravity"),
              nb::arg("wrench").none(), nb::arg("link"), nb::arg("point"),
              "Torques (N, dof) of the motors. `wrench` (N, 6) acts on the robot at `point` of `link`.")

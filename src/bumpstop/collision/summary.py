@@ -79,10 +79,10 @@ def print_summary(result: CollisionResult, console: Console) -> None:
     other = result.other_arm
     if other is not None:
         force = other.peak_force
-        figures = f"p50 {_figure(force.quantile(0.5))}, p99 {_figure(force.quantile(0.99))}"
+        quantiles = f"p50 {_figure(force.quantile(0.5))}, p99 {_figure(force.quantile(0.99))}"
         word = other.verdict.conclusion.replace("_", " ")
         judged = "" if other.verdict.conclusion == "no_limits" else f"; {word}"
-        console.print(f"{other.scenario.arm.model} arm instead: peak force {figures} N{judged}")
+        console.print(f"{other.scenario.arm.model} arm instead: peak force {quantiles} N{judged}")
     if math.isinf(result.peak_force.mean):
         mean = finite_mean(result.peak_force)
         console.print(f"mean peak force of the collisions that have a bound: {_figure(mean)} N")

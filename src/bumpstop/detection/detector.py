@@ -214,16 +214,14 @@ class Detector(LoopDetector):
         """
         n = self.robot.dof
         hidden = np.zeros(n) if qd is None else self.hidden(qd)
-        number, point = self._contact
+        settings = _native.DetectorSettings()
+        self.fill_contact(settings)
         return _native.estimate_contact(
             self.robot.chain,
+            settings,
             as_float_array(q, "q", (n,)),
             as_float_array(residual, "residual", (n,)),
-            self.noise_sd,
             hidden,
-            number,
-            np.ascontiguousarray(point),
-            np.array(self.settings.direction),
         )
 
     def _event(self, found: _native.DetectorEvent) -> Event:

@@ -110,14 +110,7 @@ class LoopDetector:
         if latched:
             settings.decision.event_pause = math.inf
         return _native.LoopDetector(
-            self.robot.chain,
-            np.array([link.mass for link, _ in links]),
-            np.array([link.center for link, _ in links], dtype=np.float64),
-            np.array([link.tensor for link, _ in links], dtype=np.float64),
-            np.array([rotor for _, rotor in links]),
-            joints,
-            errors,
-            settings,
+            self.robot.chain, [link.kernel(rotor) for link, rotor in links], joints, errors, settings
         )
 
     def parts(self) -> tuple[list[Any], list[_native.JointTorqueParameters], list[_native.JointTorqueErrors]]:
@@ -135,11 +128,8 @@ class LoopDetector:
         out.gravity = list(given.gravity)
         out.max_no_data_time = given.max_no_data_s
         out.unknown = sum(1 << j for j in self._drives.unknown)
-        out.noise_sd = padded(self.noise_sd, 1.0)
         out.dead_zone = padded(self.dead_zone)
-        out.direction = list(given.direction)
-        number, point = self._contact
-        out.set_contact(robot.chain, number, point.tolist())
+        self.fill_contact(out)
         samples = out.samples
         samples.period = period
         samples.shortest_interval = _MIN_PERIOD_SHARE * period
@@ -162,6 +152,13 @@ class LoopDetector:
         out.payload_monitor.min_mass = given.payload_change_kg
         out.payload_monitor.window = given.payload_window_s
         return out
+
+    def fill_contact(self, out: _native.DetectorSettings) -> None:
+        """Put what tells the force of a contact into the kernels' form: noise, contact point and direction."""
+        out.noise_sd = padded(self.noise_sd, 1.0)
+        out.direction = list(self.settings.direction)
+        number, point = self._contact
+        out.set_contact(self.robot.chain, number, point.tolist())
 
     def fill_decision(self, out: _native.DecisionSettings) -> None:
         """Put thresholds and arming into the kernels' form."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.errors import InputError
 
@@ -40,6 +41,11 @@ class LinkInertia:
             raise InputError("tensor", "is not symmetric")
         if scale > 0 and float(np.linalg.eigvalsh(tensor)[0]) < -1e-9 * scale:
             raise InputError("tensor", "has a negative principal moment", "wanted all of them zero or more")
+
+    def kernel(self, rotor: float = 0.0) -> _native.LinkInertia:
+        """The link in the kernels' form, with the inertia of its motor, reflected to the joint [kg m2 or kg]."""
+        center, tensor = (np.array(value, dtype=np.float64) for value in (self.center, self.tensor))
+        return _native.LinkInertia(self.mass, center, tensor, rotor)
 
     @property
     def breaks_triangle(self) -> bool:

@@ -134,14 +134,8 @@ class Robot:
         unknown = [joint.link for joint in self.joints if joint.inertia is None]
         if unknown:
             raise InputError("robot", f"{self.name}: no inertia of link {unknown[0]!r} is known", "dynamics needs it")
-        links = [joint.inertia for joint in self.joints if joint.inertia is not None]
-        return _native.Dynamics(
-            chain=self.chain,
-            mass=np.array([link.mass for link in links], dtype=np.float64),
-            center=np.array([link.center for link in links], dtype=np.float64),
-            tensor=np.array([link.tensor for link in links], dtype=np.float64),
-            rotor=np.array([joint.rotor_inertia for joint in self.joints], dtype=np.float64),
-        )
+        links = [joint.inertia.kernel(joint.rotor_inertia) for joint in self.joints if joint.inertia is not None]
+        return _native.Dynamics(self.chain, links)
 
     @property
     def span(self) -> float:

@@ -214,13 +214,11 @@ def test_targets_agree() -> None:
             rotation=np.array([joint.rotation for joint in robot.joints]),
             axis=np.array([joint.axis for joint in robot.joints]),
         )
-        arm = module.Dynamics(
-            chain=chain,
-            mass=np.array([link.mass for link in links]),
-            center=np.array([link.center for link in links]),
-            tensor=np.array([link.tensor for link in links]),
-            rotor=rotors_of(robot),
-        )
+        inertias = [
+            module.LinkInertia(link.mass, np.array(link.center), np.array(link.tensor), rotor)
+            for link, rotor in zip(links, rotors_of(robot), strict=True)
+        ]
+        arm = module.Dynamics(chain, inertias)
         results.append(arm.inverse_dynamics(q, qd, qdd, GRAVITY, None, 6, np.zeros(3)))
     for other in results[1:]:
         np.testing.assert_allclose(other, results[0], rtol=0, atol=1e-13 * np.abs(results[0]).max())

@@ -50,19 +50,26 @@ def link_regressor(
     robot: Robot, q: FloatArray, qd: FloatArray, qdd: FloatArray, gravity: tuple[float, float, float], link: int
 ) -> FloatArray:
     """Columns (N, dof, 10) of one link, numbered from 0; arguments as for :func:`inertial_regressor`."""
+    nothing = _native.LinkInertia(0.0, np.zeros(3), np.zeros((3, 3)), 0.0)
+
+    def torque(mass: float, center: FloatArray, tensor: FloatArray) -> FloatArray:
+        links = [nothing] * robot.dof
+        links[link] = _native.LinkInertia(mass, center, tensor, 0.0)
+        return _torque(robot, q, qd, qdd, gravity, links)
+
     columns = np.empty((q.shape[0], robot.dof, 10))
-    of_mass = _torque(robot, q, qd, qdd, gravity, link, 1.0, np.zeros(3), np.zeros((3, 3)))
+    of_mass = torque(1.0, np.zeros(3), np.zeros((3, 3)))
     columns[:, :, 0] = of_mass
     for axis in range(3):
         center = np.eye(3)[axis]
         # A unit mass off the origin has second moments there; a negative tensor about its centre takes them away.
         tensor = np.outer(center, center) - np.eye(3)
-        columns[:, :, 1 + axis] = _torque(robot, q, qd, qdd, gravity, link, 1.0, center, tensor) - of_mass
+        columns[:, :, 1 + axis] = torque(1.0, center, tensor) - of_mass
     for place, name in enumerate(INERTIAL[4:], start=4):
         tensor = np.zeros((3, 3))
         row, column = _TENSOR[name]
         tensor[row, column] = tensor[column, row] = 1.0
-        columns[:, :, place] = _torque(robot, q, qd, qdd, gravity, link, 0.0, np.zeros(3), tensor)
+        columns[:, :, place] = torque(0.0, np.zeros(3), tensor)
     return columns
 
 
@@ -84,9 +91,9 @@ def inertial_torque(
     h = own[:, 1:4]
     moments = own[:, [4, 7, 8, 7, 5, 9, 8, 9, 6]].reshape(dof, 3, 3)
     shifted = (h**2).sum(axis=1)[:, None, None] * np.eye(3) - h[:, :, None] * h[:, None, :]
-    none, still = np.zeros((dof, 3)), np.zeros((dof, 3, 3))
-    whole = _chain_torque(robot, q, qd, qdd, gravity, np.ones(dof), h, moments - shifted)
-    torque: FloatArray = whole - _chain_torque(robot, q, qd, qdd, gravity, 1 - own[:, 0], none, still)
+    bodies = [_native.LinkInertia(1.0, h[i], moments[i] - shifted[i], 0.0) for i in range(dof)]
+    surplus = [_native.LinkInertia(1 - own[i, 0], np.zeros(3), np.zeros((3, 3)), 0.0) for i in range(dof)]
+    torque: FloatArray = _torque(robot, q, qd, qdd, gravity, bodies) - _torque(robot, q, qd, qdd, gravity, surplus)
     return torque
 
 
@@ -96,27 +103,8 @@ def _torque(
     qd: FloatArray,
     qdd: FloatArray,
     gravity: tuple[float, float, float],
-    link: int,
-    mass: float,
-    center: FloatArray,
-    tensor: FloatArray,
+    links: list[_native.LinkInertia],
 ) -> FloatArray:
-    dof = robot.dof
-    masses, centers, tensors = np.zeros(dof), np.zeros((dof, 3)), np.zeros((dof, 3, 3))
-    masses[link], centers[link], tensors[link] = mass, center, tensor
-    return _chain_torque(robot, q, qd, qdd, gravity, masses, centers, tensors)
-
-
-def _chain_torque(
-    robot: Robot,
-    q: FloatArray,
-    qd: FloatArray,
-    qdd: FloatArray,
-    gravity: tuple[float, float, float],
-    masses: FloatArray,
-    centers: FloatArray,
-    tensors: FloatArray,
-) -> FloatArray:
-    kernel = _native.Dynamics(chain=robot.chain, mass=masses, center=centers, tensor=tensors, rotor=np.zeros(robot.dof))
+    kernel = _native.Dynamics(robot.chain, links)
     torque: FloatArray = kernel.inverse_dynamics(q, qd, qdd, np.array(gravity), None, 0, np.zeros(3))
     return torque
