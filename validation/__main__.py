@@ -21,30 +21,32 @@ import numpy as np  # noqa: E402
 
 import bumpstop as bs  # noqa: E402
 from bumpstop import _native  # noqa: E402
-from validation import (  # noqa: E402
+from validation import page, plant, urdf  # noqa: E402
+from validation.collision import (  # noqa: E402
     batches,
     convergence,
-    drives,
     elastic_arm,
     endings,
-    gain_intervals,
-    gains,
     instruction_sets,
     measured_forces,
-    page,
-    plant,
     prediction,
     reference_simulator,
     requirement,
+    two_laws,
+)
+from validation.detection import (  # noqa: E402
     sample_paths,
     tuning,
-    two_laws,
-    tx40,
     undetectable_force,
-    urdf,
 )
 from validation.facts import MissingFacts  # noqa: E402
 from validation.findings import Findings  # noqa: E402
+from validation.identification import (  # noqa: E402
+    drives,
+    gain_intervals,
+    gains,
+    tx40,
+)
 from validation.schroeder2013 import (  # noqa: E402
     chapter5,
     chapter6,

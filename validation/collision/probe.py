@@ -1,8 +1,8 @@
 """Figures of all examples, printed as JSON, for a comparison between processes with different kernels.
 
-``BUMPSTOP_TARGET=baseline python -m validation.probe RUNS TRAJECTORY_RUNS POSES`` prints exact figures of every
-example, the ticks of RUNS sampled runs (TRAJECTORY_RUNS along a trajectory), figures of POSES batch distributions, and
-digests of sampled runs and of batch distributions with one and with two threads.
+``BUMPSTOP_TARGET=baseline python -m validation.collision.probe RUNS TRAJECTORY_RUNS POSES`` prints exact figures of
+every example, the ticks of RUNS sampled runs (TRAJECTORY_RUNS along a trajectory), figures of POSES batch
+distributions, and digests of sampled runs and of batch distributions with one and with two threads.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 import bumpstop as bs
 from bumpstop import _native
 
-EXAMPLES = sorted((Path(__file__).resolve().parent.parent / "examples").glob("*.toml"))
+EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples").glob("*.toml"))
 
 # Below this a tail is where curves are cut.
 NEGLIGIBLE = 1e-15

@@ -105,9 +105,9 @@ def compare(findings: Findings, *, quick: bool) -> None:
 
 
 def _probe(target: str, *counts: int) -> dict[str, Any]:
-    """What :mod:`validation.probe` prints with the kernels of one target."""
+    """What :mod:`validation.collision.probe` prints with the kernels of one target."""
     done = subprocess.run(
-        [sys.executable, "-m", "validation.probe", *map(str, counts)],
+        [sys.executable, "-m", "validation.collision.probe", *map(str, counts)],
         cwd=REPOSITORY,
         env=os.environ | {"BUMPSTOP_TARGET": target},
         capture_output=True,

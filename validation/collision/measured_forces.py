@@ -18,11 +18,11 @@ from bumpstop.collision.stopping import fit_stopping, load_stopping_table
 from bumpstop.model import Robot, effective_mass, mass_matrix, with_rotors
 from bumpstop.plant import PlantObject
 from reference.elastic_arm import Body, ElasticArm, ElasticCollision, collide
+from validation.collision.nonlinear_arm import Array
 from validation.findings import Findings
-from validation.nonlinear_arm import Array
 
 TITLE = "Measured forces of collaborative arms beside predictions"
-REPOSITORY = Path(__file__).resolve().parent.parent
+REPOSITORY = Path(__file__).resolve().parents[2]
 DOWN = np.array([0.0, 0.0, -1.0])
 _STEP = 1e-3
 # Central share of the draws that a band holds.

@@ -10,7 +10,7 @@ from pathlib import Path
 from validation.findings import Findings
 
 TITLE = "No sequence of samples breaks the detector"
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 SANITIZERS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from bumpstop.model import Robot, mass_matrix, robots
 from reference.elastic_arm import Body, ElasticArm, collide
+from validation.collision.nonlinear_arm import KNOT, Array, Drives, Reference, bare, line_rates, references, simulate
 from validation.findings import Findings
-from validation.nonlinear_arm import KNOT, Array, Drives, Reference, bare, line_rates, references, simulate
 
 TITLE = "Elastic arms: linear equations beside the nonlinear arm"
 # Drawn about these, which a study of the UR10e assumed, and scaled by the square of the reach [kg m2, Nm/rad].

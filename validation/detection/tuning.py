@@ -13,7 +13,7 @@ from bumpstop.detection import ResidualSeries, tune
 from bumpstop.plant.drive import ScatterPer
 from bumpstop.reproduction.schroeder2013.collisions import Residual
 from detection.tuning_cases import achieved, residuals
-from validation import free_hours
+from validation.detection import free_hours
 from validation.findings import Cell, Findings
 
 TITLE = "False alarms of tuned thresholds on ten hours that were not used"

@@ -1,0 +1,1 @@
+"""Comparisons of collisions, their forces and what studies make of them."""

@@ -1,0 +1,1 @@
+"""Comparisons of the detector and of what it cannot detect."""

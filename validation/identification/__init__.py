@@ -1,0 +1,1 @@
+"""Comparisons of what is identified with what is true."""
