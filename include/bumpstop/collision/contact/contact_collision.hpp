@@ -64,7 +64,8 @@ class ContactReactions {
     /// the reference comes back to it: what the arm's oscillation brings about then is less than before.
     void follow(State& state, const PathAfter* path, int longest, T offset) const {
         T from = place(path, 0), active = 1.0;
-        for (int i = 0;; ++i) {
+        int wait = 0;  // steps until a leap is tried again
+        for (int i = 0;; ++i, --wait) {
             allow_interruption();
             if (i >= longest) {
                 bool over = true, late = i >= longest + swing_;
@@ -82,7 +83,7 @@ class ContactReactions {
                     set_lane(active, lane, 0.0);
             }
             if (all((active < T(0.5)) | (state.parted > T(0.5)))) return;
-            if (all((active < T(0.5)) | state.together())) {
+            if (wait <= 0 && all((active < T(0.5)) | state.together())) {
                 T ahead[ContactBlock::steps + 1];
                 ahead[0] = from;
                 for (int n = 1; n <= ContactBlock::steps; ++n) ahead[n] = place(path, i + n);
@@ -91,6 +92,8 @@ class ContactReactions {
                     i += ContactBlock::steps - 1;
                     continue;
                 }
+                // What is in the way of one leap, a peak, is in the way of the next ones.
+                wait = ContactBlock::steps / 2;
             }
             const T to = place(path, i + 1);
             if (any((active > T(0.5)) & state.meets(to, offset))) dynamics_.step(state, from, to, offset, active);

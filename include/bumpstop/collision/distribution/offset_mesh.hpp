@@ -92,6 +92,8 @@ class OffsetMesh {
         find_gain();
     }
 
+    static constexpr double max_bend = 1e-6;  ///< of the path over a step, as a share of its way: straight
+
     double undisturbed(std::size_t i) const {
         return settings_->paths != nullptr ? settings_->paths->undisturbed(int(i)) : path_->s[i];
     }
@@ -267,12 +269,20 @@ class OffsetMesh {
 
     void cut_dynamic_tick(int k, double low, double high, double width, const std::vector<double>& abrupt, int whole) {
         std::vector<double> steps{low, high};
-        for (int i = 1; k > 0 && i < timing_.period; ++i)
-            steps.push_back(path_->s[std::size_t(k - 1) * std::size_t(timing_.period) + 1 + std::size_t(i)]);
+        // The reference is straight within a step: where contact begins it matters which, if the path bends there. Where
+        // noise is narrow the widths of panels say nothing, and steps stand for them.
+        const std::size_t first = std::size_t(std::max(0, k - 1)) * std::size_t(timing_.period) + 1;
+        for (int i = 1; k > 0 && i < timing_.period; ++i) {
+            const double* s = &path_->s[first + std::size_t(i)];
+            const bool bends = std::fabs(s[1] - 2 * s[0] + s[-1]) > max_bend * std::fabs(s[1] - s[-1]);
+            if (bends || transitions_) steps.push_back(s[0]);
+        }
         std::sort(steps.begin(), steps.end());
         inner_.clear();
+        const int most = 4 * timing_.period;
         for (std::size_t i = 1; i < steps.size(); ++i) {
-            const int parts = std::clamp(int(std::ceil(std::min((steps[i] - steps[i - 1]) / width, 4.0))), 1, 4);
+            const int parts =
+                std::clamp(int(std::ceil(std::min((steps[i] - steps[i - 1]) / width, double(most)))), 1, most);
             for (int part = 1; part <= parts; ++part)
                 inner_.push_back(steps[i - 1] + (steps[i] - steps[i - 1]) * part / parts);
         }
