@@ -22,6 +22,8 @@ _MUCH_UNTOUCHED = 0.1
 _MIN_COSINE = 0.5
 # An arm that starts from rest is as good as at full speed from this share on.
 _FULL_SPEED = 0.9
+# Reactions looked at for whether a sooner one takes the arm farther, and by what share of the way since the tick.
+_REACTIONS, _FARTHER = 64, 0.02
 
 
 def verdict_notes(result: CollisionResult) -> list[str]:
@@ -32,6 +34,7 @@ def verdict_notes(result: CollisionResult) -> list[str]:
         *_normal_note(result),
         *_rest_note(result),
         *_assumed_arm_note(result),
+        *_sooner_note(result),
         *finer_steps(result),
         *unit_slips(result),
     ]
@@ -47,6 +50,28 @@ def _assumed_arm_note(result: CollisionResult) -> list[str]:
     return [
         f"The forces rest on an ASSUMED drive train ({', '.join(assumed)}): measured ones may be higher. Vary [arm] or "
         "identify it."
+    ]
+
+
+def _sooner_note(result: CollisionResult) -> list[str]:
+    """Near a singularity to react sooner may take the arm farther: only the peak force of clamped contact knows."""
+    problem, curve = result.problem, result.curve
+    judged = problem.gives_way or problem.transient_limits is not None
+    if problem.trajectory is not None or problem.latency_steps == 0 or not judged or curve.ticks == 0:
+        return []
+    begins = 1 + problem.period_steps * np.arange(curve.ticks) + problem.latency_steps
+    known = np.flatnonzero(begins < len(curve.distance))
+    ticks = known[np.unique(np.linspace(0, known.size - 1, _REACTIONS).astype(int))] if known.size else known
+    paths = curve.kernel.reaction_paths([int(k) for k in ticks], [-1e9] * ticks.size)
+    here = curve.tick_distance[ticks]
+    latest = [max(path.max(), curve.distance[1 : 1 + k].max()) for path, k in zip(paths, begins[ticks], strict=True)]
+    farther = curve.max_distance[ticks] - np.maximum(latest, here)
+    if not (farther > _FARTHER * (curve.max_distance[ticks] - here)).any():
+        return []
+    what = "contact that gives way follows" if problem.gives_way else "the second phase of contact follows"
+    return [
+        f"An arm that reacts sooner than after reaction.latency_s gets up to {1e3 * farther.max():.3g} mm farther "
+        f"here, as beside a singularity: {what} the latest reaction alone. Look at shorter latencies, too."
     ]
 
 
