@@ -27,7 +27,7 @@ from bumpstop.joint import JointTorqueModel
 from bumpstop.model import inverse_dynamics
 from bumpstop.recording import Recording
 from bumpstop.reproduction.schroeder2013.protocol import identify_protocol
-from identification import test_protocol as protocol
+from identification.design import test_protocol as protocol
 from identification.drives import driven, drives, fourier
 
 MASS, GAIN, CUTOFF_HZ = 2.0, 10.0, 8.0

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 MAX_JOINTS = 16
-SOURCE = Path(__file__).with_name("simulator.cpp")
+SOURCE = Path(__file__).parent / "cpp/simulator.cpp"
 
 # No fused multiply-adds: where the compiler may contract a * b + c, results differ from machine to machine.
 DEFAULT_FLAGS = (

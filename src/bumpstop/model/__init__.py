@@ -18,7 +18,7 @@ from bumpstop.model.mass_definitions import EffectiveMassDefinition, with_rotors
 from bumpstop.model.robot import Robot, robots
 from bumpstop.model.robot_file import robot_from_dict
 from bumpstop.model.units import unit_of
-from bumpstop.model.urdf_writer import write_urdf
+from bumpstop.model.urdf.writer import write_urdf
 
 __all__ = [
     "DriveTrain",

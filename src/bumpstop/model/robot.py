@@ -318,7 +318,7 @@ class Robot:
         Raises:
             InputError: the file cannot be read, is no sound URDF, or has no such chain.
         """
-        from bumpstop.model.urdf_chain import robot_from_urdf
+        from bumpstop.model.urdf.chain import robot_from_urdf
         from bumpstop.text_files import as_path
 
         for field, link in (("base", base), ("tip", tip)):

@@ -16,7 +16,7 @@ from bumpstop.errors import InputError
 from bumpstop.model import Joint, Robot, robots
 from bumpstop.model.inertia import LinkInertia
 from bumpstop.model.inertia_doubts import inertia_doubts
-from bumpstop.model.urdf_writer import write_urdf
+from bumpstop.model.urdf.writer import write_urdf
 
 
 def with_inertia(robot: Robot, mass: list[float], scale: list[float] | None = None) -> Robot:

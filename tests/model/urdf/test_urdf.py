@@ -11,7 +11,7 @@ import pytest
 
 from bumpstop.errors import InputError
 from bumpstop.model import Robot
-from bumpstop.model.urdf import read_urdf
+from bumpstop.model.urdf.reader import read_urdf
 from model.urdf_cases import ARM, changed, check, random_urdf, read
 
 # --- What is read -----------------------------------------------------------------------------------------------------

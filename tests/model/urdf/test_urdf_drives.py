@@ -9,7 +9,7 @@ import pytest
 
 from bumpstop.model import Robot, with_rotors
 from bumpstop.model.drive_train.assumed import assumed_drive_train
-from bumpstop.model.urdf_writer import write_urdf
+from bumpstop.model.urdf.writer import write_urdf
 from model.urdf_cases import ARM
 
 TRANSMISSION = (

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.model.drive_train.drive_train import DriveTrainEntry
-from bumpstop.model.urdf_xml import children, local
+from bumpstop.model.urdf.xml_elements import children, local
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element

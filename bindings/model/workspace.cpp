@@ -1,7 +1,7 @@
 // What a study of the workspace asks of poses: self-collision, and singular values of some columns.
 #include "bumpstop/model/singular_values.hpp"
 #include "bumpstop/study/capsules.hpp"
-#include "registers.hpp"
+#include "model/registers.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 

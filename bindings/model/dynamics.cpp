@@ -2,8 +2,8 @@
 #include "bumpstop/model/dynamics.hpp"
 
 #include "bumpstop/model/singular_values.hpp"
-#include "dynamics.hpp"
-#include "registers.hpp"
+#include "model/dynamics.hpp"
+#include "model/registers.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 

@@ -10,11 +10,11 @@ import numpy as np
 from bumpstop import _native
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError, near_matches
-from bumpstop.model.drive_train.urdf_drives import with_drives
 from bumpstop.model.inertia import LinkInertia, matrix3, merged, vector3
 from bumpstop.model.joint import Frame, Joint
 from bumpstop.model.robot import Robot
-from bumpstop.model.urdf import OTHER_KINDS, UrdfJoint, UrdfTree, read_urdf
+from bumpstop.model.urdf.drives import with_drives
+from bumpstop.model.urdf.reader import OTHER_KINDS, UrdfJoint, UrdfTree, read_urdf
 
 _GRIPPER_WORDS = ("finger", "gripper", "knuckle", "jaw")
 _MAX_FINGER_TRAVEL = 0.15  # [m]: no axis of an arm is as short

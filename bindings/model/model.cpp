@@ -1,6 +1,6 @@
 // Chains and their kinematics.
 #include "bumpstop/model/kinematics.hpp"
-#include "registers.hpp"
+#include "model/registers.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 

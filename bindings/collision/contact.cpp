@@ -3,8 +3,8 @@
 #include "bumpstop/collision/contact/elastic_arm.hpp"
 #include "bumpstop/collision/distribution/cell_mixture.hpp"
 #include "common.hpp"
-#include "dynamics.hpp"
 #include "interrupt.hpp"
+#include "model/dynamics.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 

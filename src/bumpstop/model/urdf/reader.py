@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.errors import InputError, near_matches
-from bumpstop.model.drive_train.urdf_drives import armature, effort_limit, transmission_rotors
 from bumpstop.model.inertia import LinkInertia, Matrix3, Vector3, vector3
-from bumpstop.model.urdf_xml import (
+from bumpstop.model.urdf.drives import armature, effort_limit, transmission_rotors
+from bumpstop.model.urdf.xml_elements import (
     check_attributes,
     check_elements,
     children,
