@@ -48,7 +48,7 @@ def check_inertia(robot: Robot) -> None:
     if robot.inertia_objection:
         raise InputError(
             "arm.model",
-            f"'elastic' needs an inertia that can be believed. {robot.inertia_objection}",
+            f"'elastic' needs an inertia that can be believed. {robot.inertia_objection.rstrip('.')}",
             "valid: 'rigid', or a robot with its real inertia",
         )
 

@@ -365,7 +365,7 @@ class CollisionProblem:
         if self.scenario.contact.arm == "position_driven":
             return self.body_mass
         if self.robot.inertia_objection:
-            problem = f"'two_mass' needs an inertia that can be believed. {self.robot.inertia_objection}"
+            problem = f"'two_mass' needs an inertia that can be believed. {self.robot.inertia_objection.rstrip('.')}"
             raise InputError("contact.arm", problem, "valid: 'position_driven', or a robot with its real inertia")
         arm = self.arm_mass
         if arm is None:

@@ -13,6 +13,7 @@ from bumpstop.study.requirement.risk import allowed_force
 from bumpstop.study.speed.own_motion import own_speeds
 from bumpstop.study.speed.slowing import slow_down
 from bumpstop.study.speed.speed_limit import SpeedLimits, speed_limits
+from bumpstop.study.speed.workspace_speed_limits import safe_poses
 from bumpstop.study.speed.worst_direction import _Search
 from study.speed_limit_cases import PICK
 
@@ -72,3 +73,16 @@ def test_of_the_worst_of_some_directions(share: float, met: bool) -> None:
     search = _Search(accepting(problem, risk * share), q, direction.copy(), found)
     search.settle(direction[:, None])
     assert bool(search.found.speed[0] == speed) is met
+
+
+@pytest.mark.parametrize(
+    ("half", "twentieth", "said"),
+    [
+        (20.0, 80.25, "; half of all poses are safe up to 20 mm/s, one in twenty up to 80.25 mm/s"),
+        (0.0, 7.5, "; one in twenty is safe up to 7.5 mm/s"),
+        (0.0, 0.0, ""),
+    ],
+)
+def test_no_pose_is_safe_up_to_no_speed(half: float, twentieth: float, said: str) -> None:
+    summary = {"none_safe": 3, "poses": 5, "limit_p50_mm_s": half, "limit_p95_mm_s": twentieth}
+    assert safe_poses(summary) == f"in 3 of 5 poses no speed is safe{said}"

@@ -204,9 +204,6 @@ def _suggest(study: TrajectorySpeedLimits, rows: pl.DataFrame) -> pl.DataFrame:
 
 
 def _workspace_lines(summary: dict[str, Any]) -> list[str]:
-    return [
-        f"in {summary['none_safe']} of {summary['poses']} poses no speed is safe",
-        f"half of all poses are safe up to {summary['limit_p50_mm_s']:.4g} mm/s, one in twenty up to "
-        f"{summary['limit_p95_mm_s']:.4g} mm/s",
-        f"directions: {summary['directions']}",
-    ]
+    from bumpstop.study.speed.workspace_speed_limits import safe_poses
+
+    return [*safe_poses(summary).split("; "), f"directions: {summary['directions']}"]

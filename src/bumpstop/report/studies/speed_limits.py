@@ -173,11 +173,13 @@ class WorkspaceSpeedLimitsPart(Part):
     def content(self) -> list[Html]:
         """Quantiles, and poses without a safe speed."""
         found = self._summary
-        text = (
-            f"In {found['none_safe']} of {found['poses']} poses no speed is safe; half of all poses are safe up to "
-            f"{found['limit_p50_mm_s']:.4g} mm/s, one in twenty up to {found['limit_p95_mm_s']:.4g} mm/s."
-        )
-        return [paragraph(text), paragraph(f"A speed is safe in these directions: {found['directions']}.")]
+        from bumpstop.study.speed.workspace_speed_limits import safe_poses
+
+        words = safe_poses(found)
+        return [
+            paragraph(f"{words[0].upper()}{words[1:]}."),
+            paragraph(f"A speed is safe in these directions: {found['directions']}."),
+        ]
 
     def pictures(self) -> list[Picture]:
         """Seen from the side: distance from the axis of the first joint, and height."""

@@ -81,3 +81,14 @@ class WorkspaceSpeedLimits(SpeedMap):
             **{f"limit_p{int(100 * p):02d}_mm_s": limit.quantile(p, "linear") for p in (0.05, 0.25, 0.5, 0.75, 0.95)},
             "law": "exact",
         }
+
+
+def safe_poses(summary: dict[str, Any]) -> str:
+    """How fast poses are safe, in a sentence's words; of speeds of 0 there is nothing to say."""
+    half, twentieth = summary["limit_p50_mm_s"], summary["limit_p95_mm_s"]
+    found = [f"in {summary['none_safe']} of {summary['poses']} poses no speed is safe"]
+    if half > 0:
+        found.append(f"half of all poses are safe up to {half:.4g} mm/s, one in twenty up to {twentieth:.4g} mm/s")
+    elif twentieth > 0:
+        found.append(f"one in twenty is safe up to {twentieth:.4g} mm/s")
+    return "; ".join(found)
