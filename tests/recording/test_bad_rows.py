@@ -13,7 +13,7 @@ from bumpstop import InputError, Robot
 from bumpstop.model import Joint
 from bumpstop.recording import Recording
 from bumpstop.recording.checks.checks import gaps_of
-from bumpstop.recording.checks.leaps import impossible_rows
+from bumpstop.recording.checks.jumps import impossible_rows
 from bumpstop.recording.checks.time_order import disorder
 from recording.cases import COLUMNS, lines, recording, written
 
