@@ -120,3 +120,12 @@ def test_columns_of_the_cases_are_those_of_the_file(tmp_path: Path) -> None:
     (tmp_path / "c.toml").write_text(TOML)
     by_file, by_dict = Recording.load(path, columns=tmp_path / "c.toml"), Recording.load(path, columns=COLUMNS)
     assert (by_file.q == by_dict.q).all()
+
+
+def test_one_joint_is_no_joints_and_a_rate_has_four_digits(tmp_path: Path) -> None:
+    t = np.cumsum(np.full(300, 1 / 29.9999))
+    Recording(t=t, q=np.sin(t)[:, None]).save(tmp_path / "one.parquet")
+    result = run("recording", "info", tmp_path / "one.parquet")
+    assert result.status == 0, result.err
+    assert "300 rows, 1 joint\n" in result.out
+    assert "median rate 30 Hz" in result.out

@@ -116,11 +116,12 @@ def _print(recording: Recording, robot: Robot | None, console: Console) -> None:
 
     report = recording.report
     arm = f", {recording.robot}" if recording.robot else ""
-    console.print(f"{recording.source}: {recording.t.size} rows, {recording.dof} joints{arm}")
+    joints = "joint" if recording.dof == 1 else "joints"
+    console.print(f"{recording.source}: {recording.t.size} rows, {recording.dof} {joints}{arm}")
     steps = 1e3 * np.diff(recording.t)
     console.print(
         f"time: {recording.t[0]:.6g} to {recording.t[-1]:.6g} s ({recording.duration:.6g} s), median rate "
-        f"{recording.rate_hz:.6g} Hz, intervals {steps.min():.4g} to {steps.max():.4g} ms"
+        f"{recording.rate_hz:.4g} Hz, intervals {steps.min():.4g} to {steps.max():.4g} ms"
     )
     if recording.t[0] != 0:
         console.print(
