@@ -44,10 +44,10 @@ class WorkspaceStudy(Study):
         grid_directions: directions at each pose of the grid.
         directions: how directions are drawn.
         speed_sd_mm_s: spread of the speed about the scenario's; normal, drawn again where not above 0.
-        joint_limits: ``"respect"``: a limit ends the motion. ``"ignore"``: the arm moves on, as the source's did. Poses
-            lie inside the limits either way.
+        joint_limits: ``"respect"``: a limit ends the motion. ``"ignore"``: the arm moves on, as in Schroeder (2013).
+            Poses lie inside the limits either way.
         velocity_limits: ``"respect"``: where a joint would turn faster than it can, all rates are scaled down and the
-            tip gets slower. ``"ignore"``: the tip keeps its speed, as the source's did.
+            tip gets slower. ``"ignore"``: the tip keeps its speed, as in Schroeder (2013).
         link_radius_mm: of the links as capsules; poses in which two touch are drawn again, or left out of a grid.
             0: self-collision is not looked for.
         predict: peak forces predicted from the pose stand beside every distribution, for its direction and for the
