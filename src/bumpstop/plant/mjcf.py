@@ -1,9 +1,9 @@
-"""A robot and the objects about it as MJCF, the text that MuJoCo reads."""
+"""A robot and the objects about it as MJCF, the text that MuJoCo reads; and MuJoCo, where it is installed."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +22,15 @@ _LINK_COLOURS = ("0.35 0.45 0.55 1", "0.62 0.66 0.70 1")
 _CONTACT = 'condim="1" solref="0.001 {damping}" solimp="0.9999 0.9999 0.001 0.5 2"'
 # Of the critical. The face of a free body has next to no damping of its own and would bounce.
 _CLAMPED, _FREE = 1, 2
+
+
+def import_mujoco() -> Any:
+    """The module, or an error that says how to get it."""
+    try:
+        import mujoco
+    except ImportError:
+        raise InputError("plant", "mujoco is not installed", "pip install mujoco") from None
+    return mujoco
 
 
 def mjcf(

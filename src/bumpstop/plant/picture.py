@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from bumpstop.errors import InputError
 from bumpstop.plant.command import COMMAND_STEP
-from bumpstop.plant.plant import import_mujoco
+from bumpstop.plant.mjcf import import_mujoco
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -16,7 +16,7 @@ from bumpstop.errors import InputError
 from bumpstop.model import Robot, gravity_torque, inverse_dynamics, mass_matrix, with_rotors
 from bumpstop.plant.command import COMMAND_STEP, Command, PlantReaction
 from bumpstop.plant.drive import Drives, Gears, per_joint
-from bumpstop.plant.mjcf import mjcf
+from bumpstop.plant.mjcf import import_mujoco, mjcf
 from bumpstop.plant.objects import PlantObject
 from bumpstop.plant.run import PlantRun, PlantTrace, SampleLog, sensors_truth, truth_of
 from bumpstop.plant.sample import OnSample, Sample
@@ -394,12 +394,3 @@ class Plant:
     def truth(self) -> dict[str, Any]:
         """What the plant is made of, for a TOML file."""
         return truth_of(self)
-
-
-def import_mujoco() -> Any:
-    """The module, or an error that says how to get it."""
-    try:
-        import mujoco
-    except ImportError:
-        raise InputError("plant", "mujoco is not installed", "pip install mujoco") from None
-    return mujoco

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bumpstop.detection import load_labels, score
 from bumpstop.model import inverse_dynamics
 from bumpstop.recording import Recording
 from cli.support import run, strict_json
@@ -57,6 +58,17 @@ def test_a_recording_scores_as_its_events_do_also_where_the_detector_had_no_data
         rows = 501 if no_data_until_s > 2 else 500
         assert f"no data in {rows} of {rows} rows" in note
         assert any("elbow_joint: at 10.2, beyond its limits" in note for note in found["notes"])
+
+
+def test_a_score_shows_itself_as_the_terminal_does(tmp_path: Path) -> None:
+    log, labels, events = pushed(tmp_path / "log.parquet"), tmp_path / "labels.csv", tmp_path / "events.json"
+    labels.write_text("start_s,end_s\n0.4,0.6\n1.5,1.6\n")
+    events.write_text(run("detect", log, *ARM, "--json").out)
+    found = score([1.5], load_labels(labels), (0.0, 2.0))
+    assert "detected 1 of 2; missed 1" in str(found)
+    assert "  missed: 0.4 to 0.6 s" in str(found)
+    done = run("score", events, "--labels", labels)
+    assert str(found).splitlines()[0] == done.out.splitlines()[0]
 
 
 def test_times_of_a_clock_that_counts_from_long_ago_are_told_to_their_digits(tmp_path: Path) -> None:

@@ -65,6 +65,11 @@ class Score:
     outside: int
     forces: ContactForces | None = None
 
+    def __str__(self) -> str:
+        from bumpstop.detection.scoring.score_text import score_text
+
+        return score_text(self)
+
     @property
     def detected(self) -> int:
         """Labels with an event."""

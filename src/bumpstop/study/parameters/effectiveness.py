@@ -8,16 +8,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from bumpstop.errors import InputError, near_matches
-from bumpstop.study.requirement.sampling_ripple import has_ripple
+from bumpstop.study.parameters.region_collisions import MIN_SPEED_MM_S, RegionCollisions
 from bumpstop.study.study import Study, check_risk
 from bumpstop.study.variable import Variable
 
 if TYPE_CHECKING:
     import polars as pl
 
-    from bumpstop.collision import CollisionResult, Scenario
+    from bumpstop.collision import Scenario
     from bumpstop.contact import LimitTable
-    from bumpstop.study.requirement.requirement import Requirement
 
 # Base frame, seen from behind the base.
 DIRECTIONS: Mapping[str, tuple[float, float, float]] = {
@@ -33,10 +32,7 @@ SPEEDS_MM_S = (10.0, 25.0, 50.0, 75.0, 100.0)
 AREAS_CM2 = (1.0, 2.0)
 # Reduced speed of robots with a person in the cell (ISO 10218-1).
 MAX_SPEED_MM_S = 250.0
-MIN_SPEED_MM_S = 1.0
-SPEED_STEP_MM_S = 0.1
 _MAX_SCENARIO_SPEED_MM_S = 1e5  # that a scenario takes
-_SCAN = 10
 
 
 @dataclass(frozen=True)
@@ -132,7 +128,7 @@ class EffectivenessStudy(Study):
                 ]
                 rows += [own | {"kind": "safe_speed", "area_cm2": area, "reason": refusal} for area in self.areas_cm2]
                 continue
-            laws = _Laws(self, table, body, direction)
+            laws = RegionCollisions(self, table, body, direction)
             rows += [own | laws.collision(v, a) for a in self.areas_cm2 for v in self.speeds_mm_s]
             rows += [own | laws.safe_speed(a) for a in self.areas_cm2]
         return pl.DataFrame(rows, schema=self._schema())
@@ -206,184 +202,6 @@ class EffectivenessStudy(Study):
             | {f"trigger_{j + 1}": float for j in range(dof)}
             | {"acceptable": bool, "safe_speed_mm_s": float, "binding": str, "reason": str}
         )
-
-
-class _Laws:
-    """Distributions of one body and direction, remembered by speed: the area changes only how they are judged."""
-
-    def __init__(self, study: EffectivenessStudy, table: str, body: str, direction: str) -> None:
-        self._study = study
-        self._which = (table, body, direction)
-        self._known: dict[float, CollisionResult] = {}
-        self._at_risk: dict[float, float] = {}
-        self._requirements: dict[float, Requirement] = {}
-
-    @property
-    def _two_phases(self) -> bool:
-        scenario = self._study.scenario
-        return scenario.verdict.clamped_limit == "two_phase" and scenario.contact.kind == "clamped"
-
-    def result(self, speed: float, area: float) -> CollisionResult:
-        """The distribution at a speed; where contact has two phases, the area belongs to it."""
-        from bumpstop.collision import evaluate
-
-        if speed not in self._known or self._two_phases:
-            self._known[speed] = evaluate(self._study.scenario_of(*self._which, speed, area))
-            self._at_risk.pop(speed, None)
-        return self._known[speed]
-
-    def force_at_risk(self, speed: float, area: float) -> float:
-        """Peak force passed with the accepted risk [N]."""
-        result = self.result(speed, area)
-        if speed not in self._at_risk:
-            self._at_risk[speed] = result.peak_force.quantile(1 - self._study.scenario.verdict.accepted_probability)
-        return self._at_risk[speed]
-
-    def over(self, speed: float, area: float) -> tuple[float | None, float | None]:
-        """Probabilities of passing the force and the pressure limit with an area; None where there is no limit."""
-        result = self.result(speed, area)
-        limits = result.problem.limits
-        assert limits is not None
-        if self._two_phases:
-            return result.verdict.p_over_force, result.verdict.p_over_pressure
-        force = result.peak_force
-        over_force = force.exceedance(limits.force_N)
-        if limits.pressure_N_cm2 is None:
-            return over_force, None
-        allowed = limits.force_at_pressure_limit_N(area, result.scenario.contact.peak_factor)
-        return over_force, force.exceedance(allowed)
-
-    def judged(self, speed: float, area: float) -> tuple[bool, str]:
-        """Whether a speed is acceptable on an area, and what stands against it or comes nearest to.
-
-        By the quantile of the accepted risk, which costs a thousandth of a far tail.
-        """
-        settings = self._study.scenario.verdict
-        result = self.result(speed, area)
-        limits = result.problem.limits
-        assert limits is not None
-        if result.false_alarm_probability > settings.max_false_alarm:
-            return False, "false_alarm"
-        if self._two_phases:
-            force, pressure = (p or 0.0 for p in self.over(speed, area))
-            return max(force, pressure) <= settings.accepted_probability, "pressure" if pressure > force else "force"
-        factor = result.scenario.contact.peak_factor
-        within = self.force_at_risk(speed, area) <= limits.allowed_force_N(area, factor)
-        return within, limits.governing(area, factor)
-
-    def collision(self, speed: float, area: float) -> dict[str, Any]:
-        """One row: the distribution at a speed, judged on an area."""
-        over = self.over(speed, area)
-        result = self.result(speed, area)
-        limits = result.problem.limits
-        assert limits is not None
-        force = result.peak_force
-        triggers = {f"trigger_{j + 1}": float(p) for j, p in enumerate(result.trigger_joint_probability)}
-        return {
-            "kind": "collision",
-            "area_cm2": area,
-            "speed_mm_s": speed,
-            "limit_force_N": limits.force_N,
-            "limit_pressure_N_cm2": limits.pressure_N_cm2,
-            "mean_N": force.mean,
-            "sd_N": force.sd,
-            "p99_N": force.quantile(0.99),
-            "p999_N": force.quantile(0.999),
-            "false_alarm": result.false_alarm_probability,
-            "undetected": result.undetected_probability,
-            "several_joints": result.multi_joint_probability,
-            **triggers,
-            "p_over_force": over[0],
-            "p_over_pressure": over[1],
-            "acceptable": self.judged(speed, area)[0],
-        }
-
-    def safe_speed(self, area: float) -> dict[str, Any]:
-        """The highest speed below which every speed looked at is acceptable, in tenths of mm/s; None: not even 1 mm/s.
-
-        A scan finds the first speed that is not acceptable, and bisection the edge below it. Where the risk is a
-        sampling ripple in the speed, a requirement looks at all crests, and the scan only at false alarms.
-        """
-        found: dict[str, Any] = {"kind": "safe_speed", "area_cm2": area, "reason": ""}
-        top = self._study.highest_speed_mm_s
-        judged, beyond = self.judged, "none"
-        if self._has_ripple:
-            required = self._required(area)
-            if required.value is None:
-                return found | {"binding": required.binding, "reason": f"Not acceptable even at {required.low:g} mm/s."}
-            if required.binding != "range":
-                tenths = math.floor(required.value / SPEED_STEP_MM_S + 1e-6)
-                top, beyond = round(tenths * SPEED_STEP_MM_S, 1), required.binding
-            judged = self._alarms_judged
-        ratio = (top / MIN_SPEED_MM_S) ** (1 / (_SCAN - 1))
-        scan = sorted({round(MIN_SPEED_MM_S * ratio**i, 1) for i in range(_SCAN - 1)} | {top})
-        low = None
-        for speed in scan:
-            acceptable, binding = judged(speed, area)
-            if not acceptable:
-                break
-            low = speed
-        else:
-            reason = f"Nothing stands against it up to {top:g} mm/s." if beyond == "none" else ""
-            return found | {"safe_speed_mm_s": top, "binding": beyond, "reason": reason}
-        if low is None:
-            return found | {"binding": binding, "reason": f"Not acceptable even at {scan[0]:g} mm/s."}
-        # Whole tenths, so that the speed returned is one that was looked at.
-        below, above = math.floor(low / SPEED_STEP_MM_S + 1e-6), math.ceil(speed / SPEED_STEP_MM_S - 1e-6)
-        tries = 0
-        while above - below > 1:
-            # By straight lines through the logarithms, and every third time by halves.
-            tries += 1
-            middle = (below + above) // 2 if tries % 3 == 0 else self._crossing(below, above, area)
-            acceptable, against = judged(round(middle * SPEED_STEP_MM_S, 1), area)
-            if acceptable:
-                below = middle
-            else:
-                above, binding = middle, against
-        return found | {"safe_speed_mm_s": round(below * SPEED_STEP_MM_S, 1), "binding": binding}
-
-    @property
-    def _has_ripple(self) -> bool:
-        """Whether the risk may have a sampling ripple in the speed, and an integrated distribution."""
-        scenario = self._study.scenario
-        return has_ripple(scenario) and scenario.detector.residuals is None
-
-    def _required(self, area: float) -> Requirement:
-        """The highest speed that meets the risk, with every slower one; slower arms get longer to go as far."""
-        from bumpstop.study.requirement.requirement import solve_requirement
-
-        own = Variable("motion.speed").value(self._study.scenario)
-        scenario = self._study.scenario_of(*self._which, own, area)
-        limits = self.result(own, area).problem.limits
-        assert limits is not None
-        # Without phases the area decides nothing but the force that is allowed.
-        key = area if self._two_phases else limits.allowed_force_N(area, scenario.contact.peak_factor)
-        if key not in self._requirements:
-            highest = self._study.highest_speed_mm_s
-            self._requirements[key] = solve_requirement(scenario, "motion.speed", low=MIN_SPEED_MM_S, high=highest)
-        return self._requirements[key]
-
-    def _alarms_judged(self, speed: float, area: float) -> tuple[bool, str]:
-        """As :meth:`judged`, by false alarms alone."""
-        result = self.result(speed, area)
-        return result.false_alarm_probability <= self._study.scenario.verdict.max_false_alarm, "false_alarm"
-
-    def _crossing(self, below: int, above: int, area: float) -> int:
-        """Whole tenths between two others where the force at risk should reach what is allowed; else the middle."""
-        middle = (below + above) // 2
-        if self._two_phases or below == 0:
-            return middle
-        ends = [round(tenths * SPEED_STEP_MM_S, 1) for tenths in (below, above)]
-        limits = self.result(ends[0], area).problem.limits
-        assert limits is not None
-        allowed = limits.allowed_force_N(area, self._study.scenario.contact.peak_factor)
-        low, high = (self.force_at_risk(speed, area) for speed in ends)
-        if not 0 < low < high < math.inf or not low <= allowed < high:
-            return middle
-        share = math.log(allowed / low) / math.log(high / low)
-        # The nearest tenth above: where the guess is good the next one closes the bracket from below.
-        found: int = math.ceil(below * math.exp(share * math.log(above / below)))
-        return min(max(found, below + 1), above - 1)
 
 
 def _load(scenario: Scenario, table: str) -> LimitTable:
