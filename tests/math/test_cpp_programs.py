@@ -42,6 +42,7 @@ PROGRAMS = [
     "collision/motion/line_tracer",
     "collision/distribution/linear_quantity",
     "detection/detector/detector",
+    "detection/detector/sample_paths",
     "detection/detector/sample_validator",
 ]
 CASES = [(ROOT / f"tests/{name}.cpp", build) for name in PROGRAMS for build in BUILDS]

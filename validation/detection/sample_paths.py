@@ -15,12 +15,16 @@ SANITIZERS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 
 
 def compare(findings: Findings, *, quick: bool) -> None:
-    """Compile the detector's test program with the sanitizers and let it draw the sequences."""
+    """Compile the test program of sample paths with the sanitizers and let it draw the sequences."""
     count = 2_000 if quick else 1_000_000
     with tempfile.TemporaryDirectory() as folder:
-        program = Path(folder) / "detector"
+        program = Path(folder) / "sample_paths"
         command = [os.environ.get("CXX", "c++"), "-std=c++20", "-O1", "-Wno-psabi", *SANITIZERS]
-        command += [f"-I{ROOT / 'include'}", f"-I{ROOT / 'tests'}", str(ROOT / "tests/detection/detector/detector.cpp")]
+        command += [
+            f"-I{ROOT / 'include'}",
+            f"-I{ROOT / 'tests'}",
+            str(ROOT / "tests/detection/detector/sample_paths.cpp"),
+        ]
         subprocess.run([*command, "-o", str(program)], check=True)
         done = subprocess.run([program, str(count)], capture_output=True, text=True, check=False)
     findings.check(

@@ -15,7 +15,6 @@ from bumpstop.cli.schroeder2013.protocol import protocol_json
 from bumpstop.identification.design.plan import IdentificationPlan, ProtocolSettings, plan_identification
 from bumpstop.identification.design.plan_file import save_plan
 from bumpstop.identification.design.simulated import SensorNoise, currents, simulated_recording
-from bumpstop.identification.drive.drive_model import inverse_map
 from bumpstop.joint import JointTorqueModel
 from bumpstop.joint.parameters import JointParameters, Parameter
 from bumpstop.recording import Recording
@@ -23,7 +22,6 @@ from bumpstop.reproduction.schroeder2013 import fit_comparison
 from bumpstop.reproduction.schroeder2013.fit_comparison import FitComparison, compare_fits
 from bumpstop.reproduction.schroeder2013.protocol import ProtocolFit, ProtocolJoint, identify_protocol
 from bumpstop.reproduction.schroeder2013.protocol_page import write_protocol_report
-from bumpstop.reproduction.schroeder2013.protocol_steps import joint_torque
 from bumpstop.reproduction.schroeder2013.protocol_verdict import judge_protocol
 
 SETTINGS = ProtocolSettings(
@@ -82,18 +80,6 @@ def test_simulated_currents_give_the_torque_back(plan: IdentificationPlan) -> No
     q, qd, qdd = plan.path(plan.experiments[0]).at(np.arange(10.0, 14.0, 0.01))
     tau = bs.model.inverse_dynamics(plan.loaded, q, qd, qdd)
     np.testing.assert_allclose(model.torque(currents(model, tau, qd, qdd), qd, qdd), tau, atol=1e-9)
-
-
-@pytest.mark.parametrize("kind", ["odd", "load_dependent"])
-def test_maps_and_their_inverses(kind: str) -> None:
-    """There and back, and derivatives against differences."""
-    torque = np.linspace(-30, 30, 61)
-    for sign in (1.0, -1.0):
-        current, slope, square = inverse_map(kind, 0.03, 5.0, torque, sign)
-        np.testing.assert_allclose(joint_torque(kind, 0.03, 5.0, current, sign), torque, atol=1e-12)
-        more_a, more_b = (inverse_map(kind, 0.03 + da, 5.0 + db, torque, sign)[0] for da, db in ((1e-6, 0), (0, 1e-6)))
-        np.testing.assert_allclose((more_a - current) / 1e-6, -square / slope, atol=1e-4)
-        np.testing.assert_allclose((more_b - current) / 1e-6, -current / slope, atol=1e-5)
 
 
 def test_planted_figures_are_recovered(fit: ProtocolFit) -> None:
