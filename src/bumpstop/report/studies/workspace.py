@@ -295,8 +295,8 @@ class SensitivityPart(Part):
         return [
             paragraph(
                 "Both are of the Jacobian of the joints that move, at the start pose. Three rows are the tip's "
-                "translation, in one unit. Six rows mix translation and rotation, as the source does; they depend on "
-                "the unit of length, here metres. A value near 0 predicts nothing, near 1 or -1 the order of "
+                "translation, in one unit. Six rows mix translation and rotation, as Schroeder (2013) does; they "
+                "depend on the unit of length, here metres. A value near 0 predicts nothing, near 1 or -1 the order of "
                 "the forces. Neither knows thresholds nor the direction of the contact."
             ),
             table(("of the median force with the", "rank correlation"), rows, caption="Rank correlation", numbers=True),

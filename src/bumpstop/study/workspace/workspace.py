@@ -276,7 +276,7 @@ class WorkspaceStudy(Study):
     def _sensitivity(self, q: FloatArray) -> dict[str, FloatArray]:
         """Condition number and smallest singular value at the start, of the joints that move.
 
-        Three rows: of the tip's translation, in one unit. Six rows: with rotation, as the source has it; they depend
+        Three rows: of the tip's translation, in one unit. Six rows: with rotation, as in Schroeder (2013); they depend
         on the unit of length.
         """
         robot = self._problem.robot
