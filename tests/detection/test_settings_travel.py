@@ -53,7 +53,7 @@ def test_a_file_of_thresholds_carries_the_settings(tuned: Path) -> None:
     assert law.settings == wanted
     assert law.period_s == pytest.approx(0.004)
     assert law.per_hour is not None
-    assert f"{law.per_hour:g} false alarms an hour wanted" in tuned.read_text()
+    assert f"{law.per_hour:.4g} false alarms an hour wanted" in tuned.read_text()
     again = tuned.with_name("again.toml")
     law.save(again)
     assert Thresholds.load(again).settings == wanted

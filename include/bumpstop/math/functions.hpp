@@ -36,8 +36,10 @@ T polynomial(const double (&c)[n], T x) {
         for (int i = top - chains; i >= 0; i -= chains) value = value * stride + c[i];
         sum[chain] = value;
     }
-    if constexpr (chains == 2) return sum[1] * x + sum[0];
-    return (sum[3] * x + sum[2]) * square + (sum[1] * x + sum[0]);
+    if constexpr (chains == 2)
+        return sum[1] * x + sum[0];
+    else
+        return (sum[3] * x + sum[2]) * square + (sum[1] * x + sum[0]);
 }
 
 template <class T>

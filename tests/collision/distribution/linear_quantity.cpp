@@ -14,7 +14,7 @@ constexpr int order = 8;
 // A density of offsets on [low, high], as powers of the place on [-1, 1], and where its stopping path ends.
 struct Stopped {
     std::array<double, order> power;
-    double factor, farthest;
+    double factor, max_distance;
 
     double density(double x) const {
         double sum = 0;
