@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,9 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from bumpstop.errors import InputError
-from bumpstop.text_files import list_items
 
-_MAX_LIST = 10_000  # characters
 NOT_ACCEPTABLE = 3
 INCONCLUSIVE = 4
 MAX_SAMPLES = 100_000_000
@@ -104,18 +101,6 @@ def change(text: str) -> tuple[str, Any]:
     key = re.sub(r"\s*\.\s*", ".", key.strip())
     if not equals or not re.fullmatch(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*", key):
         raise InputError("--set", f"{text[:200]!r} is not KEY=VALUE", "for example --set contact.area_cm2=2")
-    try:
-        parsed = tomllib.loads(f"value = {value}")
-    except (ValueError, RecursionError):  # bad TOML, a number of thousands of digits, thousands of brackets
-        return key, _numbers(value) or value.strip()
-    # More than one line may hold more than one value.
-    return key, parsed["value"] if len(parsed) == 1 else value.strip()
+    from bumpstop.collision.scenario.keys import value_of
 
-
-def _numbers(text: str) -> list[float] | None:
-    """Of a list without brackets, as other options take it; None where it is none."""
-    items = list_items(text)
-    try:
-        return [float(item) for item in items] if len(items) > 1 and len(text) < _MAX_LIST else None
-    except ValueError:
-        return None
+    return key, value_of(value)

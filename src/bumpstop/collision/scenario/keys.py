@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
 from typing import Any
 
 from bumpstop.collision.scenario.scenario_words import as_written
 from bumpstop.collision.scenario.spellings import check_one_spelling, replace_other_spelling
 from bumpstop.errors import InputError
+from bumpstop.text_files import list_items
 
+_MAX_LIST = 10_000  # characters
 # The table that ``settings.toml`` has more than a scenario.
 MADE_BY = "made_by"
 
@@ -39,3 +42,22 @@ def set_key(data: dict[str, Any], key: str, value: Any) -> None:
             raise InputError(key, f"{table!r} is not a table", "a key is written as table.key or as key alone")
     replace_other_spelling(data, key)
     here[last] = value
+
+
+def value_of(text: str) -> Any:
+    """What a person means who writes a value outside a TOML file: a TOML value or numbers with commas, else the text."""
+    try:
+        parsed = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):  # bad TOML, a number of thousands of digits, thousands of brackets
+        return _numbers(text) or text.strip()
+    # More than one line may hold more than one value.
+    return parsed["value"] if len(parsed) == 1 else text.strip()
+
+
+def _numbers(text: str) -> list[float] | None:
+    """Of a list without brackets, as other options take it; None where it is none."""
+    items = list_items(text)
+    try:
+        return [float(item) for item in items] if len(items) > 1 and len(text) < _MAX_LIST else None
+    except ValueError:
+        return None

@@ -12,7 +12,7 @@ from pydantic import ConfigDict, Field, ValidationError, model_validator
 from bumpstop.collision.scenario.arm_table import ArmTable
 from bumpstop.collision.scenario.contact_table import ContactTable, Direction, check_direction
 from bumpstop.collision.scenario.keys import MADE_BY, set_keys
-from bumpstop.collision.scenario.scenario_words import as_written, explain, short, unknown_key, words
+from bumpstop.collision.scenario.scenario_words import as_written, explain, explain_all, short, unknown_key, words
 from bumpstop.collision.scenario.spellings import check_one_spelling
 from bumpstop.collision.scenario.table import Table, between
 from bumpstop.collision.scenario.unused_keys import given_without_effect, keys_without_effect
@@ -269,22 +269,35 @@ class Scenario(Table):
         Raises:
             InputError: a key is unknown, missing or has a value that cannot be used.
         """
+        scenario, faults = cls.check(data, folder, all_faults=False)
+        if scenario is None:
+            raise faults[0]
+        return scenario
+
+    @classmethod
+    def check(
+        cls, data: dict[str, Any], folder: Path | str = ".", *, all_faults: bool = True
+    ) -> tuple[Scenario | None, list[InputError]]:
+        """The scenario of nested dictionaries, or what is wrong with it.
+
+        Args:
+            data, folder: as in :meth:`from_dict`.
+            all_faults: find every key that cannot be used, not the first alone.
+        """
         if not isinstance(data, Mapping):
-            raise InputError(
-                "scenario", f"{as_written(data)} cannot be used", "wanted a dictionary of its tables and keys"
-            )
+            problem = f"{as_written(data)} cannot be used"
+            return None, [InputError("scenario", problem, "wanted a dictionary of its tables and keys")]
         tables = _plain(data)
         if isinstance(tables.get(MADE_BY), dict):
             del tables[MADE_BY]
         if "folder" in tables:
-            raise unknown_key(cls, ("folder",))
+            return None, [unknown_key(cls, ("folder",))]
         try:
-            return cls.model_validate({**tables, "folder": Path(folder)})
+            return cls.model_validate({**tables, "folder": Path(folder)}), []
         except ValidationError as error:
-            refusal = explain(cls, error)
-        # Not while pydantic's error is handled: it holds that of a validator, and so the frames that lead there, where
-        # the collector of cycles cannot see it. As context of a refusal that a caller keeps it would never be freed.
-        raise refusal
+            # Only their words: pydantic's error holds that of a validator, and so the frames that lead there, where the
+            # collector of cycles cannot see it. As context of a refusal that a caller keeps it would never be freed.
+            return None, explain_all(cls, error) if all_faults else [explain(cls, error)]
 
     def with_values(self, changes: dict[str, Any]) -> Scenario:
         """A copy with some keys changed.

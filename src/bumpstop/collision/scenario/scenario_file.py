@@ -30,9 +30,18 @@ def load_scenario(path: str | Path, changes: dict[str, Any] | None = None) -> Sc
         InputError: the file is absent or damaged, or a key is unknown, missing or has an unusable value.
     """
     path = as_path(path, "scenario")
-    data = _parse(read_text(path, "wanted a scenario file", max_bytes=_MAX_BYTES), str(path))
+    data = read_tables(path)
     set_keys(data, changes or {})
     return Scenario.from_dict(data, path.parent)
+
+
+def read_tables(path: Path) -> dict[str, Any]:
+    """The tables of a scenario file, not checked yet.
+
+    Raises:
+        InputError: the file is absent or damaged.
+    """
+    return _parse(read_text(path, "wanted a scenario file", max_bytes=_MAX_BYTES), str(path))
 
 
 def _parse(text: str, path: str) -> dict[str, Any]:

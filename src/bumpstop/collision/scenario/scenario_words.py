@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import reprlib
+from collections.abc import Sequence
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -64,21 +65,34 @@ def _key_as_written(key: Any) -> str:
 
 def explain(scenario: type[BaseModel], error: ValidationError) -> InputError:
     """Turn pydantic's first complaint into one sentence with the field, the value and what would be valid."""
-    details = error.errors()
+    return _explain(scenario, error.errors())
+
+
+def explain_all(scenario: type[BaseModel], error: ValidationError) -> list[InputError]:
+    """The same of every key that pydantic complains about."""
+    by_key: dict[tuple[str, ...], list[Any]] = {}
+    for detail in error.errors():
+        unknown = detail["type"] in ("extra_forbidden", "invalid_key")
+        key = tuple(map(str, detail["loc"])) if unknown or not detail["loc"] else _place(scenario, detail["loc"])[0]
+        by_key.setdefault(key, []).append(detail)
+    return [_explain(scenario, details) for details in by_key.values()]
+
+
+def _explain(scenario: type[BaseModel], details: Sequence[Any]) -> InputError:
     for detail in details:
         # An unknown key often explains a missing one.
         if detail["type"] in ("extra_forbidden", "invalid_key"):
             return unknown_key(scenario, detail["loc"])
     first = details[0]
+    if first["type"] == "value_error":
+        cause: InputError = first["ctx"]["error"]
+        return InputError(cause.field, cause.problem, cause.valid)
     path, index = _place(scenario, first["loc"])
     # Of a key that takes a number or a list, the complaint about an item of the list says most.
     for detail in details:
         item = _place(scenario, detail["loc"])
         if index is None and item[0] == path and item[1] is not None:
             first, index = detail, item[1]
-    if first["type"] == "value_error":
-        cause: InputError = first["ctx"]["error"]
-        return InputError(cause.field, cause.problem, cause.valid)
     field = ".".join(path)
     if first["type"] == "missing":
         return InputError(field, "is missing", f"wanted {words(scenario, path)}")
