@@ -15,6 +15,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.collision.curve import AT_REST, StoppingCurve
 from bumpstop.collision.distribution.contact_duration import (
     integrated_contact_duration,
+    may_be_left_in_contact,
     monte_carlo_contact_duration,
 )
 from bumpstop.collision.distribution.distribution import (
@@ -126,6 +127,9 @@ class CollisionResult:
     def left_in_contact_probability(self) -> float:
         """Detected, and in clamped contact where the reversing arm is followed no farther; integrated results only."""
         if self.kind != "exact" or self.problem.gives_way or self.scenario.reaction.kind == "stop":
+            return 0.0
+        # Mostly there is none, and to look is a tenth of the work.
+        if not may_be_left_in_contact(self.problem, self.curve.line, self.integral):
             return 0.0
         return self._integrated_contact_duration[1]
 

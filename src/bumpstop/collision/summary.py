@@ -25,6 +25,18 @@ def summary_text(result: CollisionResult) -> str:
     return "\n".join(line.rstrip() for line in text.getvalue().splitlines())
 
 
+def what_is_hit(result: CollisionResult) -> str:
+    """The body region and its limit table, or the spring where none is named."""
+    limits = result.problem.limits
+    return f"{limits.label} ({limits.table})" if limits else f"a spring of {result.problem.stiffness:g} N/m"
+
+
+def arm_title(result: CollisionResult) -> str:
+    """What the arm is called, and whether it gives way."""
+    robot = result.problem.robot
+    return f"{robot.title or robot.name}{result.problem.arm_in_words}"
+
+
 def print_summary(result: CollisionResult, console: Console) -> None:
     """Print verdict, figures and notes."""
     from rich.table import Table
@@ -42,10 +54,8 @@ def print_summary(result: CollisionResult, console: Console) -> None:
         "inconclusive": ("INCONCLUSIVE", "bold black on yellow"),
         "no_limits": ("NO LIMITS TO JUDGE BY", "bold"),
     }[verdict.conclusion]
-    robot, limits = result.problem.robot, result.problem.limits
-    body = f"{limits.label} ({limits.table})" if limits else f"a spring of {result.problem.stiffness:g} N/m"
-    arm = f"{robot.title or robot.name}{result.problem.arm_in_words}"
-    console.print(f"{arm} {result.problem.motion_in_words} against {body}", style="bold")
+    limits = result.problem.limits
+    console.print(f"{arm_title(result)} {result.problem.motion_in_words} against {what_is_hit(result)}", style="bold")
     console.print(Text(f" {word} ", style=style), verdict.reason)
     for warning in result.warnings:
         console.print(f"warning: {warning}")

@@ -66,12 +66,6 @@ def percentile(name: str) -> str:
     return {"p999": "p99.9"}.get(name, name)
 
 
-def what_is_hit(result: CollisionResult) -> str:
-    """The body region, or the spring where none is named."""
-    limits = result.problem.limits
-    return f"{limits.label} ({limits.table})" if limits else f"a spring of {result.problem.stiffness:g} N/m"
-
-
 def arm(result: CollisionResult) -> str:
     """What the arm is called."""
     robot = result.problem.robot

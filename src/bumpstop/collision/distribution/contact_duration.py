@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.distribution.mixture import MixtureDistribution
@@ -134,40 +136,82 @@ def _cell_count(pieces: int) -> int:
     return int(np.clip(_MAX_CELLS // max(pieces, 1), 1, _CELLS))
 
 
+@cache
 def _unit_quadrature(nodes: int) -> tuple[FloatArray, FloatArray]:
     """Gauss nodes and weights on 0 to 1."""
     node, weight = np.polynomial.legendre.leggauss(nodes)
-    return (node + 1) / 2, weight / 2
+    unit = (node + 1) / 2, weight / 2
+    for values in unit:
+        values.flags.writeable = False  # of all who ask
+    return unit
+
+
+@dataclass(frozen=True, eq=False)
+class _Detections:
+    """Where the integrated distribution has detections, tick by tick.
+
+    Attributes:
+        slot, panel: of each piece of the distribution (pieces,), by tick.
+        ticks: of detection, each once.
+        begin: where in the pieces each tick begins.
+        least_offset: of the panels of each tick [m].
+        span: of all offsets with a piece, also those after the last tick [m].
+    """
+
+    slot: npt.NDArray[np.int64]
+    panel: npt.NDArray[np.int64]
+    ticks: npt.NDArray[np.int64]
+    begin: npt.NDArray[np.int64]
+    least_offset: FloatArray
+    span: float
+
+    @classmethod
+    def of(cls, curve: LineStoppingCurve, law: CollisionDistribution) -> _Detections:
+        slots = law.coefficients.shape[0]
+        slot, panel = np.nonzero(law.coefficients[: slots - 1, 0] > _NEGLIGIBLE)
+        detection = np.asarray(law.panel_first_tick)[panel].astype(np.int64) + slot - law.slots_before
+        # One tick after the last stand the bodies that an arm reaches only while it brakes at the end of its line.
+        known = (detection >= 0) & (detection <= curve.ticks)
+        order = np.flatnonzero(known)[np.argsort(detection[known], kind="stable")]
+        ticks, begin = np.unique(detection[order], return_index=True)
+        low, high = law.panel_mid - law.panel_half, law.panel_mid + law.panel_half
+        least = np.minimum.reduceat(low[panel[order]], begin) if ticks.size else np.zeros(0)
+        span = float(high[panel].max() - low[panel].min()) if panel.size else 0.0
+        return cls(slot[order], panel[order], ticks, begin, least, span)
+
+
+def may_be_left_in_contact(problem: CollisionProblem, curve: LineStoppingCurve, law: CollisionDistribution) -> bool:
+    """Whether any reaction of an integrated distribution ends ahead of the nearest body that it may have detected."""
+    found = _Detections.of(curve, law)
+    if not found.ticks.size:
+        return False
+    spans = ReleaseTimes(problem, curve, found.ticks, found.least_offset)
+    return any(
+        k < curve.ticks and spans.left_in_contact(int(k), least).any()
+        for k, least in zip(found.ticks, found.least_offset[:, None], strict=True)
+    )
 
 
 def exact_cells(problem: CollisionProblem, curve: LineStoppingCurve, law: CollisionDistribution) -> Iterator[Cells]:
     """Cut all detections of an integrated distribution into cells, tick by tick; those of wide panels by themselves."""
-    coefficients = law.coefficients
-    mid, half, first_tick = law.panel_mid, law.panel_half, law.panel_first_tick
-    slots, order, _ = coefficients.shape
-    slots_used, panels_used = np.nonzero(coefficients[: slots - 1, 0] > _NEGLIGIBLE)
-    detection = np.asarray(first_tick)[panels_used].astype(np.int64) + slots_used - law.slots_before
-    # One tick after the last stand the bodies that an arm reaches only while it brakes at the end of its line.
-    known = (detection >= 0) & (detection <= curve.ticks)
-    order_of_ticks = np.flatnonzero(known)[np.argsort(detection[known], kind="stable")]
-    ticks, begin = np.unique(detection[order_of_ticks], return_index=True)
-    if not ticks.size:
+    coefficients, mid, half = law.coefficients, law.panel_mid, law.panel_half
+    order = coefficients.shape[1]
+    found = _Detections.of(curve, law)
+    if not found.ticks.size:
         return
-    span = np.max((mid + half)[panels_used]) - np.min((mid - half)[panels_used])
-    wide = 2 * half[panels_used] > _SLIVER * span
-    cells_in = {group: _cell_count(int(np.sum(wide[order_of_ticks] == group))) for group in (False, True)}
-    low = mid[panels_used[order_of_ticks]] - half[panels_used[order_of_ticks]]
-    spans = ReleaseTimes(problem, curve, ticks, np.minimum.reduceat(low, begin))
+    wide = 2 * half[found.panel] > _SLIVER * found.span
+    cells_in = {group: _cell_count(int(np.sum(wide == group))) for group in (False, True)}
+    spans = ReleaseTimes(problem, curve, found.ticks, found.least_offset)
     parts = [
         (int(k), own[wide[own] == group], cells)
-        for k, own in zip(ticks, np.split(order_of_ticks, begin[1:]), strict=True)
+        for k, own in zip(found.ticks, np.split(np.arange(found.slot.size), found.begin[1:]), strict=True)
         for group, cells in cells_in.items()
     ]
     for k, own, cells in parts:
         if not own.size:
             continue
         unit_node, unit_weight = _unit_quadrature(max(2, _NODES * cells // _CELLS))
-        slot, panel = slots_used[own], panels_used[own]
+        slot, panel = found.slot[own], found.panel[own]
         # Where a stopping path barely arrives, its contact grows from nothing like a square root: the panel ends at the
         # farthest point, and places crowd there.
         top = np.clip((spans.max_distance(k) - mid[panel]) / np.maximum(half[panel], 1e-300), -1.0, 1.0)

@@ -45,7 +45,7 @@ def set_key(data: dict[str, Any], key: str, value: Any) -> None:
 
 
 def value_of(text: str) -> Any:
-    """What a person means who writes a value outside a TOML file: a TOML value or numbers with commas, else the text."""
+    """What a value outside a TOML file means: a TOML value, or numbers with commas between them, else the text."""
     try:
         parsed = tomllib.loads(f"value = {text}")
     except (ValueError, RecursionError):  # bad TOML, a number of thousands of digits, thousands of brackets

@@ -281,7 +281,8 @@ class Scenario(Table):
         """The scenario of nested dictionaries, or what is wrong with it.
 
         Args:
-            data, folder: as in :meth:`from_dict`.
+            data: the tables and keys of the scenario file, as in :meth:`from_dict`.
+            folder: where relative paths in it start.
             all_faults: find every key that cannot be used, not the first alone.
         """
         if not isinstance(data, Mapping):

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bumpstop.collision.summary import arm_title, what_is_hit
 from bumpstop.errors import InputError
 from bumpstop.report.collision.area import AreaSection
 from bumpstop.report.collision.arm import ArmSection
@@ -15,7 +16,7 @@ from bumpstop.report.collision.force_over_time import ForceOverTimeSection
 from bumpstop.report.collision.tables import AssumptionsSection, FiguresSection, ProvenanceSection, SettingsSection
 from bumpstop.report.collision.verdict import VerdictSection
 from bumpstop.report.document import Document
-from bumpstop.report.formatting import arm, method_words, what_is_hit
+from bumpstop.report.formatting import method_words
 from bumpstop.text_files import as_path
 
 if TYPE_CHECKING:
@@ -50,9 +51,8 @@ class Page(Document):
             SettingsSection(result, details or {}),
             AssumptionsSection(result),
         ]
-        who = f"{arm(result)}{result.problem.arm_in_words}"
         super().__init__(
-            f"{who} {result.problem.motion_in_words} against {what_is_hit(result)}",
+            f"{arm_title(result)} {result.problem.motion_in_words} against {what_is_hit(result)}",
             f"bumpstop collision report; {method_words(result)}",
             "collision report",
             sections,

@@ -1,0 +1,72 @@
+"""PASS, FAIL or INCONCLUSIVE: what a register says of a situation, stricter than the verdict of one collision."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+from bumpstop.register.statements import OPEN_STATUSES
+
+if TYPE_CHECKING:
+    from bumpstop.collision import CollisionResult
+    from bumpstop.register.situation import Situation
+
+Outcome = Literal["pass", "fail", "inconclusive"]
+OUTCOMES: tuple[Outcome, ...] = ("fail", "inconclusive", "pass")
+"""Worst first."""
+
+
+def outcome_of(situation: Situation, result: CollisionResult) -> tuple[Outcome, str]:
+    """The outcome and its reason in a sentence.
+
+    A situation passes where its verdict is acceptable and nothing that was only assumed decides it. It is inconclusive
+    where the verdict is, where there is no limit of force or of pressure, where the contact area was not given, where
+    the other model of the arm or finer steps exceed the limits, and where the register says that a value is assumed or
+    unverified.
+    """
+    verdict = result.verdict
+    if verdict.conclusion == "not_acceptable":
+        return "fail", verdict.reason
+    if verdict.conclusion != "acceptable":
+        return "inconclusive", verdict.reason
+    reason = _open_question(situation, result)
+    return ("inconclusive", reason) if reason else ("pass", verdict.reason)
+
+
+def _open_question(situation: Situation, result: CollisionResult) -> str:
+    """Why an acceptable verdict does not settle the situation; empty where it does."""
+    verdict, scenario = result.verdict, result.scenario
+    if verdict.p_over_pressure is None:
+        table = verdict.limits.table if verdict.limits else "the table"
+        return f"The force is acceptable, but {table} has no pressure limit for this region: pressure is not judged."
+    if "area_cm2" not in scenario.contact.model_fields_set:
+        return "contact.area_cm2 is not given: the pressure rests on an assumed 1 cm²."
+    if any("the verdict is NOT ACCEPTABLE" in warning for warning in result.warnings):
+        return "Finer simulation steps exceed the limits: the steps decide, not the arm."
+    question = _arm_question(result)
+    if question:
+        return question
+    open_keys = [
+        f"{key} ({statement.status})"
+        for key, statement in situation.statements.items()
+        if statement.status in OPEN_STATUSES
+    ]
+    if open_keys:
+        return f"The limits are kept, but on values that nobody has shown: {', '.join(open_keys)}."
+    return ""
+
+
+def _arm_question(result: CollisionResult) -> str:
+    """Whether the other model of the arm would exceed the limits, or nobody knows."""
+    other, model = result.other_arm, result.scenario.arm.model
+    if other is not None and other.verdict.acceptable is not True:
+        found = "exceeds the limits" if other.verdict.acceptable is False else "cannot be judged"
+        return f"The {other.scenario.arm.model} arm in the place of the {model} one {found}: {_sentence(other)}"
+    assumed = [name for name in result.problem.drive_train.assumed if name != "torque_limit"]
+    if model == "elastic" and assumed and other is None:
+        return f"The forces rest on an assumed drive train ({', '.join(assumed).replace('_', ' ')})."
+    return ""
+
+
+def _sentence(result: CollisionResult) -> str:
+    reason = result.verdict.reason
+    return reason[:1].lower() + reason[1:]

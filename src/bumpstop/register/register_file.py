@@ -1,0 +1,143 @@
+"""Files of registers: TOML with ``[[situation]]`` rows, or CSV with one situation in a line."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from bumpstop.collision.scenario.keys import value_of
+from bumpstop.collision.scenario.scenario_words import as_written
+from bumpstop.errors import InputError, near_matches
+from bumpstop.register.rows import Row
+from bumpstop.register.statements import Statement, read_statements
+from bumpstop.text_files import parse_toml, read_text
+
+MAX_SITUATIONS = 10_000
+_MAX_BYTES = 5_000_000
+_WANTED = "wanted a register of contact situations (.toml or .csv)"
+_TOP_KEYS = ("scenario", "situation", "input")
+# Cells that are texts, whatever they look like.
+_TEXTS = ("name", "scenario", "frequency", "note", "link", "body", "kind")
+_OF_CSV = "wanted a first line with the names of columns: scenario, name, body, speed_mm_s and others"
+
+
+@dataclass(frozen=True)
+class RegisterFile:
+    """A register as it is written.
+
+    Attributes:
+        path: of the file.
+        rows: its rows, not checked yet.
+        scenario: path of the scenario that rows without one of their own stand on, relative to the file; empty: none.
+        statements: where values come from.
+        faults: of what is no row.
+    """
+
+    path: Path
+    rows: list[Row]
+    scenario: str = ""
+    statements: Mapping[str, Statement] = field(default_factory=dict)
+    faults: list[InputError] = field(default_factory=list)
+
+
+def is_register(path: Path) -> bool:
+    """Whether a file is a register and no scenario: CSV, or TOML with ``[[situation]]`` rows.
+
+    A file that cannot be read is no register: whoever reads it as a scenario says what is wrong with it.
+    """
+    if path.suffix.lower() == ".csv":
+        return True
+    if path.suffix.lower() != ".toml":
+        return False
+    try:
+        return "situation" in parse_toml(read_text(path, _WANTED, max_bytes=_MAX_BYTES), str(path))
+    except InputError:
+        return False
+
+
+def read_register(path: Path) -> RegisterFile:
+    """Read a register; its rows are not checked yet.
+
+    Raises:
+        InputError: the file is absent, damaged or empty.
+    """
+    text = read_text(path, _WANTED, max_bytes=_MAX_BYTES)
+    file = _read_csv(text, path) if path.suffix.lower() == ".csv" else _read_toml(text, path)
+    if not 1 <= len(file.rows) <= MAX_SITUATIONS and not file.faults:
+        raise InputError(str(path), f"has {len(file.rows)} situations", f"wanted 1 to {MAX_SITUATIONS}")
+    return file
+
+
+def _read_toml(text: str, path: Path) -> RegisterFile:
+    data = parse_toml(text, str(path))
+    faults = [
+        InputError(f"{path}, {key}", "is no key of a register", near_matches(key, _TOP_KEYS))
+        for key in data
+        if key not in _TOP_KEYS
+    ]
+    scenario = data.get("scenario", "")
+    if not isinstance(scenario, str):
+        problem = f"{as_written(scenario)} cannot be used"
+        faults.append(InputError(f"{path}, scenario", problem, "wanted the path of a scenario"))
+        scenario = ""
+    tables = data.get("situation", [])
+    if not isinstance(tables, list) or not all(isinstance(table, Mapping) for table in tables):
+        raise InputError(f"{path}, situation", "is not a list of tables", "begin each row with [[situation]]")
+    statements, found = read_statements(data.get("input", []), str(path))
+    rows = [Row(path, f"[[situation]] {number}", dict(_dotted(table))) for number, table in enumerate(tables, start=1)]
+    return RegisterFile(path, rows, scenario, statements, faults + found)
+
+
+def _dotted(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    """Keys and values of a row; ``contact.area_cm2 = 2`` is a table to TOML."""
+    found: list[tuple[str, Any]] = []
+    for key, value in table.items():
+        found += _dotted(value, f"{prefix}{key}.") if isinstance(value, Mapping) else [(prefix + key, value)]
+    return found
+
+
+def _read_csv(text: str, path: Path) -> RegisterFile:
+    lines = [
+        (number, line)
+        for number, line in enumerate(text.splitlines(), start=1)
+        if line.strip(" \t,;") and not line.lstrip().startswith("#")
+    ]
+    if not lines:
+        raise InputError(str(path), "is empty", _OF_CSV)
+    head = lines[0][1]
+    delimiter = max((";", "\t", ","), key=lambda mark: (head.count(mark), mark == ";"))
+    try:
+        cells = list(csv.reader((line for _, line in lines), delimiter=delimiter, skipinitialspace=True, strict=True))
+    except csv.Error as error:
+        raise InputError(str(path), f"is not valid CSV ({error})", "wanted one situation in each line") from None
+    if len(cells) != len(lines):
+        raise InputError(str(path), "has a cell that goes on in the next line", "wanted one situation in each line")
+    names = [name.strip() for name in cells[0]]
+    for name in names:
+        if not name or names.count(name) > 1:
+            problem = "has a column without a name" if not name else f"has two columns {as_written(name)}"
+            raise InputError(f"{path} row {lines[0][0]}", problem, _OF_CSV)
+    rows: list[Row] = []
+    faults: list[InputError] = []
+    for (number, _), row in zip(lines[1:], cells[1:], strict=True):
+        if len(row) != len(names):
+            problem = f"has {len(row)} cells, and there are {len(names)} columns"
+            valid = f"wanted one for each column; a cell that holds {delimiter!r} stands in quotation marks"
+            faults.append(InputError(f"{path} row {number}", problem, valid))
+            continue
+        filled = {name: _cell(name, cell) for name, cell in zip(names, row, strict=True) if cell.strip()}
+        rows.append(Row(path, f"row {number}", filled))
+    return RegisterFile(path, rows, faults=faults)
+
+
+def _cell(name: str, text: str) -> Any:
+    """What a cell says; lists are numbers with commas or spaces between them, in brackets or without."""
+    if name in _TEXTS:
+        return text.strip()
+    value = value_of(text.strip())
+    if isinstance(value, str) and len(parts := text.split()) > 1:
+        value = value_of(",".join(parts)) if isinstance(value_of(",".join(parts)), list) else value
+    return value

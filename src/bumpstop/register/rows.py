@@ -1,0 +1,223 @@
+"""Rows of a register: from what a person wrote to a checked situation, or to all that is wrong with it."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bumpstop.collision import CollisionProblem, Scenario
+from bumpstop.collision.scenario.keys import set_keys
+from bumpstop.collision.scenario.scenario_file import robot_of
+from bumpstop.collision.scenario.scenario_words import as_written
+from bumpstop.errors import InputError, near_matches
+from bumpstop.register.situation import Situation
+from bumpstop.register.statements import Statement
+
+# Short words of a row, and the scenario keys that they set.
+WORDS = {
+    "link": "contact.link",
+    "point_m": "contact.point_m",
+    "body": "contact.body",
+    "kind": "contact.kind",
+    "direction": "motion.direction",
+    "speed_mm_s": "motion.speed_mm_s",
+}
+# Keys of a row that belong to the register alone.
+OWN = ("name", "scenario", "payload_kg", "frequency", "note")
+_MAX_PAYLOAD_KG = 1e4
+_MAX_NAME = 80  # letters: names stand in tables
+
+
+@dataclass(frozen=True)
+class Base:
+    """A scenario file that rows stand on.
+
+    Attributes:
+        path: of the file.
+        tables: as read, not checked.
+    """
+
+    path: Path
+    tables: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What is wrong with a row.
+
+    Attributes:
+        key: dotted key of a scenario, or a key of the register.
+        of_row: the row gives the key itself.
+        error: under the name that the row has for the key.
+    """
+
+    key: str
+    of_row: bool
+    error: InputError
+
+
+class Row:
+    """One row as it was written.
+
+    Attributes:
+        file: the register.
+        place: of the row in it, ``row 3``.
+        values: by the keys as written, without empty cells.
+    """
+
+    def __init__(self, file: Path, place: str, values: Mapping[str, Any]) -> None:
+        self.file, self.place, self.values = file, place, values
+        self.name = values.get("name") if isinstance(values.get("name"), str) else ""
+
+    @property
+    def where(self) -> str:
+        """How messages call the row."""
+        return f"{self.file} {self.place}" + (f" ({self.name!r})" if self.name else "")
+
+    def check(
+        self, base: Base, changes: Mapping[str, Any], statements: Mapping[str, Statement]
+    ) -> tuple[Situation | None, list[Fault]]:
+        """The situation, or all of its faults.
+
+        Args:
+            base: the scenario it stands on.
+            changes: dotted keys that replace those of row and scenario.
+            statements: of the register.
+        """
+        own, given, faults = self._split()
+        data = copy.deepcopy(dict(base.tables))
+        if self._sets_payload(data, own):
+            given["reaction.payload_kg"] = own["payload_kg"]
+        scenario: Scenario | None = None
+        try:
+            set_keys(data, given)
+            set_keys(data, changes)
+        except InputError as error:
+            faults.append(self._fault(error, given))
+        else:
+            scenario, found = Scenario.check(data, base.path.parent)
+            found += _name_faults(data, scenario)
+            if scenario is not None and not found:
+                found += _problem_faults(scenario)
+            faults += [self._fault(error, given) for error in _distinct(found)]
+        if faults or scenario is None:
+            return None, faults
+        return Situation(
+            name=own["name"],
+            scenario=scenario,
+            file=self.file,
+            scenario_file=base.path,
+            place=self.place,
+            frequency=own.get("frequency", ""),
+            payload_kg=own.get("payload_kg"),
+            note=own.get("note", ""),
+            given=given,
+            statements=statements,
+        ), []
+
+    def _split(self) -> tuple[dict[str, Any], dict[str, Any], list[Fault]]:
+        """Values of the register's own keys, dotted keys of the scenario, and faults of either."""
+        own: dict[str, Any] = {}
+        given: dict[str, Any] = {}
+        faults: list[InputError] = []
+        if "name" not in self.values:
+            faults.append(InputError("name", "is missing", "wanted a text that no other situation has"))
+        for key, value in self.values.items():
+            if key in OWN:
+                fault = _own_fault(key, value)
+                faults += [fault] if fault is not None else []
+                own[key] = float(value) if key == "payload_kg" and fault is None else value
+            elif key in WORDS and WORDS[key] in self.values:
+                faults.append(InputError(key, f"and {WORDS[key]} are both given", "give one of the two"))
+            elif key in WORDS or "." in key or key in Scenario.model_fields:
+                given[WORDS.get(key, key)] = value
+            else:
+                known = [*OWN, *WORDS, *(name for name in Scenario.model_fields if name != "folder")]
+                valid = f"{near_matches(key, known)}; a key of a table is written with it, as contact.area_cm2"
+                faults.append(InputError(key, "is no key of a situation", valid))
+        return own, given, [Fault(fault.field, True, self._named(fault, fault.field)) for fault in faults]
+
+    @staticmethod
+    def _sets_payload(data: Mapping[str, Any], own: Mapping[str, Any]) -> bool:
+        """Whether a stopping table asks for the payload, which the scenario does not give otherwise."""
+        reaction = data.get("reaction")
+        return (
+            isinstance(own.get("payload_kg"), float)
+            and isinstance(reaction, Mapping)
+            and reaction.get("deceleration") == "table"
+            and "payload_percent" not in reaction
+        )
+
+    def _fault(self, error: InputError, given: Mapping[str, Any]) -> Fault:
+        """A fault of the scenario under the word that the row has for its key."""
+        plain = error.field.partition("[")[0]
+        words = {key: word for word, key in WORDS.items() if word in self.values}
+        of_row = plain in given
+        return Fault(plain, of_row, self._named(error, error.field.replace(plain, words.get(plain, plain), 1)))
+
+    def _named(self, error: InputError, key: str) -> InputError:
+        return InputError(f"{self.where}, {key}", error.problem, error.valid)
+
+
+def _own_fault(key: str, value: Any) -> InputError | None:
+    problem = f"{as_written(value)} cannot be used"
+    if key == "payload_kg":
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if number and 0 <= value <= _MAX_PAYLOAD_KG:
+            return None
+        return InputError(key, problem, f"wanted a number from 0 to {_MAX_PAYLOAD_KG:g}")
+    if not isinstance(value, str):
+        return InputError(key, problem, "wanted a text")
+    if key == "name" and not (0 < len(value.strip()) <= _MAX_NAME and value.isprintable()):
+        return InputError(key, problem, f"wanted a text of 1 to {_MAX_NAME} letters on one line")
+    return None
+
+
+def _name_faults(data: Mapping[str, Any], scenario: Scenario | None) -> list[InputError]:
+    """Names of body region and link that do not exist, also beside other faults."""
+    from bumpstop.contact import LimitTable
+    from bumpstop.model import Robot, robots
+
+    found: list[InputError] = []
+    contact = data.get("contact")
+    if not isinstance(contact, Mapping):
+        return found
+    limits, body, link = contact.get("limits", "bgia2011"), contact.get("body"), contact.get("link")
+    relative = scenario.folder if scenario is not None else Path()
+    if isinstance(limits, str) and isinstance(body, str) and (scenario is not None or not _is_file(limits)):
+        try:
+            LimitTable.load(limits, relative_to=relative).region(body)
+        except InputError as error:
+            found.append(error)
+    name = data.get("robot")
+    if isinstance(link, str):
+        try:
+            if scenario is not None:
+                robot_of(scenario).frame(link)
+            elif name in robots():
+                Robot.load(str(name)).frame(link)
+        except InputError as error:
+            key = f"contact.{error.field}" if error.field == "link" else error.field
+            found.append(InputError(key, error.problem, error.valid))
+    return found
+
+
+def _is_file(limits: str) -> bool:
+    return limits.endswith(".toml") or "/" in limits
+
+
+def _problem_faults(scenario: Scenario) -> list[InputError]:
+    """What is wrong with a scenario beside its robot, its limit table and its files."""
+    try:
+        problem = CollisionProblem.from_scenario(scenario)
+        assert problem.setup is not None
+    except InputError as error:
+        return [error]
+    return []
+
+
+def _distinct(faults: list[InputError]) -> list[InputError]:
+    return list({(fault.field, fault.problem): fault for fault in faults}.values())
