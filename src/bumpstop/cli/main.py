@@ -17,6 +17,7 @@ from bumpstop.cli.collision import evaluate, require, speed_limits, stopping, st
 from bumpstop.cli.command_group import CommandGroup
 from bumpstop.cli.detection import detect, score, sensitivity, tune
 from bumpstop.cli.identification import identify, plan, recording
+from bumpstop.cli.register import new, report
 from bumpstop.cli.schroeder2013 import experiment
 from bumpstop.errors import BumpstopError, InputError
 
@@ -27,7 +28,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="How hard will it hit before it stops?",
 )
+app.command("new")(new.command)
 app.command("evaluate")(evaluate.command)
+app.command("report")(report.command)
 app.add_typer(robots.app, name="robots")
 app.add_typer(recording.app, name="recording")
 study.app.command("speed-limits")(speed_limits.speed_limits)
@@ -94,11 +97,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if status == INTERRUPTED:
             raise KeyboardInterrupt
     except BumpstopError as error:
+        faults = getattr(error, "faults", ())
+        for fault in faults:
+            _print_line("fault", str(fault))
         # A column file to start from, which can be sent into a file as it is.
         draft = getattr(error, "draft", "")
         if draft and "--json" not in given:
             typer.echo(draft, nl=False)
-        status = _fail(str(error), BAD_INPUT)
+        status = _fail(str(error).splitlines()[0] if faults else str(error), BAD_INPUT)
     except _USAGE_ERROR as error:
         status = _fail(_usage_message(error), BAD_INPUT)
     except (typer.Abort, KeyboardInterrupt):
@@ -139,10 +145,14 @@ def _usage_message(error: Any) -> str:
 
 
 def _fail(message: str, status: int) -> int:
+    _print_line("error", message)
+    return status
+
+
+def _print_line(what: str, message: str) -> None:
     line = " ".join(message.split())
     # What came from a file or a name must not steer the terminal.
-    print("error: " + "".join(c if c.isprintable() else repr(c)[1:-1] for c in line), file=sys.stderr)
-    return status
+    print(f"{what}: " + "".join(c if c.isprintable() else repr(c)[1:-1] for c in line), file=sys.stderr)
 
 
 def _drop_output() -> None:

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 Outcome = Literal["pass", "fail", "inconclusive"]
 OUTCOMES: tuple[Outcome, ...] = ("fail", "inconclusive", "pass")
 """Worst first."""
+OUTCOME_WORDS: dict[Outcome, str] = {"fail": "FAIL", "inconclusive": "INCONCLUSIVE", "pass": "PASS"}
+"""As terminal and pages write them."""
 
 
 def outcome_of(situation: Situation, result: CollisionResult) -> tuple[Outcome, str]:

@@ -31,14 +31,18 @@ class Document:
         kind: the line above it.
         about: the line below it: the robot, and what was asked; may be empty.
         name: what follows the title in the browser's window.
+        style: further CSS of this page; may be empty.
         sections: those that apply, in order, each with its drawn figures.
     """
 
-    def __init__(self, title: str, kind: str, name: str, parts: Sequence[Part], about: str = "") -> None:
+    def __init__(
+        self, title: str, kind: str, name: str, parts: Sequence[Part], about: str = "", style: str = ""
+    ) -> None:
         self.title = title
         self.kind = kind
         self.about = about
         self.name = name
+        self.style = style
         self.sections: list[tuple[Part, list[Rendered]]] = [
             (part, [picture.render() for picture in part.pictures()]) for part in parts if part.applies()
         ]
@@ -57,7 +61,7 @@ class Document:
             Html('<meta charset="utf-8">'),
             Html('<meta name="viewport" content="width=device-width, initial-scale=1">'),
             element("title", f"{self.title}: {self.name}"),
-            element("style", Html(style)),
+            element("style", Html(style + self.style)),
         )
         main = element("main", *(part.html(figures) for part, figures in self.sections))
         about = [element("p", self.about)] if self.about else []

@@ -32,7 +32,12 @@ def whole(low: int, high: int) -> Callable[[str | int], int]:
 
 
 def command(
-    scenario: Annotated[Path, typer.Argument(help="Scenario file (TOML).", show_default=False)],
+    scenarios: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="SCENARIO...", help="Scenario files (TOML), or registers (TOML, CSV).", show_default=False
+        ),
+    ],
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
     out: Annotated[
         Path | None,
@@ -50,22 +55,30 @@ def command(
     threads: Annotated[
         int,
         typer.Option(
-            parser=whole(1, MAX_THREADS), metavar="NUMBER", help="Threads for sampling; they do not change the result."
+            parser=whole(1, MAX_THREADS),
+            metavar="NUMBER",
+            help="Threads that sample, or that evaluate situations; they do not change the result.",
         ),
-    ] = 1,
+    ] = 2,
     changes: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Replace a key, e.g. --set contact.body=lower_arm_wrist."),
     ] = None,
 ) -> int:
-    """Compute the force distribution of a scenario and judge it.
+    """Compute the force distribution of a scenario and judge it; or of many, worst first.
 
-    Exit status: 0 acceptable, 3 not acceptable, 4 inconclusive, 2 bad input.
+    Exit status: 0 acceptable, 3 not acceptable, 4 inconclusive, 2 bad input; of many, that of the worst.
     """
     from bumpstop.cli.progress import progress
     from bumpstop.collision import evaluate, load_scenario
+    from bumpstop.register.register_file import is_register
 
-    checked = load_scenario(scenario, dict(change(text) for text in changes or []))
+    changed = dict(change(text) for text in changes or [])
+    if len(scenarios) > 1 or is_register(scenarios[0]):
+        from bumpstop.cli.register.evaluate import evaluate_many
+
+        return evaluate_many(scenarios, changed, samples=sampled, seed=seed, threads=threads, as_json=as_json, out=out)
+    checked = load_scenario(scenarios[0], changed)
     try:
         with progress("drawing" if sampled else "evaluating") as share:
             result = evaluate(checked, samples=sampled, seed=seed, threads=threads, progress=share)

@@ -7,19 +7,17 @@ import math
 from bumpstop.collision.probability_text import percent
 from bumpstop.collision.verdict.alarm_rate import alarm_rate
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
+from bumpstop.report.banner import Sign, banner
 from bumpstop.report.formatting import in_phases, number, quantity
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.section import Section
 
-# Word, CSS class and shape of the sign: the three say the same, so that none is needed to read the others.
-_TICK = '<circle cx="12" cy="12" r="11"/><path d="M6 12.5l4 4 8-9"/>'
-_CROSS = '<path d="M7.5 1h9L23 7.5v9L16.5 23h-9L1 16.5v-9z"/><path d="M7.5 7.5l9 9m0-9l-9 9"/>'
-_DASH = '<rect x="1" y="1" width="22" height="22"/><path d="M6 12h12"/>'
-_SIGNS = {
-    "acceptable": ("Acceptable", "acceptable", _TICK),
-    "not_acceptable": ("Not acceptable", "not-acceptable", _CROSS),
-    "inconclusive": ("Inconclusive", "unjudged", _DASH),
-    "no_limits": ("No limits to judge by", "unjudged", _DASH),
+# Word, and the sign that says the same.
+_SIGNS: dict[str, tuple[str, Sign]] = {
+    "acceptable": ("Acceptable", "acceptable"),
+    "not_acceptable": ("Not acceptable", "not-acceptable"),
+    "inconclusive": ("Inconclusive", "unjudged"),
+    "no_limits": ("No limits to judge by", "unjudged"),
 }
 
 
@@ -32,19 +30,12 @@ class VerdictSection(Section):
     def content(self) -> list[Html]:
         """Sign, sentence, the table of what was judged, and what the word means."""
         verdict = self.result.verdict
-        word, style, shape = _SIGNS[verdict.conclusion]
-        sign = element("svg", Html(shape), viewBox="0 0 24 24", aria_hidden="true")
-        banner = element(
-            "div",
-            element("p", sign, element("strong", word), class_="word"),
-            element("p", verdict.reason, class_="reason"),
-            class_=f"banner {style}",
-        )
+        word, sign = _SIGNS[verdict.conclusion]
         rows = table(("", "this collision", "limit or accepted", ""), self._rows(), caption="What the verdict rests on")
         beside = []
         if self.result.warnings:
             beside = [element("h3", "Beside this verdict"), bullets(self.result.warnings)]
-        return [banner, *beside, rows, *self._both_arms(), paragraph(self._meaning())]
+        return [banner(sign, word, verdict.reason), *beside, rows, *self._both_arms(), paragraph(self._meaning())]
 
     def _both_arms(self) -> list[Html]:
         """The arm that was judged beside the other one, where both are known."""

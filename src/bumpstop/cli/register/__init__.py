@@ -1,0 +1,1 @@
+"""Commands of cells with many contact situations: new, report, and evaluate of a register."""

@@ -1,0 +1,65 @@
+"""Measurement plan and results beside predictions."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from bumpstop.report.formatting import number
+from bumpstop.report.markup import Html, element, paragraph, table
+from bumpstop.report.section import Part
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bumpstop.register.shots import Shot
+
+
+class MeasurementsPart(Part):
+    """Every shot: where, how fast, what was expected and what was measured."""
+
+    title = "Measurement plan and results"
+    anchor = "measurements"
+
+    def __init__(self, shots: Sequence[Shot], situations: Sequence[str]) -> None:
+        self._shots, self._situations = shots, situations
+
+    def content(self) -> list[Html]:
+        """A table of shots, and which situations have none."""
+        shots = self._shots
+        if not shots:
+            return [
+                paragraph(
+                    "No measurement was given. ",
+                    element("strong", "None of the situations above has been confirmed on the cell."),
+                )
+            ]
+        made = [shot for shot in shots if shot.measured]
+        judged = [shot.in_band for shot in made if shot.in_band is not None]
+        missing = [name for name in self._situations if name not in {shot.situation for shot in made}]
+        found = [
+            paragraph(
+                f"{len(shots)} shots are planned, {len(made)} are measured. {sum(judged)} of {len(judged)} measured "
+                "peaks with a band lie in it."
+            )
+        ]
+        if missing:
+            found.append(paragraph("Without a measured shot: ", ", ".join(missing), "."))
+        headings = ("situation", "shot", "speed, mm/s", "predicted, N", "band, N", "measured, N", "")
+        return [*found, table(headings, [_row(shot) for shot in shots], caption="Shots of the force gauge")]
+
+
+def _row(shot: Shot) -> tuple[str, ...]:
+    band = "" if math.isnan(shot.low_N) or math.isnan(shot.high_N) else f"{number(shot.low_N)} to {number(shot.high_N)}"
+    word = {True: "in the band", False: "below" if shot.measured_N < shot.low_N else "above", None: ""}[shot.in_band]
+    if not shot.measured:
+        word = "not measured yet"
+    return (
+        shot.situation,
+        shot.shot,
+        number(shot.speed_mm_s),
+        "" if math.isnan(shot.predicted_N) else number(shot.predicted_N),
+        band,
+        number(shot.measured_N) if shot.measured else "",
+        element("strong", word) if shot.in_band is False else word,
+    )

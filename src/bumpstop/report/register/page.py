@@ -1,0 +1,36 @@
+"""Pages of registers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bumpstop.report.document import Document, write_document
+from bumpstop.report.register.assumptions import AssumptionsPart
+from bumpstop.report.register.inputs import InputsPart
+from bumpstop.report.register.print_style import print_style
+from bumpstop.report.register.provenance import ProvenancePart
+from bumpstop.report.register.situations import OutcomePart, SituationsPart
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from bumpstop.register import RegisterResult
+    from bumpstop.report.section import Part
+
+
+def write_register(result: RegisterResult, folder: Path) -> Path:
+    """Write ``report.html`` of a register and its figure; returns the page's path.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    parts: list[Part] = [
+        OutcomePart(result),
+        SituationsPart(result),
+        AssumptionsPart(result.results),
+        InputsPart(result.results),
+        ProvenancePart(result),
+    ]
+    title = "Contact situations"
+    document = Document(title, "bumpstop: register of contact situations", "register", parts, style=print_style(title))
+    return write_document(document, folder)

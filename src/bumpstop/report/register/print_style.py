@@ -1,0 +1,35 @@
+"""How pages of registers are printed: A4, page numbers, a line below every page that says what it belongs to."""
+
+from __future__ import annotations
+
+_STYLE = """\
+#situations table, #inputs table, #assumptions table { width: 100%; }
+:is(#situations, #inputs, #assumptions, #provenance, #stopping, #measurements, #limits, #standards) td {
+  overflow-wrap: anywhere; }
+:is(#situations, #inputs, #assumptions) tbody th { overflow-wrap: anywhere; min-width: 6rem; }
+#verdict table th { white-space: nowrap; }
+#situations .figures { max-width: 46rem; }
+#situations figure { max-width: none; flex-basis: 100%; }
+@page { size: A4; margin: 16mm 14mm 18mm;
+  @bottom-left { content: NAME; font: 8pt system-ui, "DejaVu Sans", Arial, sans-serif; color: #5c5c5c; }
+  @bottom-right { content: "page " counter(page) " of " counter(pages);
+    font: 8pt system-ui, "DejaVu Sans", Arial, sans-serif; color: #5c5c5c; } }
+@media print {
+  html { font-size: 8.5pt; }
+  thead { display: table-header-group; }
+  th, td { padding-right: .5rem; }
+  .wide { break-inside: auto; }
+  #situations figure { width: 100%; }
+}
+"""
+
+
+def print_style(name: str) -> str:
+    """CSS of a page; ``name`` stands at the foot of every sheet."""
+    return _STYLE.replace("NAME", _css_string(name))
+
+
+def _css_string(text: str) -> str:
+    """A text as CSS quotes it; whatever could end the string or the style element is escaped."""
+    plain = "".join(c if c.isalnum() or c in " .,:-()" else f"\\{ord(c):06x}" for c in text)
+    return f'"{plain}"'
