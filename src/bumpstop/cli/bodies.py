@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -12,8 +13,17 @@ def bodies(
         str | None,
         typer.Option(help="Only this table: a built-in name or a path.", show_default="all built-in"),
     ] = None,
+    form: Annotated[
+        Path | None,
+        typer.Option(
+            "--form", metavar="FILE", help="Write the empty form of ISO 10218-2:2025, annex M there, and nothing else."
+        ),
+    ] = None,
 ) -> None:
     """List body regions with their limits, stiffness and where the figures come from."""
+    if form is not None:
+        _write_form(form)
+        return
     from rich.console import Console
     from rich.table import Table
 
@@ -48,6 +58,19 @@ def bodies(
         if table.note:
             console.print(table.note)
         console.print("'none': contact of this kind is not permitted there.\n")
+
+
+def _write_form(path: Path) -> None:
+    from bumpstop.cli.folders import check_file
+    from bumpstop.contact import form_text, limit_forms
+    from bumpstop.errors import InputError
+    from bumpstop.text_files import write_text
+
+    check_file(path, "--form")
+    if path.exists():
+        raise InputError("--form", f"{str(path)!r} exists", "give another file: a filled form is not overwritten")
+    write_text(path, form_text(limit_forms()[0]))
+    typer.echo(f"form: {path}")
 
 
 def _figure(value: float | None) -> str:

@@ -6,7 +6,7 @@ Detection on Industrial Serial Manipulators, The University of Texas at Austin, 
 
 from bumpstop.contact.clamped import clamped_force, pressure_N_cm2
 from bumpstop.contact.contact_limits import ContactLimits
-from bumpstop.contact.limits import LimitTable, builtin_tables
+from bumpstop.contact.limits import LimitTable, builtin_tables, form_text, limit_forms
 from bumpstop.contact.regions import ContactKind, PressureArea, Region
 
 __all__ = [
@@ -17,5 +17,7 @@ __all__ = [
     "Region",
     "builtin_tables",
     "clamped_force",
+    "form_text",
+    "limit_forms",
     "pressure_N_cm2",
 ]

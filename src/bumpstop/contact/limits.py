@@ -18,11 +18,31 @@ from bumpstop.contact.regions import ContactKind, PressureArea, Region
 from bumpstop.errors import InputError, near_matches
 
 _BUILTIN = ("bgia2011", "ts15066")
+# Tables whose figures only a bought copy has: they come empty, to be filled in.
+_FORMS = ("iso10218_2_2025_annex_m",)
 
 
 def builtin_tables() -> tuple[str, ...]:
     """Names of the tables that come with bumpstop, each a valid argument of :meth:`LimitTable.load`."""
     return _BUILTIN
+
+
+def limit_forms() -> tuple[str, ...]:
+    """Names of tables that come as empty forms, each a valid argument of :func:`form_text`."""
+    return _FORMS
+
+
+def form_text(name: str) -> str:
+    """The text of an empty form, to be filled in from a bought copy of the standard and loaded by its path.
+
+    Raises:
+        InputError: there is no form of that name.
+    """
+    if name not in _FORMS:
+        raise InputError("form", f"no form is called {name!r}", near_matches(name, _FORMS))
+    from importlib import resources
+
+    return (resources.files("bumpstop.contact") / "data" / "forms" / f"{name}.toml").read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, repr=False)
@@ -64,15 +84,21 @@ class LimitTable:
                 folder.
 
         Raises:
-            InputError: an unknown name; an absent or unreadable file; damaged TOML; a key that is unknown,
-                missing or of the wrong type; a figure that is not finite and positive; a transient limit
-                below the quasi-static one; rows that repeat or contradict each other; the name of a built-in
-                table.
+            InputError: an unknown name; a form that is still empty; an absent or unreadable file; damaged TOML;
+                a key that is unknown, missing or of the wrong type; a figure that is not finite and positive; a
+                transient limit below the quasi-static one; rows that repeat or contradict each other; the name of a
+                built-in table.
                 The message names the file, the row and the key.
         """
         if isinstance(name_or_path, str):
             if name_or_path in _BUILTIN:
                 return _load_builtin(name_or_path)
+            if name_or_path in _FORMS:
+                raise InputError(
+                    "contact.limits",
+                    f"{name_or_path!r} is an empty form without figures",
+                    "write it with bumpstop bodies --form FILE, fill it in from a bought copy and give its path",
+                )
             if not (name_or_path.endswith(".toml") or "/" in name_or_path or os.sep in name_or_path):
                 raise InputError(
                     "contact.limits",

@@ -52,6 +52,10 @@ class _Row:
     def __contains__(self, key: str) -> bool:
         return key in self._data
 
+    def empty(self) -> list[str]:
+        """Keys with an empty text."""
+        return [key for key, value in self._data.items() if value == ""]
+
     def refuse(self, key: str, problem: str, valid: str) -> InputError:
         return InputError(f"{self.where} {key}", problem, valid)
 
@@ -116,6 +120,7 @@ def read_table(text: str, file: str, make: Callable[..., Table]) -> Table:
             positive; rows that repeat or contradict each other.
     """
     data = parse_toml(text, file)
+    _check_filled(data, file)
     head = _Row(data, file, _TABLE_KEYS)
     source, status = head.text("source"), head.text("status")
     regions: dict[str, Region] = {}
@@ -145,6 +150,22 @@ def read_table(text: str, file: str, make: Callable[..., Table]) -> Table:
         regions=tuple(regions.values()),
         areas=tuple(areas.values()),
     )
+
+
+def _check_filled(data: Mapping[str, Any], file: str) -> None:
+    """Refuse a form with places that are still empty, and say where the first is."""
+    empty = [f"{file} {key}" for key in ("source", "status") if data.get(key) == ""]
+    for kind, known in (("region", _REGION_KEYS), ("area", _AREA_KEYS)):
+        rows = data.get(kind, [])
+        if isinstance(rows, list) and all(isinstance(row, Mapping) for row in rows):
+            for row in _rows(data, kind, file, known):
+                empty += [f"{row.where} {key}" for key in row.empty()]
+    if len(empty) > 1:
+        raise InputError(
+            empty[0],
+            f"is empty, and so are {len(empty) - 1} more places of {data.get('title') or data.get('name') or file!r}",
+            "fill in the form from a bought copy",
+        )
 
 
 def _rows(data: Mapping[str, Any], key: str, file: str, known: Collection[str]) -> list[_Row]:

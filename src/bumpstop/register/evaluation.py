@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -143,7 +143,7 @@ def evaluate_register(
         progress: told the share of the situations that are done.
 
     Returns:
-        The results: failures first, then what is inconclusive, then what passes; of each, most of a limit first.
+        The results, :func:`worst_first`.
 
     Raises:
         RegisterError: situations that cannot be computed; it names them all.
@@ -169,7 +169,12 @@ def evaluate_register(
     if faults:
         raise RegisterError(", ".join(str(path) for path in register.files[:1]), faults)
     results = [result for result in found if isinstance(result, SituationResult)]
-    return RegisterResult(register, tuple(sorted(results, key=_badness)))
+    return RegisterResult(register, worst_first(results))
+
+
+def worst_first(results: Sequence[SituationResult]) -> tuple[SituationResult, ...]:
+    """Failures, then what is inconclusive, then what passes; of each, most of a limit first."""
+    return tuple(sorted(results, key=_badness))
 
 
 def _badness(result: SituationResult) -> tuple[float, ...]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from bumpstop.collision.scenario.arm_table import QUANTITY
-from bumpstop.contact import builtin_tables
+from bumpstop.contact import builtin_tables, limit_forms
 from bumpstop.contact.limits import LimitTable
 from bumpstop.text_files import toml_value
 
@@ -124,7 +124,7 @@ def _limit_inputs(result: CollisionResult) -> list[Input]:
 
 
 def _of_standard(limits: ContactLimits) -> bool:
-    return limits.table in builtin_tables()
+    return limits.table in (*builtin_tables(), *limit_forms())
 
 
 def _robot_inputs(situation: Situation, result: CollisionResult) -> list[Input]:

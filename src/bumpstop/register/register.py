@@ -80,7 +80,7 @@ class _Reader:
             faults = self._name_fault(row)
             if isinstance(base, InputError):
                 error = InputError(f"{row.where}, scenario", _words(base), base.valid)
-                faults.append(Fault("scenario", "scenario" in row.values, error))
+                faults += [*row.own_faults(), Fault("scenario", "scenario" in row.values, error)]
             else:
                 situation, others = row.check(base, self.changes, file.statements)
                 faults += others

@@ -118,6 +118,10 @@ class Row:
             statements=statements,
         ), []
 
+    def own_faults(self) -> list[Fault]:
+        """Faults of the row that show without its scenario."""
+        return self._split()[2]
+
     def _split(self) -> tuple[dict[str, Any], dict[str, Any], list[Fault]]:
         """Values of the register's own keys, dotted keys of the scenario, and faults of either."""
         own: dict[str, Any] = {}

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import html
+import re
 from collections.abc import Iterable, Sequence
+
+_SHORT = 20  # letters
 
 
 class Html(str):
@@ -34,6 +37,16 @@ def element(tag: str, *children: str, **attributes: str | None) -> Html:
 def paragraph(*children: str) -> Html:
     """A paragraph."""
     return element("p", *children)
+
+
+def breakable(text: str) -> Html:
+    """Text that may go on in the next line behind each slash, dot and underscore: paths, dotted keys."""
+    return Html(re.sub(r"([/._\\])", r"\1<wbr>", escape(text)))
+
+
+def whole(text: str) -> Html:
+    """A short word that is not torn apart; a long text is left as it is."""
+    return element("span", text, class_="whole") if len(text) <= _SHORT else escape(text)
 
 
 def bullets(items: Iterable[str]) -> Html:

@@ -53,6 +53,7 @@ def command(
 
     Exit status: 0 all pass, 3 one fails, 4 one is inconclusive, 2 bad input.
     """
+    from bumpstop.register.measured import judge_by_shots
     from bumpstop.register.shots import load_shots
     from bumpstop.report.register.dossier import DossierHead, write_dossier
 
@@ -64,6 +65,7 @@ def command(
     files = shots or []
     found = [shot for path in files for shot in load_shots(path, result.register.situations)]
     head = DossierHead(cell=cell.strip(), author=author.strip(), revision=revision.strip())
+    result = judge_by_shots(result, found)
     page = write_dossier(result, out, head, found, files)
     print_table(result)
     typer.echo(f"report: {page}")

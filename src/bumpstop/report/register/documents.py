@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bumpstop.register.documents import referred_documents
-from bumpstop.report.markup import Html, paragraph, table
+from bumpstop.report.markup import Html, paragraph, table, whole
 from bumpstop.report.section import Part
 
 
@@ -16,7 +16,8 @@ class DocumentsPart(Part):
     def content(self) -> list[Html]:
         """One table."""
         rows = [
-            (one.name, one.clause or "none named", one.about, one.status, one.source) for one in referred_documents()
+            (whole(one.name), one.clause or "none named", one.about, whole(one.status), one.source)
+            for one in referred_documents()
         ]
         return [
             paragraph("References as bumpstop has them. “unverified”: not compared with the document itself."),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bumpstop.register.inputs import KIND_WORDS, Input
-from bumpstop.report.markup import Html, element, paragraph, table
+from bumpstop.report.markup import Html, breakable, element, paragraph, table, whole
 from bumpstop.report.section import Part
 
 if TYPE_CHECKING:
@@ -54,5 +54,6 @@ class InputsPart(Part):
 
 
 def _cells(one: Input) -> tuple[str, ...]:
-    key = element("code", one.key) if " " not in one.key else one.key
-    return key, one.value, KIND_WORDS[one.kind], one.status or "not told", one.source or "not told"
+    key = element("code", breakable(one.key)) if " " not in one.key else one.key
+    status, source = whole(one.status or "not told"), breakable(one.source or "not told")
+    return key, one.value, whole(KIND_WORDS[one.kind]), status, source

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bumpstop.report.markup import Html, element, paragraph, table
+from bumpstop.report.markup import Html, element, paragraph, table, whole
 from bumpstop.report.section import Part
 
 if TYPE_CHECKING:
@@ -40,10 +40,10 @@ def _one(limits: LimitTable) -> list[Html]:
         (
             region.label,
             f"{region.force_N:g}",
-            "not permitted" if region.transient_force_N is None else f"{region.transient_force_N:g}",
+            whole("not permitted") if region.transient_force_N is None else f"{region.transient_force_N:g}",
             f"{region.spring_N_mm:g}",
             "" if region.effective_mass_kg is None else f"{region.effective_mass_kg:g}",
-            region.status,
+            whole(region.status),
         )
         for region in limits.regions
     ]
@@ -53,8 +53,8 @@ def _one(limits: LimitTable) -> list[Html]:
             labels[area.region],
             "whole region" if area.label == "region" else area.label,
             f"{area.pressure_N_cm2:g}",
-            "not permitted" if area.transient_pressure_N_cm2 is None else f"{area.transient_pressure_N_cm2:g}",
-            area.status,
+            whole("not permitted") if area.transient_pressure_N_cm2 is None else f"{area.transient_pressure_N_cm2:g}",
+            whole(area.status),
         )
         for area in limits.areas
     ]

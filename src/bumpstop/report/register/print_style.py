@@ -7,7 +7,7 @@ _STYLE = """\
 :is(#situations, #inputs, #assumptions, #provenance, #stopping, #measurements, #limits, #standards) td {
   overflow-wrap: anywhere; }
 :is(#situations, #inputs, #assumptions) tbody th { overflow-wrap: anywhere; min-width: 6rem; }
-#verdict table th { white-space: nowrap; }
+#verdict table th, .whole { white-space: nowrap; }
 #situations .figures { max-width: 46rem; }
 #situations figure { max-width: none; flex-basis: 100%; }
 @page { size: A4; margin: 16mm 14mm 18mm;
@@ -19,6 +19,8 @@ _STYLE = """\
   thead { display: table-header-group; }
   th, td { padding-right: .5rem; }
   .wide { break-inside: auto; }
+  /* A short table stays on one sheet, and with it what stands above. */
+  table:not(:has(tbody tr:nth-child(13))) { break-inside: avoid; }
   #situations figure { width: 100%; }
 }
 """

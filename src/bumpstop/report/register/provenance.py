@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from bumpstop.collision.scenario.settings_file import files_of
 from bumpstop.report.made_by import made_by
-from bumpstop.report.markup import Html, element, paragraph, table
+from bumpstop.report.markup import Html, breakable, element, paragraph, table
 from bumpstop.report.section import Part
 
 if TYPE_CHECKING:
@@ -28,12 +28,12 @@ class ProvenancePart(Part):
 
     def content(self) -> list[Html]:
         """Two tables and the command."""
-        made = made_by()
+        made, files = made_by(), inputs_of(self._register, self._further)
         command = made.pop("command", "")
         found = [
             table(
                 ("file", "SHA-256"),
-                [(str(path), element("code", checksum(path))) for path in inputs_of(self._register, self._further)],
+                [(breakable(str(path)), element("code", checksum(path))) for path in files],
                 caption="Files that were read",
             ),
             table(("", ""), list(made.items()), caption="Versions"),

@@ -10,7 +10,7 @@ from bumpstop.register.outcome import OUTCOME_WORDS
 from bumpstop.report.banner import Sign, banner
 from bumpstop.report.formatting import number
 from bumpstop.report.markup import Html, element, paragraph, table
-from bumpstop.report.picture import AREA, FAINT, INK, LAW, LIMIT, Picture, axes
+from bumpstop.report.picture import AREA, FAINT, INK, LAW, LIMIT, PAPER, Picture, axes
 from bumpstop.report.section import Part
 
 if TYPE_CHECKING:
@@ -175,7 +175,8 @@ def _draw(figure: Figure, shown: Sequence[SituationResult]) -> None:
         length = min(result.use, _LARGEST_BAR)
         panel.barh(i, 100 * length, color=colour, hatch=hatch, edgecolor=INK, linewidth=0.5, height=0.7)
         text = "∞" if math.isinf(result.use) else f"{100 * result.use:.3g} %"
-        panel.annotate(text, (100 * length, i), (3, 0), textcoords="offset points", va="center", fontsize=8)
+        place = (100 * length, i)
+        panel.annotate(text, place, (4, 0), textcoords="offset points", va="center", fontsize=8, bbox=PAPER)
     names = [r.situation.name for r in shown]
     short = [name if len(name) <= _MAX_NAME else f"{name[: _MAX_NAME - 1]}…" for name in names]
     panel.set_yticks(range(len(shown)), short, fontsize=8)
