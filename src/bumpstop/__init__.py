@@ -74,6 +74,11 @@ if TYPE_CHECKING:
     from bumpstop.recording import (
         Recording,
     )
+    from bumpstop.register import (
+        Register,
+        evaluate_register,
+        load_register,
+    )
     from bumpstop.study import (
         EffectivenessStudy,
         ParameterStudy,
@@ -127,6 +132,11 @@ _HOME = {
         "ContactLimits",
         "LimitTable",
     ),
+    "bumpstop.register": (
+        "Register",
+        "evaluate_register",
+        "load_register",
+    ),
     "bumpstop.study": (
         "EffectivenessStudy",
         "ParameterStudy",
@@ -155,6 +165,7 @@ _ROOMS = (
     "model",
     "plant",
     "recording",
+    "register",
     "report",
     "reproduction",
     "signal",
@@ -180,6 +191,7 @@ __all__ = [
     "Payload",
     "Plant",
     "Recording",
+    "Register",
     "Requirement",
     "Robot",
     "Scenario",
@@ -192,12 +204,14 @@ __all__ = [
     "detect",
     "evaluate",
     "evaluate_batch",
+    "evaluate_register",
     "identify_dynamics",
     "identify_gains",
     "identify_joint_model",
     "identify_payload",
     "integrate",
     "load_labels",
+    "load_register",
     "load_scenario",
     "monte_carlo",
     "robots",

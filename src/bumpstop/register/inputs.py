@@ -24,6 +24,7 @@ KIND_WORDS: dict[Kind, str] = {
 }
 """Kinds of inputs as pages call them: what must be known of the cell, what a standard says, what somebody chose."""
 
+_NONE = "no contact permitted"
 # Tables of which every key is a fact of the cell, and further keys that are.
 _REQUIRED_TABLES = ("motion", "detector", "reaction", "arm")
 _REQUIRED = (
@@ -98,7 +99,7 @@ def _limit_inputs(result: CollisionResult) -> list[Input]:
     found = [
         Input(
             key=f"force limit, {where}",
-            value=f"{limits.force_N:g} N" if limits.permitted else "no contact permitted",
+            value=f"{limits.force_N:g} N" if limits.permitted else _NONE,
             kind=kind,
             status=limits.force_status,
             source=limits.force_source,
@@ -108,7 +109,7 @@ def _limit_inputs(result: CollisionResult) -> list[Input]:
         found.append(
             Input(
                 key=f"pressure limit, {where}",
-                value=f"{limits.pressure_N_cm2:g} N/cm² ({limits.pressure_area})",
+                value=f"{limits.pressure_N_cm2:g} N/cm² ({limits.pressure_area})" if limits.permitted else _NONE,
                 kind=kind,
                 status=limits.pressure_status or "",
                 source=limits.pressure_source or "",

@@ -17,7 +17,9 @@ _STYLE = """\
 @media print {
   html { font-size: 8.5pt; }
   thead { display: table-header-group; }
-  th, td { padding-right: .5rem; }
+  thead, thead tr { break-inside: avoid; break-after: avoid; }
+  tbody tr:first-child { break-before: avoid; }
+  th, td { padding-right: .7rem; }
   .wide { break-inside: auto; }
   /* A short table stays on one sheet, and with it what stands above. */
   table:not(:has(tbody tr:nth-child(13))) { break-inside: avoid; }

@@ -80,7 +80,13 @@ class SituationsPart(Part):
         """Three tables, each worst first."""
         results = self._results
         verdicts = [
-            (r.situation.name, element("strong", OUTCOME_WORDS[r.outcome]), use_text(r.use), _p_over(r), r.reason)
+            (
+                r.situation.name,
+                element("strong", OUTCOME_WORDS[r.outcome], class_="whole"),
+                use_text(r.use),
+                _p_over(r),
+                r.reason,
+            )
             for r in results
         ]
         return [
@@ -101,7 +107,8 @@ class SituationsPart(Part):
             table(
                 ("situation", "p50", "p99", "p99.9", "limit", "p50", "p99", "p99.9", "limit", "false alarm"),
                 [_figures(r) for r in results],
-                caption="Predicted peak force in N (first four figures) and peak pressure in N/cm² (next four)",
+                caption="Predicted peak force in N (first four figures) and peak pressure in N/cm² (next four); limit "
+                "“none”: there is none, or no contact is permitted",
                 numbers=True,
             ),
         ]
@@ -164,7 +171,7 @@ def _figures(result: SituationResult) -> list[str]:
     for values, name in ((result.peak_force, "force_N"), (result.pressure, "pressure_N_cm2")):
         cells += [number(values[q]) for q in ("p50", "p99", "p999")]
         allowed = [getattr(one, name) for one in (first, limits) if one is not None]
-        cells.append(" / ".join("none" if limit is None else f"{limit:g}" for limit in allowed) or "none")
+        cells.append(" / ".join("none" if not limit else f"{limit:g}" for limit in allowed) or "none")
     return [*cells, decimal(result.verdict.false_alarm_probability, integrated=result.method == "exact")]
 
 
