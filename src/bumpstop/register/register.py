@@ -13,7 +13,7 @@ from bumpstop.collision.scenario.scenario_file import read_tables
 from bumpstop.errors import InputError
 from bumpstop.register.faults import RegisterError
 from bumpstop.register.register_file import RegisterFile, is_register, read_register
-from bumpstop.register.rows import Base, Fault, Row
+from bumpstop.register.rows import MAX_NAME, Base, Fault, Row
 from bumpstop.register.situation import Situation
 from bumpstop.text_files import as_path
 
@@ -36,7 +36,7 @@ def load_register(*paths: str | os.PathLike[str], changes: Mapping[str, Any] | N
 
     Args:
         paths: of registers (``.toml`` with ``[[situation]]`` rows, or ``.csv``) and of scenario files, each of which is
-            one situation named after its file.
+            one situation named after its file, with the folder where two have one name.
         changes: dotted keys and values that replace those of all situations.
 
     Raises:
@@ -47,13 +47,13 @@ def load_register(*paths: str | os.PathLike[str], changes: Mapping[str, Any] | N
         raise InputError("register", "is not given", "wanted the path of a register or of scenarios")
     reader = _Reader(dict(changes or {}))
     names = [as_path(path, "register") for path in paths]
-    stems = [path.stem for path in names]
+    stems = Counter(path.stem for path in names)
     for path in names:
         if is_register(path):
             reader.read(read_register(path))
         else:
-            name = path.stem if stems.count(path.stem) == 1 else str(path)
-            reader.read(RegisterFile(path, [Row(path, "", {"name": name})], path.name))
+            name = path.stem if stems[path.stem] == 1 else str(path)
+            reader.read(RegisterFile(path, [Row(path, "", {"name": name[-MAX_NAME:]})], path.name))
     if reader.faults:
         raise RegisterError(", ".join(dict.fromkeys(str(path) for path in names)), reader.faults)
     return Register(tuple(reader.situations), tuple(dict.fromkeys(reader.files)))

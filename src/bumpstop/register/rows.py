@@ -27,8 +27,10 @@ WORDS = {
 }
 # Keys of a row that belong to the register alone.
 OWN = ("name", "scenario", "payload_kg", "frequency", "note")
+_PAYLOAD = ("payload_kg", "reaction.payload_kg")  # where a stopping table asks for it
 _MAX_PAYLOAD_KG = 1e4
-_MAX_NAME = 80  # letters: names stand in tables
+MAX_NAME = 80
+"""Letters of a name: names stand in tables."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ class Row:
         """
         own, given, faults = self._split()
         data = copy.deepcopy(dict(base.tables))
-        if self._sets_payload(data, own):
+        if isinstance(own.get("payload_kg"), float) and _asks_for_payload(data, given):
             given["reaction.payload_kg"] = own["payload_kg"]
         scenario: Scenario | None = None
         try:
@@ -144,26 +146,23 @@ class Row:
                 faults.append(InputError(key, "is no key of a situation", valid))
         return own, given, [Fault(fault.field, True, self._named(fault, fault.field)) for fault in faults]
 
-    @staticmethod
-    def _sets_payload(data: Mapping[str, Any], own: Mapping[str, Any]) -> bool:
-        """Whether a stopping table asks for the payload, which the scenario does not give otherwise."""
-        reaction = data.get("reaction")
-        return (
-            isinstance(own.get("payload_kg"), float)
-            and isinstance(reaction, Mapping)
-            and reaction.get("deceleration") == "table"
-            and "payload_percent" not in reaction
-        )
-
     def _fault(self, error: InputError, given: Mapping[str, Any]) -> Fault:
         """A fault of the scenario under the word that the row has for its key."""
         plain = error.field.partition("[")[0]
-        words = {key: word for word, key in WORDS.items() if word in self.values}
+        words = {key: word for word, key in (*WORDS.items(), _PAYLOAD) if word in self.values}
         of_row = plain in given
         return Fault(plain, of_row, self._named(error, error.field.replace(plain, words.get(plain, plain), 1)))
 
     def _named(self, error: InputError, key: str) -> InputError:
         return InputError(f"{self.where}, {key}", error.problem, error.valid)
+
+
+def _asks_for_payload(data: Mapping[str, Any], given: Mapping[str, Any]) -> bool:
+    """Whether a stopping table asks for the payload, which neither scenario nor row give as a key of the reaction."""
+    table = data.get("reaction")
+    reaction = dict(table) if isinstance(table, Mapping) else {}
+    reaction |= {key.removeprefix("reaction."): value for key, value in given.items() if key.startswith("reaction.")}
+    return reaction.get("deceleration") == "table" and not {"payload_kg", "payload_percent"} & set(reaction)
 
 
 def _own_fault(key: str, value: Any) -> InputError | None:
@@ -175,8 +174,8 @@ def _own_fault(key: str, value: Any) -> InputError | None:
         return InputError(key, problem, f"wanted a number from 0 to {_MAX_PAYLOAD_KG:g}")
     if not isinstance(value, str):
         return InputError(key, problem, "wanted a text")
-    if key == "name" and not (0 < len(value.strip()) <= _MAX_NAME and value.isprintable()):
-        return InputError(key, problem, f"wanted a text of 1 to {_MAX_NAME} letters on one line")
+    if key == "name" and not (0 < len(value.strip()) <= MAX_NAME and value.isprintable()):
+        return InputError(key, problem, f"wanted a text of 1 to {MAX_NAME} letters on one line")
     return None
 
 

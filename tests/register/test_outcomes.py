@@ -1,0 +1,184 @@
+"""PASS, FAIL and INCONCLUSIVE: what decides them, and in which order situations stand."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bumpstop as bs
+from bumpstop.register import RegisterResult, SituationResult
+from bumpstop.register.measured import judge_by_shots
+from bumpstop.register.shots import Shot
+from register.cases import EXAMPLES, write_register
+
+
+def judged(folder: Path, row: dict[str, Any], *inputs: dict[str, str]) -> SituationResult:
+    (result,) = bs.evaluate_register(
+        bs.load_register(write_register(folder, {"name": "a", **row}, inputs=inputs))
+    ).results
+    return result
+
+
+def test_the_result_is_that_of_each_scenario_alone() -> None:
+    register = bs.load_register(EXAMPLES / "sia5d_downward.csv", EXAMPLES / "ur10e_hand_guiding.toml")
+    found = bs.evaluate_register(register)
+    for one in found.results:
+        alone = bs.evaluate(one.situation.scenario)
+        assert one.verdict == alone.verdict
+        assert (one.outcome == "fail") == (alone.verdict.acceptable is False)
+        assert one.peak_force["p99"] == alone.peak_force.quantile(0.99)
+        assert one.warnings == alone.warnings
+        # The use of the limit is above 1 just where a limit is exceeded more often than accepted.
+        over = max(alone.verdict.p_over_force or 0, alone.verdict.p_over_pressure or 0)
+        assert (one.use > 1) == (not one.use < math.inf or over > alone.verdict.accepted_probability)
+    assert found.to_json() == bs.evaluate_register(register, threads=1).to_json()
+
+
+def test_worst_first_whatever_the_order_of_the_rows(tmp_path: Path) -> None:
+    speeds = np.random.default_rng(3).permutation(np.linspace(10, 100, 12))
+    rows = [{"name": f"{speed:.3f}", "speed_mm_s": float(speed)} for speed in speeds]
+    found = bs.evaluate_register(bs.load_register(write_register(tmp_path, *rows)))
+    names = [float(one.situation.name) for one in found.results]
+    assert names == sorted(names, reverse=True), "a faster arm hits harder"
+    outcomes = [one.outcome for one in found.results]
+    assert outcomes == sorted(outcomes, key=("fail", "inconclusive", "pass").index)
+    assert found.outcome == "fail"
+    assert sum(found.counts.values()) == 12
+    assert {"fail", "pass"} <= set(outcomes)
+
+
+@pytest.mark.parametrize(
+    ("row", "outcome", "reason"),
+    [
+        ({}, "pass", "within the accepted"),
+        ({"contact.area_cm2": 0.5}, "fail", "The pressure exceeds"),
+        ({"contact.body": None}, "inconclusive", "No body region is named"),
+        (
+            {"contact.offset_law": "fixed", "contact.offset_mm": 500.0, "motion.duration_s": 1.0},
+            "inconclusive",
+            "nothing is hit",
+        ),
+        ({"contact.limits": "ts15066", "body": "lower_leg", "kind": "clamped"}, "pass", "within the accepted"),
+    ],
+)
+def test_outcome(tmp_path: Path, row: dict[str, Any], outcome: str, reason: str) -> None:
+    if "contact.body" in row:
+        path = write_register(tmp_path, {"name": "a", "contact.stiffness_N_m": 75000.0})
+        cell = tmp_path / "cell.toml"
+        cell.write_text(cell.read_text(encoding="utf-8").replace('body = "hand_finger"', ""), encoding="utf-8")
+        (found,) = bs.evaluate_register(bs.load_register(path)).results
+        assert math.isnan(found.use)
+    else:
+        found = judged(tmp_path, row)
+    assert (found.outcome, reason in found.reason) == (outcome, True), found.reason
+
+
+def test_an_area_that_nobody_gave_does_not_pass(tmp_path: Path) -> None:
+    path = write_register(tmp_path, {"name": "a", "speed_mm_s": 20})
+    cell = tmp_path / "cell.toml"
+    cell.write_text(cell.read_text(encoding="utf-8").replace("area_cm2 = 2.0", ""), encoding="utf-8")
+    (found,) = bs.evaluate_register(bs.load_register(path)).results
+    assert found.verdict.acceptable
+    assert found.outcome == "inconclusive"
+    assert "contact.area_cm2 is not given" in found.reason
+    assert [(one.status, one.value) for one in found.inputs if one.key == "contact.area_cm2"] == [("assumed", "1")]
+
+
+def test_a_region_without_a_pressure_limit_does_not_pass(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(
+        'name = "own"\ntitle = "own"\nsource = "us"\nstatus = "agreed"\n'
+        '[[region]]\nname = "hand"\nforce_N = 200\ntransient_multiplier = 2\nspring_N_mm = 75\n',
+        encoding="utf-8",
+    )
+    found = judged(tmp_path, {"contact.limits": "own.toml", "body": "hand"})
+    assert (found.verdict.acceptable, found.outcome) == (True, "inconclusive")
+    assert "own has no pressure limit" in found.reason
+    (limit,) = [one for one in found.inputs if one.key.startswith("force limit")]
+    assert (limit.kind, limit.status, limit.source) == ("choice", "agreed", "us")
+
+
+@pytest.mark.parametrize("status", ["assumed", "unverified"])
+def test_what_the_register_calls_assumed_does_not_pass(tmp_path: Path, status: str) -> None:
+    found = judged(tmp_path, {}, {"key": "detector", "status": status, "source": "a guess"})
+    assert found.outcome == "inconclusive"
+    assert f"detector ({status})" in found.reason
+    of_detector = [one for one in found.inputs if one.key.startswith("detector.")]
+    assert {(one.status, one.source) for one in of_detector} == {(status, "a guess")}
+    failing = judged(tmp_path, {"contact.area_cm2": 0.5}, {"key": "detector", "status": status})
+    assert failing.outcome == "fail", "an assumption makes no failure better"
+    assert judged(tmp_path, {}, {"key": "detector", "status": "measured"}).outcome == "pass"
+
+
+def test_a_key_s_own_statement_counts_before_that_of_its_table(tmp_path: Path) -> None:
+    table, key = {"key": "detector", "status": "measured"}, {"key": "detector.noise_sd_Nm", "status": "published"}
+    found = judged(tmp_path, {}, table, key)
+    status = {one.key: one.status for one in found.inputs}
+    assert (status["detector.noise_sd_Nm"], status["detector.thresholds_Nm"]) == ("published", "measured")
+
+
+def test_the_other_arm_decides_where_it_is_known(tmp_path: Path) -> None:
+    """An elastic arm of an assumed drive train passes; the rigid one in its place does not at a higher speed."""
+    base = {"scenario": str(EXAMPLES / "ur10e_table.toml"), "arm.model": "elastic"}
+    slow = judged(tmp_path, {**base, "speed_mm_s": 60.0})
+    fast = judged(tmp_path, {**base, "speed_mm_s": 150.0})
+    assert slow.verdict.acceptable
+    assert fast.verdict.acceptable
+    assert not bs.evaluate(fast.situation.scenario.with_values({"arm.model": "rigid"})).verdict.acceptable
+    assert (slow.outcome, fast.outcome) == ("pass", "inconclusive")
+    assert fast.reason.startswith("The rigid arm in the place of the elastic one exceeds the limits")
+
+
+def test_coarse_steps_that_decide_do_not_pass(tmp_path: Path) -> None:
+    coarse = {"simulation.step_s": 0.02, "simulation.substeps": 1, "detector.feedback_period_s": 0.02}
+    for speed in np.linspace(30, 75, 10):
+        found = judged(tmp_path, {**coarse, "speed_mm_s": float(speed)})
+        if any("the verdict is NOT ACCEPTABLE" in warning for warning in found.warnings):
+            assert found.outcome == "inconclusive"
+            assert "Finer simulation steps exceed the limits" in found.reason
+            return
+    pytest.fail("no speed at which finer steps turn the verdict")
+
+
+def test_a_payload_above_the_rated_one_is_a_deviation(tmp_path: Path) -> None:
+    assert judged(tmp_path, {"payload_kg": 5.0}).warnings == ()
+    (warning,) = judged(tmp_path, {"payload_kg": 6.0}).warnings
+    assert "above the 5 kg" in warning
+
+
+def shot(measured: float, speed: float = 50.0, band: tuple[float, float] = (80.0, 95.0)) -> Shot:
+    return Shot(
+        situation="a", shot="1", speed_mm_s=speed, predicted_N=88, low_N=band[0], high_N=band[1], measured_N=measured
+    )
+
+
+def test_measured_peaks_never_make_an_outcome_better(tmp_path: Path) -> None:
+    result = bs.evaluate_register(bs.load_register(write_register(tmp_path, {"name": "a", "speed_mm_s": 50})))
+    limit = result.results[0].verdict.limits
+    assert limit is not None
+    for measured, speed, outcome in (
+        (math.nan, 50, "pass"),
+        (90, 50, "pass"),
+        (60, 50, "pass"),
+        (96, 50, "inconclusive"),
+        (limit.force_N, 50, "inconclusive"),
+        (limit.force_N + 0.1, 50, "fail"),
+        (limit.force_N + 0.1, 40, "fail"),
+        (limit.force_N + 0.1, 60, "inconclusive"),
+    ):
+        assert judge_by_shots(result, [shot(measured, speed)]).outcome == outcome, (measured, speed)
+    assert judge_by_shots(result, [shot(limit.force_N + 1, 60, (math.nan, math.nan))]).outcome == "pass"
+    failing = RegisterResult(result.register, (replace(result.results[0], outcome="fail", reason="as computed"),))
+    assert judge_by_shots(failing, [shot(60)]).results == failing.results
+
+
+def test_a_situation_that_cannot_be_computed_is_named_with_all_others(tmp_path: Path) -> None:
+    residuals = {"detector.residuals": "absent.parquet", "detector.noise_sd_Nm": None}
+    path = write_register(tmp_path, *({"name": name, **{k: v for k, v in residuals.items() if v}} for name in "ab"))
+    with pytest.raises(bs.InputError) as refused:
+        bs.load_register(path)
+    assert str(refused.value).count("absent.parquet") == 2

@@ -1,0 +1,171 @@
+"""Pages of registers: verdict first, everything named, the same bytes again."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import bumpstop as bs
+from bumpstop.contact import LimitTable
+from bumpstop.register import RegisterResult
+from bumpstop.register.shots import load_shots
+from bumpstop.report.register.dossier import DossierHead, write_dossier
+from bumpstop.report.register.page import write_register
+from register.cases import EXAMPLES
+from register.cases import write_register as register_of
+
+HEAD = DossierHead(cell='Press 4 </style> "x"', author="A. <b> Smith", revision="C\\2")
+
+
+class Text(HTMLParser):
+    """Sections by anchor, rows of tables, tags that are open."""
+
+    VOID = ("meta", "wbr", "path", "circle", "rect", "use", "br")
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.sections: dict[str, str] = {}
+        self.rows: list[list[str]] = []
+        self.tags: set[str] = set()
+        self._section = ""
+        self.feed(page)
+        self.close()
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        if tag not in self.VOID:
+            self.open.append(tag)
+        if tag == "section":
+            self._section = str(dict(attributes)["id"])
+            self.sections[self._section] = ""
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in self.VOID:
+            assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self._section:
+            self.sections[self._section] += data
+        if "td" in self.open or "th" in self.open:
+            self.rows[-1][-1] += data
+
+
+@pytest.fixture(scope="module")
+def result() -> RegisterResult:
+    return bs.evaluate_register(bs.load_register(EXAMPLES / "ur10e_hand_guiding.toml"))
+
+
+def shots_of(folder: Path, result: RegisterResult) -> tuple[Path, Any]:
+    path = folder / "shots.csv"
+    path.write_text(
+        "situation,shot,speed_mm_s,predicted_peak_force_N,predicted_low_N,predicted_high_N,measured_peak_force_N\n"
+        "hand between flange and table,first,30,66,60,78,71.5\n"
+        "hand between flange and table,second,30,66,60,78,80.5\n"
+        "upper arm at the elbow,first,200,,,,\n",
+        encoding="utf-8",
+    )
+    return path, load_shots(path, result.register.situations)
+
+
+def test_dossier(tmp_path: Path, result: RegisterResult) -> None:
+    file, shots = shots_of(tmp_path, result)
+    page = write_dossier(result, tmp_path, HEAD, shots, [file]).read_text(encoding="utf-8")
+    text = Text(page)
+    assert text.open == []
+    assert list(text.sections) == [
+        *("verdict", "situations", "assumptions", "measurements", "stopping"),
+        *("inputs", "limits", "standards", "provenance"),
+    ]
+    assert not text.tags & {"details", "script", "link", "iframe", "img"}
+    first = text.sections["verdict"]
+    assert first.index("FAIL") < first.index("preliminary assessment; measurement decides")
+    assert "neither it nor this page is a safety function" in first
+    assert "not the risk of ISO 12100" in first
+    rows = {tuple(row) for row in text.rows}
+    assert {("cell", HEAD.cell), ("author", HEAD.author), ("revision", HEAD.revision)} <= rows
+    names = [one.situation.name for one in result.results]
+    verdicts = [row for row in text.rows if len(row) == 5 and row[0] in names]
+    assert [row[0] for row in verdicts] == names
+    assert [row[1] for row in verdicts] == ["FAIL"] + 4 * ["INCONCLUSIVE"]
+    measured = text.sections["measurements"]
+    assert "3 shots are planned, 2 are measured. 1 of 2 measured peaks with a band lie in it." in measured
+    assert any(row[1:3] == ["second", "30"] and row[-1] == "above" for row in text.rows)
+    for path in (EXAMPLES / "ur10e_hand_guiding.toml", EXAMPLES / "ur10e_table.toml", file):
+        assert (str(path), hashlib.sha256(path.read_bytes()).hexdigest()) in rows
+    for name in ("bgia2011", "ts15066"):
+        for region in LimitTable.load(name).regions:
+            assert any(row[:2] == [region.label, f"{region.force_N:g}"] for row in text.rows)
+
+
+def test_every_input_has_a_kind_and_a_status(tmp_path: Path, result: RegisterResult) -> None:
+    text = Text(write_dossier(result, tmp_path, HEAD).read_text(encoding="utf-8"))
+    rows = [
+        row
+        for row in text.rows
+        if len(row) in (5, 6) and row[-3] in ("required", "from a standard", "engineering choice")
+    ]
+    shown = {(row[0] if len(row) == 6 else "", *row[-5:-2]) for row in rows}
+    for one in result.results:
+        for value in one.inputs:
+            word = {"required": "required", "standard": "from a standard", "choice": "engineering choice"}[value.kind]
+            cells = (value.key, value.value, word)
+            assert ("", *cells) in shown or (one.situation.name, *cells) in shown, cells
+    assert all(row[-2] for row in rows)
+    by_key = {row[-5]: row[-3:-1] for row in rows}
+    assert by_key["detector.thresholds_Nm"] == ["required", "assumed"]
+    assert by_key["verdict.accepted_probability"] == ["engineering choice", "default"]
+    assert by_key["reaction.joint_acceleration_rad_s2"] == ["required", "given"]
+    assert by_key["force limit, Chest (ts15066)"] == ["from a standard", "unrecorded"]
+
+
+def test_the_same_bytes_again(tmp_path: Path, result: RegisterResult) -> None:
+    again = bs.evaluate_register(bs.load_register(EXAMPLES / "ur10e_hand_guiding.toml"), threads=1)
+    one, other = (write_dossier(found, tmp_path / name, HEAD) for found, name in ((result, "a"), (again, "b")))
+    assert one.read_bytes() == other.read_bytes()
+    pages = [write_register(found, tmp_path / name).read_bytes() for found, name in ((result, "a"), (again, "b"))]
+    assert pages[0] == pages[1]
+
+
+def test_sheets_are_numbered_and_name_cell_and_revision(tmp_path: Path, result: RegisterResult) -> None:
+    page = write_dossier(result, tmp_path, HEAD).read_text(encoding="utf-8")
+    (style,) = re.findall("<style>(.*?)</style>", page, re.DOTALL)
+    assert 'content: "page " counter(page) " of " counter(pages)' in style
+    (name,) = re.findall(r'@bottom-left { content: "([^"]*)"', style)
+    told = re.sub(r"\\([0-9a-f]{6})", lambda found: chr(int(found[1], 16)), name)
+    assert told == f"{HEAD.cell}, revision {HEAD.revision}"
+
+
+def test_a_page_of_many_situations_draws_the_worst(tmp_path: Path) -> None:
+    rows = [{"name": f"at {speed} mm/s", "speed_mm_s": speed} for speed in range(20, 63)]
+    found = bs.evaluate_register(bs.load_register(register_of(tmp_path, *rows)))
+    page = write_register(found, tmp_path / "out").read_text(encoding="utf-8")
+    assert "The 40 worst of 43." in page
+    assert page.index("at 62 mm/s") < page.index("at 61 mm/s") < page.index("at 20 mm/s")
+    assert (tmp_path / "out" / "use_of_limits.svg").exists()
+
+
+def test_stopping_tables_are_shown(tmp_path: Path) -> None:
+    table = EXAMPLES.parent / "stopping" / "tm5_700.toml"
+    base = {"scenario": str(EXAMPLES / "ur10e_table.toml"), "speed_mm_s": 20.0}
+    path = register_of(
+        tmp_path,
+        {"name": "with", **base, "reaction.deceleration": "table", "reaction.stopping_table": str(table)},
+        {"name": "without", **base},
+    )
+    result = bs.evaluate_register(bs.load_register(path))
+    text = Text(write_dossier(result, tmp_path / "out", HEAD).read_text(encoding="utf-8"))
+    stopping = text.sections["stopping"]
+    assert str(table) in stopping
+    assert "None for without." in stopping
+    assert "constant_time: d = v T / 2" in stopping
+    assert any(str(table) == row[0] and len(row[1]) == 64 for row in text.rows if len(row) == 2)

@@ -1,0 +1,224 @@
+"""Registers as files: what they say, in either format, and every fault of a bad one at once."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import pytest
+
+import bumpstop as bs
+from bumpstop.register import RegisterError
+from register.cases import EXAMPLES, SCENARIO, write_register
+
+ROWS_TOML = """
+scenario = "cell.toml"
+
+[[situation]]
+name = "one, with a comma"
+link = "link_b"
+point_m = [0, 0.01, 0]
+body = "lower_arm_wrist"
+kind = "free"
+direction = [0, 3, -4]
+speed_mm_s = 40
+payload_kg = 1.5
+frequency = "20"
+contact.area_cm2 = 2.5
+contact.body_mass_kg = 2
+detector.thresholds_Nm = [20, 10, 20, 20, 20, inf, 20]
+
+[[situation]]
+name = "two"
+note = "on the table"
+"""
+ROWS_CSV = (
+    "# a comment\n"
+    "scenario{d}name{d}link{d}point_m{d}body{d}kind{d}direction{d}speed_mm_s{d}payload_kg{d}frequency{d}note{d}"
+    "contact.area_cm2{d}contact.body_mass_kg{d}detector.thresholds_Nm\n"
+    'cell.toml{d}"one, with a comma"{d}link_b{d}0 0.01 0{d}lower_arm_wrist{d}free{d}"[0, 3, -4]"{d}40{d}1.5{d}20{d}{d}'
+    '2.5{d}2{d}"20,10,20,20,20,inf,20"\n'
+    "\n"
+    "cell.toml{d}two{d}{d}{d}{d}{d}{d}{d}{d}{d}on the table{d}{d}{d}\n"
+)
+
+
+def faults_of(path: Path, **changes: object) -> list[str]:
+    with pytest.raises(RegisterError) as refused:
+        bs.load_register(path, changes=changes)
+    return [str(fault) for fault in refused.value.faults]
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+def test_toml_and_csv_say_the_same(tmp_path: Path, delimiter: str) -> None:
+    write_register(tmp_path)
+    (tmp_path / "r.toml").write_text(ROWS_TOML, encoding="utf-8")
+    (tmp_path / "r.csv").write_text(ROWS_CSV.format(d=delimiter), encoding="utf-8-sig")
+    one, other = (bs.load_register(tmp_path / name).situations for name in ("r.toml", "r.csv"))
+    for a, b in zip(one, other, strict=True):
+        assert a.scenario == b.scenario
+        assert (a.name, a.payload_kg, a.frequency, a.note) == (b.name, b.payload_kg, b.frequency, b.note)
+        assert set(a.given) == set(b.given)
+    first = one[0].scenario
+    assert first.motion.velocity == pytest.approx((0, 0.024, -0.032))
+    assert first.contact.point_m == [0, 0.01, 0]
+    assert one[1].scenario == bs.load_scenario(tmp_path / "cell.toml")
+
+
+def test_a_row_is_the_scenario_with_the_same_changes(tmp_path: Path) -> None:
+    path = write_register(tmp_path, {"name": "a", "speed_mm_s": 30, "contact.area_cm2": 3})
+    changes = {"motion.speed_mm_s": 30, "contact.area_cm2": 3, "verdict.max_false_alarm": 0.01}
+    (found,) = bs.load_register(path, changes={"verdict.max_false_alarm": 0.01}).situations
+    assert found.scenario == bs.load_scenario(tmp_path / "cell.toml", changes)
+
+
+def test_every_fault_of_every_row_at_once(tmp_path: Path) -> None:
+    path = write_register(
+        tmp_path,
+        {"name": "good", "speed_mm_s": 50},
+        {"name": "b", "body": "hnd", "kind": "clampd", "link": "nope", "speed_mm_s": "fast", "payload_kg": -1},
+        {"name": "b", "direction": [0, 0, 0], "colour": "red", "contact.area": 3},
+        {"speed_mm_s": 1e9, "contact.body": "face", "body": "chest"},
+        {"name": "normal", "contact.normal": [0, 0, 1]},
+        inputs=({"key": "detector.threshold", "status": "fine"}, {"key": "detector", "status": "measured"}),
+    )
+    told = faults_of(path)
+    register = f"{path} [[situation]]"
+    for fault in (
+        f"{path} [[input]] 1 key: 'detector.threshold' cannot be used",
+        f"{path} [[input]] 1 status: 'fine' cannot be used; valid: measured",
+        f"{register} 2 ('b'), body: 'hnd' is not a region of bgia2011",
+        f"{register} 2 ('b'), kind: 'clampd' cannot be used; wanted 'clamped' or 'free'",
+        f"{register} 2 ('b'), link: sia5d has no link 'nope'",
+        f"{register} 2 ('b'), speed_mm_s: 'fast' cannot be used; wanted a number from 0.001 to 100000",
+        f"{register} 2 ('b'), payload_kg: -1 cannot be used",
+        f"{register} 3 ('b'), name: 'b' is the name of [[situation]] 2, too",
+        f"{register} 3 ('b'), colour: is no key of a situation",
+        f"{register} 3 ('b'), direction: [0.0, 0.0, 0.0] is no direction",
+        f"{register} 3 ('b'), contact.area: is not a key of a scenario; did you mean 'area_cm2'?",
+        f"{register} 4, name: is missing",
+        f"{register} 4, speed_mm_s: 1000000000.0 cannot be used",
+        f"{register} 4, body: and contact.body are both given",
+        f"{register} 5 ('normal'), contact.normal: the contact point",
+    ):
+        assert sum(line.startswith(fault) for line in told) == 1, (fault, told)
+    assert len(told) == 15
+    rows = [int(line.split("[[situation]] ")[1][0]) for line in told if "[[situation]]" in line.partition(",")[0]]
+    assert rows == sorted(rows)
+
+
+def test_a_fault_of_the_scenario_is_told_once_and_not_for_every_row(tmp_path: Path) -> None:
+    path = write_register(tmp_path, {"name": "a", "speed_mm_s": 50}, {"name": "b", "body": "nobody"})
+    cell = tmp_path / "cell.toml"
+    cell.write_text(cell.read_text(encoding="utf-8").replace("= 4.5", "= -4.5"), encoding="utf-8")
+    told = faults_of(path)
+    assert [line.partition(":")[0] for line in told] == [
+        f"{cell}, reaction.joint_acceleration_rad_s2",
+        f"{path} [[situation]] 2 ('b'), body",
+    ]
+    told = faults_of(path, **{"detector.residual": "none"})
+    assert sum("detector.residual: 'none' cannot be used" in line for line in told) == 1
+
+
+def test_a_key_that_only_one_row_lacks_is_that_row_s_fault(tmp_path: Path) -> None:
+    path = write_register(
+        tmp_path, {"name": "a", "contact.body_mass_kg": 2, "kind": "free"}, {"name": "b", "kind": "free"}
+    )
+    (fault,) = faults_of(path)
+    assert fault.startswith(f"{path} [[situation]] 2 ('b'), contact.body_mass_kg: is missing")
+
+
+def test_scenarios_are_situations_of_their_own() -> None:
+    other = SCENARIO.with_name("02_lower_arm_downward.toml")
+    register = bs.load_register(SCENARIO, other, EXAMPLES / "sia5d_downward.csv")
+    assert [one.name for one in register.situations][:2] == ["01_hand_downward", "02_lower_arm_downward"]
+    assert len(register.situations) == 6
+    assert register.situations[1].scenario == bs.load_scenario(other)
+
+
+def test_the_same_scenario_twice_is_refused_and_files_of_one_name_are_told_apart(tmp_path: Path) -> None:
+    (fault,) = faults_of_both(SCENARIO, SCENARIO)
+    assert "is the name of" in fault
+    copy = tmp_path / SCENARIO.name
+    copy.write_text(SCENARIO.read_text(encoding="utf-8"), encoding="utf-8")
+    assert [one.name for one in bs.load_register(SCENARIO, copy).situations] == [str(SCENARIO)[-80:], str(copy)[-80:]]
+
+
+def faults_of_both(*paths: Path) -> list[str]:
+    with pytest.raises(RegisterError) as refused:
+        bs.load_register(*paths)
+    again = pickle.loads(pickle.dumps(refused.value))
+    assert str(again) == str(refused.value)
+    return [str(fault) for fault in refused.value.faults]
+
+
+def test_an_absent_scenario_is_told_once_beside_faults_of_rows(tmp_path: Path) -> None:
+    path = write_register(tmp_path, {"name": "a"}, {"name": "b", "frequency": 3})
+    (tmp_path / "cell.toml").unlink()
+    told = faults_of(path)
+    assert len(told) == 2
+    assert told[0].startswith(f"{path}, scenario: {tmp_path / 'cell.toml'}: cannot be read")
+    assert told[1] == f"{path} [[situation]] 2 ('b'), frequency: 3 cannot be used; wanted a text"
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("", "is empty"),
+        ("name,scenario\n", "has 0 situations"),
+        ("name,name\na,b\n", "has two columns 'name'"),
+        ("name,,body\na,b,c\n", "has a column without a name"),
+        ('name,scenario\n"a,b\nc",d\n', "goes on in the next line"),
+        ('name,scenario\n"a"b,c\n', "is not valid CSV"),
+        ("name,scenario\na,b,c\n", "row 2: has 3 cells, and there are 2 columns"),
+        ("name,body\na,face\n", "scenario: is missing"),
+    ],
+)
+def test_damaged_csv(tmp_path: Path, text: str, problem: str) -> None:
+    path = tmp_path / "register.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(bs.InputError) as refused:
+        bs.load_register(path)
+    assert problem in str(refused.value)
+    assert str(path) in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("situation = 3", "situation: is not a list of tables"),
+        ("situation = []", "has 0 situations"),
+        ("[[situation]]\nname = 'a'\n[cell]\n", "cell: is no key of a register"),
+        ("scenario = 3\n[[situation]]\nname = 'a'\n", "scenario: 3 cannot be used"),
+        ("input = 3\n[[situation]]\nname = 'a'\n", "input: is not a list of tables"),
+        ("[[situation]]\nname = 3\n", "name: 3 cannot be used"),
+        ("[[situation]]\nname = ' '\n", "name: ' ' cannot be used"),
+        ("[[situation]]\nname = 'a'\nmade_by.law = 'exact'\nscenario = 'cell.toml'\n", "made_by.law: is not a key"),
+    ],
+)
+def test_damaged_toml(tmp_path: Path, text: str, problem: str) -> None:
+    write_register(tmp_path)
+    path = tmp_path / "r.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(bs.InputError) as refused:
+        bs.load_register(path)
+    assert problem in str(refused.value)
+
+
+def test_the_payload_chooses_rows_of_a_stopping_table(tmp_path: Path) -> None:
+    table = EXAMPLES.parent / "stopping" / "tm5_700.toml"
+    reaction = {"reaction.deceleration": "table", "reaction.stopping_table": str(table)}
+    base = str(EXAMPLES / "ur10e_table.toml")
+    path = write_register(
+        tmp_path,
+        {"name": "a", "scenario": base, "payload_kg": 2, **reaction},
+        {"name": "b", "scenario": base, "payload_kg": 2, "reaction.payload_percent": 50, **reaction},
+        {"name": "c", "scenario": base, "payload_kg": 2},
+    )
+    a, b, c = (one.scenario.reaction for one in bs.load_register(path).situations)
+    assert (a.payload_kg, b.payload_kg, c.payload_kg) == (2, None, None)
+
+
+def test_no_register_at_all() -> None:
+    with pytest.raises(bs.InputError, match="wanted the path of a register"):
+        bs.load_register()
