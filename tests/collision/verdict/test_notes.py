@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
+from bumpstop.collision.distribution.contact_duration import integrated_contact_duration
 from bumpstop.collision.probability_text import percent
 from collision.cases import control_group
 
@@ -76,3 +77,21 @@ def test_an_arm_left_in_contact_is_noted() -> None:
     plain = bs.evaluate(control_group())
     assert plain.left_in_contact_probability == 0
     assert not any("reversing arm" in note for note in plain.notes)
+
+
+def test_whether_an_arm_may_be_left_in_contact_is_told_without_the_contact_time() -> None:
+    """The quick look says no only where the integral over all contacts is zero."""
+    rng = np.random.default_rng(2)
+    low, high = [-170, -100, -160, -80, -170, -100, -170], [170, 100, 160, 110, 170, 100, 170]
+    left = []
+    while len(left) < 5:
+        pose, velocity = rng.uniform(low, high).tolist(), (40 * rng.normal(size=3)).tolist()
+        try:
+            result = bs.evaluate(control_group(pose_deg=pose, motion__velocity_mm_s=velocity))
+        except bs.InputError:
+            continue
+        integral = integrated_contact_duration(result.problem, result.curve.line, result.integral)[1]
+        assert result.left_in_contact_probability == integral
+        left.append(integral > 0)
+    assert any(left)
+    assert not all(left)
