@@ -170,8 +170,9 @@ def test_an_absent_scenario_is_told_once_beside_faults_of_rows(tmp_path: Path) -
         ("name,,body\na,b,c\n", "has a column without a name"),
         ('name,scenario\n"a,b\nc",d\n', "goes on in the next line"),
         ('name,scenario\n"a"b,c\n', "is not valid CSV"),
+        ("t,q_1\n0,1\n1,2\n", "has no column 'scenario'"),
         ("name,scenario\na,b,c\n", "row 2: has 3 cells, and there are 2 columns"),
-        ("name,body\na,face\n", "scenario: is missing"),
+        ("name,scenario\na,\n", "scenario: is missing"),
     ],
 )
 def test_damaged_csv(tmp_path: Path, text: str, problem: str) -> None:
@@ -217,6 +218,19 @@ def test_the_payload_chooses_rows_of_a_stopping_table(tmp_path: Path) -> None:
     )
     a, b, c = (one.scenario.reaction for one in bs.load_register(path).situations)
     assert (a.payload_kg, b.payload_kg, c.payload_kg) == (2, None, None)
+
+
+def test_a_column_that_nothing_is_called_after_is_told_once(tmp_path: Path) -> None:
+    write_register(tmp_path)
+    path = tmp_path / "r.csv"
+    rows = "".join(f"cell.toml,number {i},1,2,3\n" for i in range(5))
+    path.write_text(f"scenario,name,speed,contact.areas,motions.speed\n{rows}", encoding="utf-8")
+    told = faults_of(path)
+    assert [fault.partition(";")[0] for fault in told] == [
+        f"{path} row 1, speed: is no key of a situation",
+        f"{path} row 1, contact.areas: is not a key of a scenario",
+        f"{path} row 1, motions.speed: is not a key of a scenario",
+    ]
 
 
 def test_no_register_at_all() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 from bumpstop.collision.scenario.keys import value_of
 from bumpstop.collision.scenario.scenario_words import as_written
 from bumpstop.errors import InputError, near_matches
-from bumpstop.register.rows import Row
+from bumpstop.register.rows import Row, unknown_key_of_row
 from bumpstop.register.statements import Statement, read_statements
 from bumpstop.text_files import parse_toml, read_text
 
@@ -120,8 +120,14 @@ def _read_csv(text: str, path: Path) -> RegisterFile:
         if not name or names.count(name) > 1:
             problem = "has a column without a name" if not name else f"has two columns {as_written(name)}"
             raise InputError(f"{path} row {lines[0][0]}", problem, _OF_CSV)
+    for name in ("scenario", "name"):
+        if name not in names:
+            raise InputError(f"{path} row {lines[0][0]}", f"has no column {name!r}", _OF_CSV)
+    # Of a column that nothing is called after, every row would say the same.
+    strange = {name: fault for name in names if (fault := unknown_key_of_row(name)) is not None}
+    where = f"{path} row {lines[0][0]}"
+    faults = [InputError(f"{where}, {fault.field}", fault.problem, fault.valid) for fault in strange.values()]
     rows: list[Row] = []
-    faults: list[InputError] = []
     for (number, _), row in zip(lines[1:], cells[1:], strict=True):
         if len(row) != len(names):
             problem = f"has {len(row)} cells, and there are {len(names)} columns"
@@ -129,6 +135,7 @@ def _read_csv(text: str, path: Path) -> RegisterFile:
             faults.append(InputError(f"{path} row {number}", problem, valid))
             continue
         filled = {name: _cell(name, cell) for name, cell in zip(names, row, strict=True) if cell.strip()}
+        filled = {name: cell for name, cell in filled.items() if name not in strange}
         rows.append(Row(path, f"row {number}", filled))
     return RegisterFile(path, rows, faults=faults)
 

@@ -138,12 +138,10 @@ class Row:
                 own[key] = float(value) if key == "payload_kg" and fault is None else value
             elif key in WORDS and WORDS[key] in self.values:
                 faults.append(InputError(key, f"and {WORDS[key]} are both given", "give one of the two"))
-            elif key in WORDS or "." in key or key in Scenario.model_fields:
-                given[WORDS.get(key, key)] = value
+            elif (unknown := unknown_key_of_row(key)) is not None:
+                faults.append(unknown)
             else:
-                known = [*OWN, *WORDS, *(name for name in Scenario.model_fields if name != "folder")]
-                valid = f"{near_matches(key, known)}; a key of a table is written with it, as contact.area_cm2"
-                faults.append(InputError(key, "is no key of a situation", valid))
+                given[WORDS.get(key, key)] = value
         return own, given, [Fault(fault.field, True, self._named(fault, fault.field)) for fault in faults]
 
     def _fault(self, error: InputError, given: Mapping[str, Any]) -> Fault:
@@ -163,6 +161,23 @@ def _asks_for_payload(data: Mapping[str, Any], given: Mapping[str, Any]) -> bool
     reaction = dict(table) if isinstance(table, Mapping) else {}
     reaction |= {key.removeprefix("reaction."): value for key, value in given.items() if key.startswith("reaction.")}
     return reaction.get("deceleration") == "table" and not {"payload_kg", "payload_percent"} & set(reaction)
+
+
+def unknown_key_of_row(key: str) -> InputError | None:
+    """What is wrong with a key that no row can have; None where it may stand in one."""
+    table, dot, name = key.partition(".")
+    fields = {field: model.annotation for field, model in Scenario.model_fields.items() if field != "folder"}
+    keys = getattr(fields.get(table), "model_fields", {})
+    if dot:
+        if name in keys:
+            return None
+        valid = near_matches(name, keys) if keys else near_matches(table, fields)
+        return InputError(key, "is not a key of a scenario", valid)
+    if key in (*OWN, *WORDS) or (key in fields and not keys):
+        return None
+    plain = [field for field, model in fields.items() if not hasattr(model, "model_fields")]
+    valid = f"{near_matches(key, [*OWN, *WORDS, *plain])}; a key of a table is written with it, as contact.area_cm2"
+    return InputError(key, "is no key of a situation", valid)
 
 
 def _own_fault(key: str, value: Any) -> InputError | None:

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 
 from bumpstop.contact import LimitTable, builtin_tables
 from bumpstop.register.inputs import tables_used
-from bumpstop.report.document import Document, write_document
+from bumpstop.report.document import Document
 from bumpstop.report.register.assumptions import AssumptionsPart
 from bumpstop.report.register.documents import DocumentsPart
 from bumpstop.report.register.inputs import InputsPart
 from bumpstop.report.register.limit_tables import LimitTablesPart
 from bumpstop.report.register.measurements import MeasurementsPart
+from bumpstop.report.register.page import write_page
 from bumpstop.report.register.print_style import print_style
 from bumpstop.report.register.provenance import ProvenancePart
 from bumpstop.report.register.situations import OutcomePart, SituationsPart
@@ -93,4 +94,4 @@ def write_dossier(
         parts,
         style=print_style(name),
     )
-    return write_document(document, folder)
+    return write_page(document, folder)

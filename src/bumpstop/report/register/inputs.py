@@ -56,4 +56,4 @@ class InputsPart(Part):
 def _cells(one: Input) -> tuple[str, ...]:
     key = element("code", breakable(one.key)) if " " not in one.key else one.key
     status, source = whole(one.status or "not told"), breakable(one.source or "not told")
-    return key, one.value, whole(KIND_WORDS[one.kind]), status, source
+    return key, breakable(one.value), whole(KIND_WORDS[one.kind]), status, source

@@ -9,7 +9,7 @@ from bumpstop.report.register.assumptions import AssumptionsPart
 from bumpstop.report.register.inputs import InputsPart
 from bumpstop.report.register.print_style import print_style
 from bumpstop.report.register.provenance import ProvenancePart
-from bumpstop.report.register.situations import OutcomePart, SituationsPart
+from bumpstop.report.register.situations import FIGURE, OutcomePart, SituationsPart
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -33,4 +33,17 @@ def write_register(result: RegisterResult, folder: Path) -> Path:
     ]
     title = "Contact situations"
     document = Document(title, "bumpstop: register of contact situations", "register", parts, style=print_style(title))
-    return write_document(document, folder)
+    return write_page(document, folder)
+
+
+def write_page(document: Document, folder: Path) -> Path:
+    """Write a page; the figure of an earlier one in the folder is replaced or removed.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    path = write_document(document, folder)
+    if not document.figures:
+        for kind in ("svg", "png"):
+            (folder / f"{FIGURE}.{kind}").unlink(missing_ok=True)
+    return path

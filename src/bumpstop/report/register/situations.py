@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 _SIGNS: dict[Outcome, Sign] = {"pass": "acceptable", "fail": "not-acceptable", "inconclusive": "unjudged"}
 _COLOURS: dict[Outcome, tuple[str, str]] = {"fail": (LIMIT, "//"), "inconclusive": (FAINT, ".."), "pass": (AREA, "")}
+FIGURE = "use_of_limits"
+"""The figure of the page, by the name of its files."""
 # Bars for more would be as thin as a line; the table has them all.
 MAX_BARS = 40
 _MAX_NAME = 34  # letters beside a bar
@@ -121,7 +123,7 @@ class SituationsPart(Part):
         more = f" The {MAX_BARS} worst of {len(self._results)}." if len(self._results) > len(shown) == MAX_BARS else ""
         return [
             Picture(
-                "use_of_limits",
+                FIGURE,
                 "Use of the limit by situation as bars, worst first, against 100 %.",
                 f"Use of the limit by situation, worst first; hatched: not a pass.{more}",
                 lambda figure: _draw(figure, shown),
