@@ -143,7 +143,9 @@ def test_completion_answers() -> None:
     asked = {"_BUMPSTOP_COMPLETE": "complete_bash", "COMP_CWORD": "1"}
     assert bumpstop(COMP_WORDS="bumpstop ev", **asked).stdout.split() == ["evaluate"]
     assert set(bumpstop(COMP_WORDS="bumpstop ", **asked).stdout.split()) == {
+        "new",
         "evaluate",
+        "report",
         "robots",
         "bodies",
         "plant",
