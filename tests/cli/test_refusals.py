@@ -160,7 +160,7 @@ def test_changes_that_cannot_be_used(change: str, words: str) -> None:
         (("--threads", "1000000"), "--threads: '1000000' cannot be used"),
         (("--jsn",), "No such option: --jsn (Possible options: --json"),
         (("--set",), "Option '--set' requires an argument; see bumpstop --help"),
-        (("second.toml",), "unexpected extra argument"),
+        (("second.toml",), "second.toml: cannot be read (No such file or directory); wanted a scenario file"),
     ],
 )
 def test_options_that_cannot_be_used(arguments: tuple[str, ...], words: str) -> None:
@@ -173,7 +173,7 @@ def test_options_that_cannot_be_used(arguments: tuple[str, ...], words: str) -> 
         (("evalute",), "No such command 'evalute'. Did you mean 'evaluate'"),
         (("xyzzy",), "No such command 'xyzzy'; see bumpstop --help"),
         (("--bogus",), "No such option: --bogus"),
-        (("evaluate",), "Missing argument 'scenario'; see bumpstop evaluate --help"),
+        (("evaluate",), "Missing argument 'SCENARIO...'; see bumpstop evaluate --help"),
         (("robots", "sia5d"), "No such command 'sia5d'"),
         (("robots", "show"), "Missing argument 'robot'; see bumpstop robots show --help"),
         (("robots", "show", "sia5"), "robot: there is no built-in robot 'sia5'; did you mean 'sia5d'?"),

@@ -88,7 +88,7 @@ def test_changes_hold_for_all_situations_and_sampling_is_repeatable() -> None:
         (("--author", "a\nb"), "--author: 'a\\nb' cannot be used"),
         (("--shots", "absent.csv"), "absent.csv: cannot be read"),
         (("--out", EXAMPLE), "--out: "),
-        (("--set", "contact.body=hnd"), f"{EXAMPLES / 'sia5d_downward.csv'}: 1 entry cannot be used"),
+        (("--set", "contact.body=hnd"), "contact.body: 'hnd' is not a region of bgia2011"),
     ],
 )
 def test_bad_input_of_a_report(tmp_path: Path, arguments: tuple[object, ...], problem: str) -> None:

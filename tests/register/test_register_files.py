@@ -128,6 +128,14 @@ def test_a_key_that_only_one_row_lacks_is_that_row_s_fault(tmp_path: Path) -> No
     assert fault.startswith(f"{path} [[situation]] 2 ('b'), contact.body_mass_kg: is missing")
 
 
+def test_a_fault_that_every_row_has_written_itself_is_told_of_each(tmp_path: Path) -> None:
+    path = write_register(tmp_path, {"name": "a", "body": "nobody"}, {"name": "b", "body": "nobody"})
+    assert [line.partition(":")[0] for line in faults_of(path)] == [
+        f"{path} [[situation]] 1 ('a'), body",
+        f"{path} [[situation]] 2 ('b'), body",
+    ]
+
+
 def test_scenarios_are_situations_of_their_own() -> None:
     other = SCENARIO.with_name("02_lower_arm_downward.toml")
     register = bs.load_register(SCENARIO, other, EXAMPLES / "sia5d_downward.csv")

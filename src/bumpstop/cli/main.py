@@ -98,7 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             raise KeyboardInterrupt
     except BumpstopError as error:
         faults = getattr(error, "faults", ())
-        for fault in faults:
+        for fault in faults if len(faults) > 1 else ():
             _print_line("fault", str(fault))
         # A column file to start from, which can be sent into a file as it is.
         draft = getattr(error, "draft", "")

@@ -80,7 +80,8 @@ class _Reader:
             faults = self._name_fault(row)
             if isinstance(base, InputError):
                 error = InputError(f"{row.where}, scenario", _words(base), base.valid)
-                faults += [*row.own_faults(), Fault("scenario", "scenario" in row.values, error)]
+                of_row = "scenario" in row.values or not row.place
+                faults += [*row.own_faults(), Fault("scenario", of_row, error if row.place else base)]
             else:
                 situation, others = row.check(base, self.changes, file.statements)
                 faults += others
