@@ -8,6 +8,7 @@ _STYLE = """\
   overflow-wrap: anywhere; }
 :is(#situations, #inputs, #assumptions) tbody th { overflow-wrap: anywhere; min-width: 6rem; }
 #verdict table th, .whole { white-space: nowrap; }
+#verdict tr:last-child td { min-width: 18rem; height: 2.6rem; }
 #situations .figures { max-width: 46rem; }
 #situations figure { max-width: none; flex-basis: 100%; }
 @page { size: A4; margin: 16mm 14mm 18mm;

@@ -59,8 +59,8 @@ class OutcomePart(Part):
             ),
             paragraph(
                 "PASS: force, pressure and false alarms are within what is accepted, and nothing that was only assumed "
-                "decides it. FAIL: one of them is not. INCONCLUSIVE: the situation cannot be judged, or something that "
-                "nobody has shown decides it."
+                "decides it. FAIL: one of them is not, or a gauge measured more than the force limit. INCONCLUSIVE: "
+                "the situation cannot be judged, or something that nobody has shown decides it."
             ),
             paragraph(
                 "Probabilities are those of exceeding a limit in one contact. They are not the risk of ISO 12100, "
