@@ -24,12 +24,12 @@ def band_pass_channel(series: ResidualSeries, settings: DetectorSettings | None 
         settings: of the detector, for its band; default: its defaults.
     """
     given = settings or DetectorSettings()
-    decision = _native.DecisionSettings()
+    decision = _native.AlarmSettings()
     law = decision.thresholds
     law.constant = law.rest_speed = law.fast = [_ANY] * _native.max_joints
     decision.low_hz, decision.high_hz = given.low_hz, given.high_hz
     anew = np.zeros(series.t.size)
     anew[[rows.start for rows in series.segments()]] = 1.0
     nothing = np.zeros_like(series.rows)
-    fast: FloatArray = _native.judge(decision, series.t, series.rows, nothing, nothing, anew, 0.0)[0]
+    fast: FloatArray = _native.run_alarm_logic(decision, series.t, series.rows, nothing, nothing, anew, 0.0)[0]
     return fast

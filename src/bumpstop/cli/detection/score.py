@@ -25,7 +25,7 @@ from bumpstop.text_files import read_text
 
 if TYPE_CHECKING:
     from bumpstop.detection import Label, ResidualSeries, Roc, Score, Tolerance
-    from bumpstop.detection.scoring.scoring import Interval
+    from bumpstop.detection.scoring.score import Interval
     from bumpstop.recording import Recording
 
 _MAX_BYTES = 100_000_000  # of events
