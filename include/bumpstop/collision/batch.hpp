@@ -103,8 +103,8 @@ inline std::vector<int> order_of_work(const BatchProblem& problem) {
 
 /// The probability of an alarm at every tick when the body is as near as it can be: no collision's is greater.
 template <class L>
-std::vector<double> most_alarm(const GaussianThresholds& detector, const Timing& timing, const LinePath& path,
-                               double stiffness) {
+std::vector<double> max_alarm_probability(const GaussianThresholds& detector, const Timing& timing,
+                                          const LinePath& path, double stiffness) {
     constexpr int lanes = Scalar<L>::lanes;
     std::vector<double> probability(std::size_t(path.ticks), 1.0);
     for (int first = 0; first < path.ticks; first += lanes) {
@@ -124,15 +124,15 @@ std::vector<double> most_alarm(const GaussianThresholds& detector, const Timing&
 
 /// Poses whose reactions are simulated together: few for their laws to stay in a near cache, many for lanes to have a next
 /// one while others still follow their last.
-inline constexpr int longest_group = 16;
+inline constexpr int max_group_size = 16;
 /// Registers full of poses that are traced together at most: their paths stay near.
-inline constexpr int longest_round = 8;
+inline constexpr int max_round_size = 8;
 
 /// What a thread keeps from group to group.
 template <class L>
 struct BatchWorker {
     BatchWorker(const BatchProblem& problem, const AlarmTable& table, const PreContactAlarms& before) {
-        for (int i = 0; i < longest_group; ++i)
+        for (int i = 0; i < max_group_size; ++i)
             quadrature.emplace_back(problem.setup, problem.detector, before,
                                     TabulatedAlarms<L>(problem.detector, table), probabilities);
     }
@@ -141,8 +141,8 @@ struct BatchWorker {
     DetectionProbabilities probabilities;
     std::vector<OffsetQuadrature<L, TabulatedAlarms<L>>> quadrature;  ///< by place in the group
     std::vector<LinePath> path;                                       ///< of the poses that are traced together
-    StoppingCurve curve[longest_group];
-    std::vector<double> probability[longest_group];
+    StoppingCurve curve[max_group_size];
+    std::vector<double> probability[max_group_size];
 };
 
 template <class L>
@@ -181,8 +181,8 @@ void trace_poses(const BatchProblem& problem, BatchWorker<L>& worker, const int*
     worker.path.resize(std::max(worker.path.size(), std::size_t(count)));
     LineTracer<L, Tracing::fast, SurvivalCriterion<L>>(problem.setup)
         .trace(requests.data(), criteria.data(), worker.path.data(), count);
-    // Near a singularity what a leap leaves out decides where the arm goes, and whether it meets the singularity: there a
-    // batch traces as a single law does.
+    // Near a singularity what an Adams step leaves out decides where the arm goes, and whether it meets the
+    // singularity: there a batch traces as a single law does.
     std::vector<int> again;
     for (int i = 0; i < count; ++i)
         if (worker.path[std::size_t(i)].met_singularity && !worker.path[std::size_t(i)].singular_start)
@@ -202,16 +202,16 @@ template <class L>
 void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool tabulated, const int* poses, LinePath* path,
                  int count, BatchResult& out) {
     StoppingCurve* curve = worker.curve;
-    QuadratureSettings settings[longest_group];
-    bool detected[longest_group];
+    QuadratureSettings settings[max_group_size];
+    bool detected[max_group_size];
     for (int i = 0; i < count; ++i) {
         std::swap(curve[i].path, path[i]);  // both keep their memory for the next pose
         const LinePath& traced = curve[i].path;
         settings[i] = {problem.contact_at(traced.approach_speed), 1, false};
         detected[i] = tabulated && traced.ticks > 0 && worker.quadrature[std::size_t(i)].detect(traced, settings[i]);
-        worker.probability[i] =
-            detected[i] ? worker.quadrature[std::size_t(i)].detection()
-                        : most_alarm<L>(problem.detector, problem.setup.timing, traced, problem.contact.body.stiffness);
+        worker.probability[i] = detected[i] ? worker.quadrature[std::size_t(i)].detection()
+                                            : max_alarm_probability<L>(problem.detector, problem.setup.timing, traced,
+                                                                       problem.contact.body.stiffness);
     }
     complete_curves<L>(problem.setup, curve, count,
                        [&](int c) { return OvertravelTolerance{worker.probability[c].data()}; });
@@ -250,17 +250,17 @@ BatchResult evaluate_batch(const CollisionSetup& setup, const GaussianThresholds
     // Lanes that follow their lines take one pose after another, so a round is best long, and short enough for no thread to
     // be left with the last.
     const int share = poses.count / (8 * settings.threads * lanes);
-    const int round = lanes * std::clamp(share, 1, detail::longest_round);
+    const int round = lanes * std::clamp(share, 1, detail::max_round_size);
     std::atomic<int> next{0};
     work_in_threads(settings.threads, [&] {
         detail::BatchWorker<L> worker(problem, table, before);
         for (int begin = round * next++; begin < poses.count; begin = round * next++) {
             const int end = std::min(begin + round, poses.count);
             detail::trace_poses(problem, worker, &order[std::size_t(begin)], end - begin);
-            for (int first = begin; first < end; first += detail::longest_group)
+            for (int first = begin; first < end; first += detail::max_group_size)
                 detail::batch_group<L>(problem, worker, tabulated, &order[std::size_t(first)],
                                        &worker.path[std::size_t(first - begin)],
-                                       std::min(detail::longest_group, end - first), out);
+                                       std::min(detail::max_group_size, end - first), out);
         }
     });
     return out;
