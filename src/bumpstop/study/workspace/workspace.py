@@ -17,6 +17,7 @@ from bumpstop.study.directions import DirectionSampling, draw_directions, spread
 from bumpstop.study.joint_ranges import joint_ranges
 from bumpstop.study.study import Study
 from bumpstop.study.workspace import predictors
+from bumpstop.study.workspace.workspace_summary import summarise
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -137,9 +138,13 @@ class WorkspaceStudy(Study):
         return q, direction * speed[:, None] / 1e3, redrawn
 
     def summary(self, rows: pl.DataFrame) -> dict[str, Any]:  # noqa: D102
-        from bumpstop.study.workspace.workspace_summary import summarise
-
-        return summarise(self, rows)
+        accepted = self.scenario.verdict.accepted_probability
+        discarded = int(rows["redrawn"].sum()) if self.poses else self.drawn - rows.height
+        return {
+            "study": self.name,
+            **summarise(rows, self.edges, self.force_limits, accepted, predicted=self.predict),
+            "self_collisions": {"looked_for": self.link_radius_mm > 0, "poses_discarded": discarded},
+        }
 
     # --- What is drawn ------------------------------------------------------------------------------------------
 

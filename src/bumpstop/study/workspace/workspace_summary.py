@@ -9,10 +9,11 @@ import numpy as np
 from bumpstop.study.workspace.predictors import predictors, rank_correlation
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import polars as pl
 
     from bumpstop.arrays import FloatArray
-    from bumpstop.study.workspace.workspace import WorkspaceStudy
 
 ENDS = ("motion_end", "joint_limit", "singularity", "all_detected", "singular_start")
 # Motions that end before contact more often than this never touch anything.
@@ -21,29 +22,37 @@ _NEVER = 1 - 1e-6
 MAP_CELLS = 12
 
 
-def summarise(study: WorkspaceStudy, rows: pl.DataFrame) -> dict[str, Any]:
+def summarise(
+    rows: pl.DataFrame,
+    edges: FloatArray,
+    force_limits: Sequence[float],
+    accepted_probability: float,
+    *,
+    predicted: bool,
+) -> dict[str, Any]:
     """Shares over the limits, the force distribution, how motions end, and what no distribution covers.
 
     Poses that start at a singularity have no distribution and are counted apart; every share is of the others.
+
+    Args:
+        rows: of the study.
+        edges: of the bins of the force (bins + 1,) [N].
+        force_limits: force, and pressure as a force [N]; empty: no limits.
+        accepted_probability: of exceeding a limit.
+        predicted: the rows have predicted peak forces.
     """
     known = rows.filter(rows["end"] != "singular_start")
-    limits = dict(zip(("force_N", "pressure_as_force_N"), study.force_limits, strict=False))
+    limits = dict(zip(("force_N", "pressure_as_force_N"), force_limits, strict=False))
     result: dict[str, Any] = {
-        "study": study.name,
         "laws": known.height,
         "singular_starts": rows.height - known.height,
         "limits": limits,
         "ends": {end: int((rows["end"] == end).sum()) for end in ENDS},
-        "self_collisions": {
-            "looked_for": study.link_radius_mm > 0,
-            "poses_discarded": int(rows["redrawn"].sum()) if study.poses else study.drawn - rows.height,
-        },
     }
     if not known.height:
         return result
     over = {name: _share(known[f"p_over_{name}"].to_numpy()) for name in ("force", "pressure")}
     median = known["p50_N"].to_numpy()
-    edges = study.edges
     tails = known["p_over_edges"].explode().to_numpy().reshape(known.height, edges.size)
     # The last bin takes what lies beyond, undetected cases among it.
     mixture = -np.diff(np.column_stack([np.ones(known.height), tails[:, 1:], np.zeros(known.height)]), axis=1)
@@ -52,9 +61,9 @@ def summarise(study: WorkspaceStudy, rows: pl.DataFrame) -> dict[str, Any]:
     mixture[:, 0] = np.maximum(0.0, mixture[:, 0] - no_contact)
     hits = no_contact <= 0.5
     touching = known.filter(no_contact < _NEVER)
-    unsafe = worst_risk(known) > study.scenario.verdict.accepted_probability
-    if study.predict and limits:
-        result["predictors"] = predictors(known, unsafe, min(study.force_limits))
+    unsafe = worst_risk(known) > accepted_probability
+    if predicted and limits:
+        result["predictors"] = predictors(known, unsafe, min(force_limits))
         result["trusted"] = int(known["trusted"].sum())
     return result | {
         "p_over_force": over["force"],
@@ -63,7 +72,7 @@ def summarise(study: WorkspaceStudy, rows: pl.DataFrame) -> dict[str, Any]:
         "never_touch": known.height - touching.height,
         "p_over_force_of_touching": _share(touching["p_over_force"].to_numpy()) if touching.height else None,
         "p_over_pressure_of_touching": _share(touching["p_over_pressure"].to_numpy()) if touching.height else None,
-        "accepted_risk": study.scenario.verdict.accepted_probability,
+        "accepted_risk": accepted_probability,
         "poses_over_risk": int(unsafe.sum()) if limits else None,
         "undetected": _share(known["undetected"].to_numpy()),
         "poses_more_often_undetected": int((known["undetected"] > 0.5).sum()),
