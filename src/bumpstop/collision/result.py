@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
@@ -11,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop import _native
-from bumpstop.arrays import FloatArray
+from bumpstop.arrays import FloatArray, finite_or_none
 from bumpstop.collision.curve import AT_REST, StoppingCurve
 from bumpstop.collision.distribution.contact_duration import (
     integrated_contact_duration,
@@ -309,8 +308,8 @@ class CollisionResult:
             "force_at_detection_N": self.force_at_detection.to_json(),
             "detection_delay_s": self.detection_delay.to_json(),
             "contact_duration_s": None if contact_duration is None else contact_duration.to_json(),
-            "trigger_joint_probability": [_finite(p) for p in self.trigger_joint_probability],
-            "multi_joint_probability": _finite(self.multi_joint_probability),
+            "trigger_joint_probability": [finite_or_none(p) for p in self.trigger_joint_probability],
+            "multi_joint_probability": finite_or_none(self.multi_joint_probability),
             "false_alarm_probability": self.false_alarm_probability,
             "undetected_probability": self.undetected_probability,
             "no_contact_probability": self.no_contact_probability,
@@ -323,10 +322,6 @@ class CollisionResult:
             result |= {"samples": self.samples, "seed": self.seed}
         verdict = self.verdict.to_json() | {"warnings": list(self.warnings)}
         return result | {"verdict": verdict, "notes": list(self.notes)}
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 def _end_time(result: CollisionResult) -> float:

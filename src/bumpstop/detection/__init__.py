@@ -21,7 +21,8 @@ from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.detection.tuning.residual_file import ResidualSeries
 from bumpstop.detection.tuning.residual_record import ResidualRecord
-from bumpstop.detection.tuning.tuning import MAX_EXTRAPOLATION, Tuning, tune
+from bumpstop.detection.tuning.result import MAX_EXTRAPOLATION, Tuning
+from bumpstop.detection.tuning.tuning import tune
 
 __all__ = [
     "MAX_EXTRAPOLATION",

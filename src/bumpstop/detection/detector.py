@@ -15,6 +15,7 @@ from bumpstop.detection.loop_detector import LoopDetector
 from bumpstop.detection.rate import period_of
 from bumpstop.detection.settings import DetectorSettings
 from bumpstop.errors import InputError
+from bumpstop.model import unit_of
 from bumpstop.recording.checks.stamps import stamped_by_a_pc
 
 if TYPE_CHECKING:
@@ -165,7 +166,17 @@ class Detector(LoopDetector):
             ),
             settings=self.summary(period),
             monitored=tuple(self.thresholds.monitored),
+            **self.in_words,
         )
+
+    @property
+    def in_words(self) -> dict[str, Any]:
+        """Units of the joints' torques, and where and along what forces act: fields of a :class:`DetectionRun`."""
+        at, along = self.settings.link or self.robot.tip_name, list(self.settings.direction)
+        return {
+            "units": tuple(unit_of(joint) for joint in self.robot.joints),
+            "force_at": f"at {at} along {along}",
+        }
 
     def _beyond_limits(self, rows: FloatArray) -> list[str]:
         """Joints that were where the detector takes no position for true, as they take its data away."""

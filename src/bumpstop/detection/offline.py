@@ -166,6 +166,7 @@ def detect(
             name: detector.summary(period)[name] for name in ("residual", "period_s", "frozen_s", "arming_delay_s")
         },
         monitored=tuple(law.monitored),
+        **detector.in_words,
     )
 
 

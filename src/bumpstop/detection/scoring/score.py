@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from bumpstop.arrays import FloatArray
+from bumpstop.arrays import FloatArray, finite_or_none
 from bumpstop.detection.durations import hours_in_words
 from bumpstop.detection.scoring.contact_forces import ContactForces
 from bumpstop.detection.scoring.labels import Label, time_text
@@ -130,8 +130,3 @@ class Score:
             "delay_s": delay,
             "kinds": kinds,
         } | ({} if self.forces is None else {"forces": self.forces.to_json()})
-
-
-def finite_or_none(value: float) -> float | None:
-    """JSON knows no infinity and no NaN."""
-    return value if math.isfinite(value) else None

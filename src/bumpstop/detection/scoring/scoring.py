@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from bumpstop.arrays import FloatArray, as_float_array, as_number
+from bumpstop.arrays import FloatArray, as_float_array, as_number, finite_or_none
 from bumpstop.detection.scoring.labels import Label, checked_labels, time_text
-from bumpstop.detection.scoring.score import Interval, Score, finite_or_none
+from bumpstop.detection.scoring.score import Interval, Score
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.detection.tuning.residual_file import ResidualSeries
 from bumpstop.errors import InputError

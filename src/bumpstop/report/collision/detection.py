@@ -13,10 +13,11 @@ from bumpstop.collision.probability_text import percent
 from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult
 from bumpstop.model import unit_of
 from bumpstop.report.collision.distribution import bins, draw_density
-from bumpstop.report.formatting import number, quantity
+from bumpstop.report.formatting import quantity
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import AREA, FAINT, INK, LAW, Picture, axes
 from bumpstop.report.section import Section
+from bumpstop.terminal import number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

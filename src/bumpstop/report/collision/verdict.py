@@ -7,9 +7,10 @@ import math
 from bumpstop.collision.probability_text import percent
 from bumpstop.collision.verdict.alarm_rate import alarm_rate
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
-from bumpstop.report.formatting import in_phases, number, quantity
+from bumpstop.report.formatting import in_phases, quantity
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.section import Section
+from bumpstop.terminal import number
 
 # Word, CSS class and shape of the sign: the three say the same, so that none is needed to read the others.
 _TICK = '<circle cx="12" cy="12" r="11"/><path d="M6 12.5l4 4 8-9"/>'

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.report.document import Document, write_document
-from bumpstop.report.formatting import number
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import AREA, EVENT, FAINT, LAW, LIMIT, Picture, axes, stack
 from bumpstop.report.section import Part
+from bumpstop.terminal import number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.identification.drive.drive_model import inverse_map
-from bumpstop.report.formatting import number, with_error
+from bumpstop.report.formatting import with_error
 from bumpstop.report.identification.validation import first_few
 from bumpstop.report.markup import Html, paragraph
 from bumpstop.report.picture import EVENT, FAINT, INK, LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
 from bumpstop.reproduction.schroeder2013.protocol_steps import joint_torque
+from bumpstop.terminal import number
 
 if TYPE_CHECKING:
     from collections.abc import Callable

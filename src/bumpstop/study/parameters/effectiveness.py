@@ -146,6 +146,17 @@ class EffectivenessStudy(Study):
             "safe_speeds": kinds["safe_speed"].select(*keys, "safe_speed_mm_s", "binding", "reason").to_dicts(),
         }
 
+    def lines(self, summary: Mapping[str, Any]) -> list[str]:  # noqa: D102
+        lines = [f"highest safe speed, mm/s (P(over a limit) at most {summary['risk']:g})"]
+        for each in summary["safe_speeds"]:
+            speed = each["safe_speed_mm_s"]
+            found = each["reason"]
+            if speed is not None:
+                binding = each["binding"].replace("_", " ")
+                found = f"{speed:g} or more" if binding == "none" else f"{speed:g}, bound by {binding}"
+            lines.append(f"  {each['table']} {each['body']} {each['direction']} {each['area_cm2']:g} cm²: {found}")
+        return lines
+
     def scenario_of(self, table: str, body: str, direction: str, speed: float, area: float) -> Scenario:
         """The scenario of one collision: the body's own stiffness and mass; slower arms get longer to go as far."""
         from bumpstop.collision import Scenario

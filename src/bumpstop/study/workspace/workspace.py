@@ -17,10 +17,10 @@ from bumpstop.study.directions import DirectionSampling, draw_directions, spread
 from bumpstop.study.joint_ranges import joint_ranges
 from bumpstop.study.study import Study
 from bumpstop.study.workspace import predictors
-from bumpstop.study.workspace.workspace_summary import summarise
+from bumpstop.study.workspace.workspace_summary import summarise, summary_lines
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     import polars as pl
 
@@ -145,6 +145,9 @@ class WorkspaceStudy(Study):
             **summarise(rows, self.edges, self.force_limits, accepted, predicted=self.predict),
             "self_collisions": {"looked_for": self.link_radius_mm > 0, "poses_discarded": discarded},
         }
+
+    def lines(self, summary: Mapping[str, Any]) -> list[str]:  # noqa: D102
+        return summary_lines(summary)
 
     # --- What is drawn ------------------------------------------------------------------------------------------
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bumpstop.study.workspace.predictors import predictors, rank_correlation
+from bumpstop.terminal import correlation
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     import polars as pl
 
@@ -101,6 +103,37 @@ def summarise(
     }
 
 
+def summary_lines(summary: Mapping[str, Any]) -> list[str]:
+    """What ``bumpstop study workspace`` prints."""
+    lines = [
+        f"{summary['laws']} distributions; {summary['singular_starts']} poses start at a singularity and have none"
+    ]
+    if not summary["laws"]:
+        return lines
+    if summary["never_touch"]:
+        of = summary["laws"]
+        lines.append(f"{summary['never_touch']} of {of} motions never touch anything: they say nothing about safety")
+    for name, limit in zip(("force", "pressure"), summary["limits"].values(), strict=False):
+        share = summary[f"p_over_{name}"]
+        lines.append(
+            f"P(over the {name} limit, {limit:g} N): {share['mean']:.4f}, standard error {share['standard_error']:.4f}"
+        )
+        touching = summary[f"p_over_{name}_of_touching"]
+        if summary["never_touch"] and touching:
+            lines.append(f"  of the motions that touch: {touching['mean']:.4f}")
+    for name, found in summary.get("predictors", {}).items():
+        missed, refused = _percent(found["unsafe_missed"]), _percent(found["safe_refused"])
+        rank = f"rank correlation {correlation(found['rank_correlation'])}"
+        lines.append(f"{name.replace('_', ' ')}: {rank}, misses {missed} of unsafe poses, rejects {refused} of safe")
+    low, high = summary["distribution"]["mode_of_collisions_N"]
+    lines.append(f"most common peak force: {low:g} to {high:g} N")
+    ends = ", ".join(f"{end.replace('_', ' ')} {count}" for end, count in summary["ends"].items() if count)
+    lines.append(f"undetected: {summary['undetected']['mean']:.4f}; motions end by: {ends}")
+    if summary["self_collisions"]["looked_for"]:
+        lines.append(f"poses discarded for self-collision: {summary['self_collisions']['poses_discarded']}")
+    return lines
+
+
 def worst_risk(rows: pl.DataFrame) -> FloatArray:
     """The larger of the probabilities of passing the force and the pressure limit (N,); NaN without limits."""
     return np.asarray(np.fmax(rows["p_over_force"].to_numpy(), rows["p_over_pressure"].to_numpy()))
@@ -116,3 +149,7 @@ def _share(p: FloatArray) -> dict[str, float] | None:
 def _mode(counts: Any, edges: FloatArray) -> list[float]:
     at = int(np.argmax(counts))
     return [float(edges[at]), float(edges[at + 1])]
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %" if math.isfinite(share) else "none"
