@@ -10,12 +10,12 @@ import numpy.typing as npt
 
 from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_whole_number
+from bumpstop.collision.arm.pressing_limit import pressing_limit
 from bumpstop.collision.curve import AT_REST, StoppingCurve, stopping_curve
 from bumpstop.collision.distribution.contact_distribution import ContactDistribution
 from bumpstop.collision.distribution.contact_duration import first_passage_times
 from bumpstop.collision.distribution.distribution import Distribution, ExactDistribution, SampledDistribution
 from bumpstop.collision.distribution.monte_carlo_blocks import Progress, block_seed, in_blocks
-from bumpstop.collision.pressing_limit import pressing_limit
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.result import CollisionResult
 from bumpstop.collision.scenario.scenario import as_scenario

@@ -11,7 +11,7 @@ import numpy as np
 
 from bumpstop import _native
 from bumpstop.arrays import FloatArray
-from bumpstop.collision.arm import check_inertia, compliance_of, drive_train_of
+from bumpstop.collision.arm.compliance import check_inertia, compliance_of, drive_train_of
 from bumpstop.collision.arm_mass import arm_mass_at, reduced_mass
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.collision.scenario.scenario_file import robot_of

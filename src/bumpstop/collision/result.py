@@ -11,6 +11,8 @@ import numpy.typing as npt
 
 from bumpstop import _native
 from bumpstop.arrays import FloatArray, finite_or_none
+from bumpstop.collision.arm.other_arm import arm_to_json, other_arm
+from bumpstop.collision.arm.pressing_limit import PressingLimit, pressing_limit
 from bumpstop.collision.curve import AT_REST, StoppingCurve
 from bumpstop.collision.distribution.contact_duration import (
     integrated_contact_duration,
@@ -23,8 +25,6 @@ from bumpstop.collision.distribution.distribution import (
 )
 from bumpstop.collision.distribution.transient_contact import ImpactBounds, impact_bounds
 from bumpstop.collision.notes import notes_of
-from bumpstop.collision.other_arm import arm_to_json, other_arm
-from bumpstop.collision.pressing_limit import PressingLimit, pressing_limit
 from bumpstop.collision.probability_text import percent
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.verdict.alarm_rate import alarm_rate
