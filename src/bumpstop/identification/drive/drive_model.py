@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
-from bumpstop.joint.parameters import OF_FRICTION, OF_MAP, JointParameters
+from bumpstop.joint.friction_law import OF_FRICTION
+from bumpstop.joint.parameters import OF_MAP, JointParameters
 
 # Slope of the map below this share of B: it has no inverse worth the name, and another value is tried.
 _MIN_SLOPE = 0.02

@@ -18,8 +18,9 @@ from bumpstop.identification.fit import Quantity
 from bumpstop.identification.recording_consistency import inconsistent_joints
 from bumpstop.identification.segments.drive_samples import DriveSamples, drive_samples
 from bumpstop.identification.segments.motion import GRAVITY
+from bumpstop.joint.friction_law import OF_FRICTION
 from bumpstop.joint.model import JointTorqueModel
-from bumpstop.joint.parameters import BOUNDS, OF_FRICTION, OF_MAP
+from bumpstop.joint.parameters import BOUNDS, OF_MAP
 from bumpstop.terminal import share, table, text_of
 
 if TYPE_CHECKING:
