@@ -349,7 +349,7 @@ class CollisionProblem:
 
     @cached_property
     def arm_mass(self) -> float | None:
-        """Effective mass of the arm along the normal at the start of a line [kg]; None: not known or not believed."""
+        """Effective mass of the arm along the normal at the start of a line [kg]; None: not known or implausible."""
         normal = self.scenario.contact.normal
         along = np.array(normal) if normal is not None else self.start.point_velocity
         return arm_mass_at(self.robot, self.scenario.contact, self.q, along)
@@ -365,7 +365,7 @@ class CollisionProblem:
         if self.scenario.contact.arm == "position_driven":
             return self.body_mass
         if self.robot.inertia_objection:
-            problem = f"'two_mass' needs an inertia that can be believed. {self.robot.inertia_objection.rstrip('.')}"
+            problem = f"'two_mass' needs a plausible inertia. {self.robot.inertia_objection.rstrip('.')}"
             raise InputError("contact.arm", problem, "valid: 'position_driven', or a robot with its real inertia")
         arm = self.arm_mass
         if arm is None:

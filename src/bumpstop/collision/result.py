@@ -106,7 +106,7 @@ class CollisionResult:
 
     @cached_property
     def contact_duration(self) -> Distribution | None:
-        """From contact until arm and body have parted [s], given that; None where the arm stops in clamped contact."""
+        """From contact until arm and body separate [s], given that; None where the arm stops in clamped contact."""
         if self.problem.gives_way:
             return self.transient_contact_duration
         if self.scenario.reaction.kind == "stop":
@@ -179,7 +179,7 @@ class CollisionResult:
 
     @cached_property
     def pressing_limit(self) -> PressingLimit | None:
-        """What an elastic arm that nothing stops presses with at most; None where its motion ends, or nobody knows."""
+        """Greatest force of an undetected elastic arm; None where its motion ends, or torque limits are unknown."""
         if self.problem.trajectory is not None or self.curve.end in AT_REST:
             return None
         return pressing_limit(self.problem, self.curve)

@@ -52,7 +52,7 @@ class Detector(LoopDetector):
         """(n,) external torque that passes the threshold for sure, without noise [Nm or N]; infinite: not monitored.
 
         Moving: the constant threshold. Resting: the threshold at rest and the dead zone that may hide as much of the
-        torque; a clamped arm that stands still feels nothing below. What speed, acceleration and ``model_errors`` add
+        torque; below it no contact with a resting arm shows. What speed, acceleration and ``model_errors`` add
         to the threshold differs from tick to tick and is not counted.
         """
         assert self.thresholds.rest is not None
@@ -73,7 +73,7 @@ class Detector(LoopDetector):
         """Force along a direction at a point that passes some threshold for sure, without noise [N].
 
         min_j torque_j / |(J_v' n)_j| with the torques of :meth:`smallest_torque`; infinite where no monitored joint
-        feels that direction.
+        is loaded by that direction.
 
         Args:
             q: (n,) pose [rad or m].
@@ -221,7 +221,8 @@ class Detector(LoopDetector):
         """What a residual (n,) at a pose (n,) says of a contact, as an event says it.
 
         A joint that stands still, as ``qd`` (n,) says, and whose friction hides more than its noise, says nothing where
-        its residual is zero; where it is not, it is believed to within what friction hides. Without ``qd`` all move.
+        its residual is zero; where it is not, it counts with what friction hides as its uncertainty. Without ``qd`` all
+        move.
         """
         n = self.robot.dof
         hidden = np.zeros(n) if qd is None else self.hidden(qd)

@@ -59,7 +59,7 @@ class Event:
         q: (n,) in the first tick [rad or m].
         hidden: (n,) torque that friction may have hidden, as the joint stood still [Nm or N]; zero: it moved.
         force_along: along the direction asked for, by least squares [N].
-        force_along_sd: its standard deviation; infinite: no joint that tells anything feels that direction [N].
+        force_along_sd: its standard deviation; infinite: the direction loads no joint that counts [N].
         force: (3,) shortest force at the point asked for that fits best, base frame [N].
         leftover: what that force leaves over, in standard deviations of the noise, of the worst joint.
         link: name of the likeliest link; None: no joint is monitored.

@@ -41,7 +41,7 @@ _AT_ONCE = 500
 
 @dataclass(frozen=True, eq=False)
 class PeakForcePrediction:
-    """Predicted peak forces of N poses; NaN where the start is singular, infinite where no joint feels the contact.
+    """Predicted peak forces of N poses; NaN where the start is singular, infinite where contact loads no joint.
 
     Attributes:
         expected: mean peak force (N,) [N].

@@ -99,7 +99,7 @@ def command(
                 "arming delay, s": f"{arming_delay:g}",
                 "early, s": f"{early:g}",
                 "late, s": f"{late:g}",
-                "quiet time between events, s": f"{rearm:g}",
+                "time below the thresholds between events, s": f"{rearm:g}",
                 **residual_source.reading,
             },
             detector=detector_settings(residual_source, thresholds) if recorded else {},

@@ -1,4 +1,4 @@
-"""How hard an arm presses that nothing stops: as hard as its drives can."""
+"""Greatest force of an undetected arm: what its drives can press with."""
 
 from __future__ import annotations
 
@@ -64,7 +64,5 @@ def pressing_limit(problem: CollisionProblem, curve: StoppingCurve) -> PressingL
     inertia = mass_matrix(robot, q) + np.diag(problem.drive_train.rotor_inertia)
     doubled_energy = np.einsum("ki,kij,kj->k", qd, inertia, qd)
     peak = static + np.sqrt(static**2 + doubled_energy * problem.stiffness)
-    hardest = int(peak.argmax())
-    return PressingLimit(
-        static_force=float(static.max()), peak_force=float(peak[hardest]), joint=int(joint[hardest]) + 1
-    )
+    worst = int(peak.argmax())
+    return PressingLimit(static_force=float(static.max()), peak_force=float(peak[worst]), joint=int(joint[worst]) + 1)

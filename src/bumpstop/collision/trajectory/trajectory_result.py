@@ -41,8 +41,8 @@ _CONTACTS_AT_ONCE = 500
 class TrajectoryCollisionResult(CollisionResult):
     """The distribution of one collision over the time of contact and sensor noise.
 
-    ``curve`` is the stopping curve of the contact that is hardest on average, or of the hardest run; ``kernel`` is the
-    compiled trajectory. Runs have ``contact_duration`` [s].
+    ``curve`` is the stopping curve of the onset with the greatest mean force, or of the run with the greatest force;
+    ``kernel`` is the compiled trajectory. Runs have ``contact_duration`` [s].
 
     Attributes:
         times: when contact may begin.
@@ -65,7 +65,7 @@ class TrajectoryCollisionResult(CollisionResult):
 
     @cached_property
     def contact_duration(self) -> Distribution | None:
-        """From contact until arm and body have parted [s], given that; None where the arm stops in clamped contact."""
+        """From contact until arm and body separate [s], given that; None where the arm stops in clamped contact."""
         return self.contact_durations
 
     @cached_property

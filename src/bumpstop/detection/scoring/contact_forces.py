@@ -20,7 +20,7 @@ _BEFORE_S, _AHEAD_S = 0.5, 0.05
 
 @dataclass(frozen=True, eq=False)
 class ContactForces:
-    """Of each label, the size of the force less what the sensor showed before [N]; NaN: not measured.
+    """Of each label, the size of the force minus what the sensor showed before [N]; NaN: not measured.
 
     Attributes:
         at_detection: (labels,) at the first event; NaN for a missed one, too.

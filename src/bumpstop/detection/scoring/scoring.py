@@ -157,7 +157,7 @@ def roc(
         thresholds: (dof,) [Nm or N]; infinite: not monitored.
         labels: contacts.
         factors: (M,) positive.
-        rearm_s: quiet time after which there may be another event [s].
+        rearm_s: time without a row over a threshold after which there may be another event [s].
         tolerance: as of :func:`score`.
         monitored: first and last time of the recording, where not all its rows are residuals; default: theirs [s].
         no_data: times from and to when there are no residuals; default: the gaps between them [s].
@@ -204,19 +204,19 @@ def scaled_residual(series: ResidualSeries, thresholds: npt.ArrayLike) -> FloatA
 def event_times(series: ResidualSeries, scaled: FloatArray, factor: float, rearm_s: float) -> FloatArray:
     """Times of events: the first row over ``factor`` after ``rearm_s`` without one, as a detector's run has them.
 
-    An event that has not ended at a gap goes on behind it, and quiet counts anew there.
+    An event that has not ended at a gap goes on behind it, and the time below the thresholds counts anew there.
 
     Args:
         series: residuals.
         scaled: (N,) of :func:`scaled_residual`.
         factor: on all thresholds.
-        rearm_s: quiet time after which there may be another event [s].
+        rearm_s: time without a row over a threshold after which there may be another event [s].
 
     Returns:
         (events,) [s].
 
     Raises:
-        InputError: a quiet time below zero, or none that is finite.
+        InputError: a rearm_s below zero, or one that is not finite.
     """
     if as_number(rearm_s, "rearm_s") < 0:
         raise InputError("rearm_s", f"is {rearm_s}", "wanted zero or more")

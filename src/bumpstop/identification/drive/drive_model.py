@@ -52,7 +52,7 @@ def stiction_share(qd: FloatArray, rest_speed: float, moving_rows: npt.NDArray[n
     Args:
         qd: (N,) rates in time [rad/s].
         rest_speed: [rad/s].
-        moving_rows: (N,) rows whose motion is remembered; default: all.
+        moving_rows: (N,) rows whose motion sets the hysteresis; default: all.
     """
     speed = np.abs(qd)
     at_rest = np.clip(2 - speed / rest_speed, 0.0, 1.0)

@@ -232,7 +232,7 @@ def identify_payload(
     samples = PayloadSamples.of(recording, source)
     wanted, seen_by, others = samples.smooth_torque - samples.smooth_arm, samples.payload, samples.others
     count = 10 if inertia else 4
-    # What no joint feels is rounding, and would become huge.
+    # A figure that loads no joint is rounding, and would become huge.
     size = np.linalg.norm(seen_by[:, :, :count].reshape(-1, count), axis=0)
     seen_by[:, :, :count][:, :, size < _ROUNDING * size.max()] = 0.0
     point = np.zeros(6)

@@ -216,7 +216,7 @@ class InertiaPart(_JointsPart):
     title = "Torque over acceleration"
     anchor = "inertia"
     text = (
-        "Torque that the map gives beyond Newton and Euler's on the ramps, less what goes with the sign of the motion "
+        "Torque that the map gives beyond Newton and Euler's on the ramps, minus what goes with the sign of the motion "
         "and with load; its slope over acceleration is the reflected inertia (eq 2.33, as figure 2.11 with the sign "
         "turned)."
     )

@@ -46,7 +46,7 @@ class TrajectorySpeedLimits(SpeedMap):
     tip, than a straight line asks for, the formula with the trajectory's own rates limits the speed too.
 
     A limit holds for as far as a collision that begins at its row can take: an arm that speeds up right behind a place
-    where it feels little hits as hard as one that is too fast there.
+    where contact loads its joints little hits as hard as one that is too fast there.
     """
 
     def __post_init__(self) -> None:

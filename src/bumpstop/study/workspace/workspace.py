@@ -99,10 +99,10 @@ class WorkspaceStudy(Study):
             problem = "'two_phase' has two limits at once"
             raise InputError("verdict.clamped_limit", problem, "wanted 'quasi_static' for a workspace")
         self._laws(self._problem.q[None], np.array([[*self._own * self._speed / 1e3]]))
-        thickest = 1e3 * max_link_radius(self._problem.robot, self._problem.q)
-        if self.link_radius_mm > thickest:
+        max_radius = 1e3 * max_link_radius(self._problem.robot, self._problem.q)
+        if self.link_radius_mm > max_radius:
             problem = f"at {self.link_radius_mm:g} mm all links are neighbours, and none could touch"
-            raise InputError("--link-radius", problem, f"wanted at most {thickest:.3g} mm")
+            raise InputError("--link-radius", problem, f"wanted at most {max_radius:.3g} mm")
 
     @property
     def drawn(self) -> int:
