@@ -99,8 +99,8 @@ void bind_contact(nb::module_& module) {
              "The smallest x with P(value > x) <= allowed.");
     module.def(
         "contact_mixture",
-        [](const CollisionDistribution& law, ContactQuantity quantity, std::optional<double> never) {
-            return unlocked([&] { return contact_mixture<L>(law, quantity, never); });
+        [](const CollisionDistribution& distribution, ContactQuantity quantity, std::optional<double> never) {
+            return unlocked([&] { return contact_mixture<L>(distribution, quantity, never); });
         },
         nb::arg("distribution"), nb::arg("quantity"), nb::arg("never").none() = nb::none(),
         "A quantity of collisions in which something gives way.");

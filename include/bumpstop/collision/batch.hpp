@@ -122,8 +122,8 @@ std::vector<double> max_alarm_probability(const GaussianThresholds& detector, co
     return probability;
 }
 
-/// Poses whose reactions are simulated together: few for their laws to stay in a near cache, many for lanes to have a next
-/// one while others still follow their last.
+/// Poses whose reactions are simulated together: few for their distributions to stay in a near cache, many for lanes to
+/// have a next one while others still follow their last.
 inline constexpr int max_group_size = 16;
 /// Registers full of poses that are traced together at most: their paths stay near.
 inline constexpr int max_round_size = 8;
@@ -182,7 +182,7 @@ void trace_poses(const BatchProblem& problem, BatchWorker<L>& worker, const int*
     LineTracer<L, Tracing::fast, SurvivalCriterion<L>>(problem.setup)
         .trace(requests.data(), criteria.data(), worker.path.data(), count);
     // Near a singularity what an Adams step leaves out decides where the arm goes, and whether it meets the
-    // singularity: there a batch traces as a single law does.
+    // singularity: there a batch traces as a single distribution does.
     std::vector<int> again;
     for (int i = 0; i < count; ++i)
         if (worker.path[std::size_t(i)].met_singularity && !worker.path[std::size_t(i)].singular_start)

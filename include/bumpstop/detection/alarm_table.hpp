@@ -1,5 +1,5 @@
 /// @file
-/// The probability that a joint alarms, from a table: for many laws at a time, which need no far tails.
+/// The probability that a joint alarms, from a table: for many distributions at a time, which need no far tails.
 #pragma once
 
 #include <vector>

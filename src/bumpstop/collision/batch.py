@@ -19,7 +19,7 @@ _ENDS = {0: "motion_end", 1: "joint_limit", 2: "singularity", 3: "all_detected",
 
 @dataclass(frozen=True, eq=False)
 class BatchResult:
-    """What is kept of the law of every pose; NaN where the start is singular.
+    """What is kept of the distribution of every pose; NaN where the start is singular.
 
     Attributes:
         mean, sd: of the peak force (N,) [N]; the mean is infinite where it has no bound.

@@ -1,4 +1,4 @@
-"""The fast channel of residuals: what the detector's band-pass makes of them."""
+"""The band-pass channel of residuals: what the detector's band-pass makes of them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _ANY = 1e300  # a threshold that nothing reaches: the channel is computed where 
 
 
 def band_pass_channel(series: ResidualSeries, settings: DetectorSettings | None = None) -> FloatArray:
-    """(N, dof) of the fast channel, begun anew behind gaps [Nm or N].
+    """(N, dof) of the band-pass channel, begun anew behind gaps [Nm or N].
 
     Args:
         series: residuals.

@@ -36,7 +36,7 @@ class Detector(LoopDetector):
     sample late. White noise of standard deviation s in the torque leaves s sqrt((1 - a) / 2), in the momentum
     s (1 - a) / dt sqrt(2 / (1 + a)).
 
-    The *fast channel* is the residual through a band-pass from low_hz to high_hz, with thresholds of its own. With
+    The *band-pass channel* is the residual through a band-pass from low_hz to high_hz, with thresholds of its own. With
     a = exp(-2 pi high_hz dt) and b = exp(-2 pi low_hz dt) its delay is dt a / (1 - a), and white noise of standard
     deviation s leaves s b (1 - a) sqrt(2 / ((1 + a) (1 + b) (1 - a b))).
 

@@ -50,12 +50,12 @@ class Event:
         t: of the first tick [s].
         end: of the last tick over a threshold [s].
         joints: numbers (from 0) of the joints over their threshold in the first tick.
-        fast_joints: of those over that of the fast channel.
+        fast_joints: of those over that of the band-pass channel.
         residual: (n,) in the first tick [Nm or N].
         threshold: (n,) in the first tick [Nm or N].
         largest_residual: (n,) by joint, the one of the largest magnitude in any tick over a threshold [Nm or N].
         largest_t: when the largest one in units of its threshold was [s].
-        largest_joint: whose that was (from 0); None: the fast channel alone watches.
+        largest_joint: whose that was (from 0); None: the band-pass channel alone watches.
         q: (n,) in the first tick [rad or m].
         hidden: (n,) torque that friction may have hidden, as the joint stood still [Nm or N]; zero: it moved.
         force_along: along the direction asked for, by least squares [N].
@@ -143,7 +143,7 @@ class DetectionRun:
     Attributes:
         t: (N,) [s].
         residual: (N, n), estimated minus predicted motor torque [Nm or N]; NaN in rows without data.
-        fast: (N, n) of the fast channel, likewise.
+        fast: (N, n) of the band-pass channel, likewise.
         threshold: (N, n) of the residual; in rows without data that of the row before.
         state: (N,) places in ``STATES``.
         fault: (N,) places in ``FAULTS``; 0 in rows with data.

@@ -15,7 +15,7 @@ inline constexpr int max_reaction_adams_step = 128, max_line_adams_step = 256;  
 /// 1e-12: with 1e-10 they differ by 2e-12 where the arm is fast.
 inline constexpr double exact_tolerance = 1e-11;
 /// The same in batches, and where a reaction matters little, for nothing is gained by more. `make validate` (batches)
-/// tells how right laws are with them.
+/// tells how accurate distributions are with them.
 inline constexpr double batch_tolerance = 1e-4;
 inline constexpr double max_batch_tolerance = 1e-3;
 

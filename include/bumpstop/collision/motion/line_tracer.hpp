@@ -41,7 +41,7 @@ struct NoCriterion {
 
 /// How exactly lines are traced.
 enum class Tracing {
-    exact,  ///< as the controller's own sub-steps to 1e-11, for single laws: every step is kept
+    exact,  ///< as the controller's own sub-steps to 1e-11, for single distributions: every step is kept
     fast,   ///< for batches: distances between the ticks are interpolated
 };
 

@@ -11,8 +11,9 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// Interpolated ticks may be wrong by this much at the ticks that are checked [m]. 1e-9 m is the
 /// accuracy that a force distribution asks for.
 inline constexpr double min_overtravel_tolerance = 5e-10;
-/// Where a law says how probable a detection at a tick is at most, this divided by that is enough, if it is more, and
-/// never more than `max_overtravel_tolerance` [m]. `make validate` (batches) tells how right laws are with it.
+/// Where a distribution says how probable a detection at a tick is at most, this divided by that is enough, if it is
+/// more, and never more than `max_overtravel_tolerance` [m]. `make validate` (batches) tells how accurate distributions
+/// are with it.
 inline constexpr double negligible_overtravel = 1e-10;
 inline constexpr double max_overtravel_tolerance = 1e-3;
 /// A tick less probable than this need not be simulated because a switching point is near: the grid finds what matters

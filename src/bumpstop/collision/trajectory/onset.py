@@ -34,7 +34,7 @@ class OnsetQuadrature:
 
     Attributes:
         begin: (nodes,) [s].
-        weight: (nodes,) of the law of each; they sum to one.
+        weight: (nodes,) of the distribution of each; they sum to one.
         normal: (nodes, 3) unit vectors, base frame.
         low, high: (nodes,) the times each node stands for [s]; equal where the time is given.
         order: nodes in a panel; panels follow one another.

@@ -1,4 +1,4 @@
-"""The law of a collision that begins at any time of a joint trajectory: a mixture over the time of contact."""
+"""The distribution of a collision that begins at any time of a joint trajectory: a mixture over the time of contact."""
 
 from __future__ import annotations
 

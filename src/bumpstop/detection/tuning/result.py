@@ -32,7 +32,7 @@ class Tuning:
     Attributes:
         shares: (dof,) constant thresholds at factor 1 [Nm or N]; infinite: that joint is not monitored.
         growth: (2, dof) what a joint's speed and acceleration add to them at factor 1 [Nm s/rad, Nm s2/rad].
-        fast_shares: (dof,) thresholds of the fast channel at factor 1 [Nm or N]; infinite: not tuned.
+        fast_shares: (dof,) thresholds of the band-pass channel at factor 1 [Nm or N]; infinite: not tuned.
         tail: of the largest residual of any joint in units of its threshold at factor 1.
         spread: of a new run's residuals against these runs'.
         target: wanted false alarms an hour.
@@ -76,7 +76,7 @@ class Tuning:
         """Constant thresholds (dof,) for a rate, default the target [Nm or N]; all keep their proportion."""
         return self.shares * self.tail.level_of(self._checked(per_hour))
 
-    def law(self, per_hour: float | None = None) -> Thresholds:
+    def all_thresholds(self, per_hour: float | None = None) -> Thresholds:
         """All thresholds for a rate, default the target, with what they were found at."""
         rate = self._checked(per_hour)
         factor = self.tail.level_of(rate)
@@ -118,7 +118,7 @@ class Tuning:
 
     def columns(self, per_hour: float | None = None) -> dict[str, FloatArray]:
         """What was tuned beside constant thresholds, in words: each (dof,) [Nm or N; Nm s/rad; Nm s2/rad]."""
-        law = self.law(per_hour)
+        law = self.all_thresholds(per_hour)
         found = {"fast": law.fast, "per speed": law.speed, "per acceleration": law.acceleration}
         return {
             name: values

@@ -57,8 +57,8 @@ def tune(
             in ten times their length, but no fewer than one an hour.
         joints: numbers from 0 of those to watch; default: all whose residual ever changes.
         confidence: of the intervals, between 0.5 and 0.999.
-        terms: what to tune beside constant thresholds: ``"fast"``, those of the fast channel, with as many alarms as
-            the others; ``"speed"`` and ``"acceleration"``, what the motion of a joint adds.
+        terms: what to tune beside constant thresholds: ``"fast"``, those of the band-pass channel, with as many
+            alarms as the others; ``"speed"`` and ``"acceleration"``, what the motion of a joint adds.
 
     Raises:
         InputError: recordings that do not go together, a joint in ``joints`` without noise, too few independent peaks,
