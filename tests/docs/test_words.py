@@ -91,8 +91,8 @@ def test_messages_help_and_pages_use_the_field_s_words(room: str) -> None:
 
 @pytest.mark.parametrize(
     "page",
-    [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))],
-    ids=lambda path: path.name,
+    [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))],
+    ids=lambda path: str(path.relative_to(ROOT)),
 )
 def test_documents_use_the_field_s_words(page: Path) -> None:
     lines = page.read_text(encoding="utf-8").splitlines()
