@@ -78,39 +78,73 @@ class ContactDynamics {
             advance(at, from - offset + speed * (by_->piece * piece), speed, moves & (at.parted < T(0.5)));
     }
 
-    /// Goes on by a block of steps, whose begins and end are `place`, where the active lanes stay in contact and meet no new
-    /// peak; else nothing happens, and the answer is no.
-    bool leap(State& at, const T* place, T offset, T active) const {
-        constexpr int steps = ContactBlock::steps;
-        const auto moves = active > T(0.5);
-        if (!by_->leaps || any(moves & !at.together())) return false;
+    /// Goes on by a block of steps, whose begins and end are `place`, where no active lane meets or parts in it before its
+    /// step `until`; the answer is 0 then. Else nothing happens, and the answer is the number of steps up to the first in
+    /// which one does.
+    int leap(State& at, const T* place, T offset, T active, T until) const {
+        constexpr int points = ContactBlock::points;
+        const int steps = by_->block_steps;
+        const auto moves = (active > T(0.5)) & (at.parted < T(0.5));
         std::array<T, ContactBlock::max_columns> in;
-        std::array<T, ContactBlock::max_rows> out;
         std::copy_n(at.z.begin(), states_, in.begin());
         in[std::size_t(states_)] = place[0] - offset;
-        for (int i = 0; i < steps; ++i) in[std::size_t(states_ + 1 + i)] = (place[i + 1] - place[i]) * (1 / by_->step);
-        std::fill_n(out.begin(), states_ + 2 * steps, T(0.0));
-        by_->block(in.data(), out.data());
-        const T *force = &out[std::size_t(states_)], *rate = force + steps;
-        // A step's own peak is little above its ends.
-        constexpr double margin = 1 + ContactPropagator::max_turn * ContactPropagator::max_turn / 4;
-        const T rate0 = dot(by_->force[1], at, in[std::size_t(states_)], in[std::size_t(states_) + 1]);
-        T peak = at.peak, before = at.force;
-        auto broken = T(0.0) > T(1.0);
-        for (int i = 0; i < steps; ++i) {
-            const auto turns = ((i == 0 ? rate0 : rate[i - 1]) > T(0.0)) & (rate[i] < T(0.0));
-            broken = broken | (force[i] < T(0.0)) | (turns & (max(before, force[i]) * margin > peak));
-            peak = max(peak, force[i]);
-            before = force[i];
+        T* speed = &in[std::size_t(states_) + 1];
+        for (int i = 0; i < steps; ++i) speed[i + 1] = (place[i + 1] - place[i]) * (1 / by_->step);
+        speed[0] = select(at.begun > T(0.5), at.speed, speed[1]);
+        State next = at;
+        T broken = points;
+        std::array<T, ContactBlock::max_rows> out;
+        const auto go = [&](const ContactBlock& block, MaskOf<T> lanes) {
+            std::fill_n(out.begin(), block.rows(), T(0.0));
+            block(in.data(), out.data());
+            for (int i = 0; i < states_; ++i)
+                next.z[std::size_t(i)] = select(lanes, out[std::size_t(i)], next.z[std::size_t(i)]);
+            return &out[std::size_t(states_)];
+        };
+        const auto in_contact = moves & at.together(), loose = moves & !at.together();
+        if (any(in_contact)) {
+            const T* force = go(by_->block_together, in_contact);
+            for (int i = points; i-- > 0;) broken = select(in_contact & (force[i] < T(-by_->grazing)), T(i), broken);
+            const double piece = by_->piece, square = piece * piece;
+            const T* rate = force + points;
+            const T* bend = rate + points;
+            T value = dot(by_->force[0], at, in[std::size_t(states_)], speed[0]);
+            T slope = dot(by_->force[1], at, in[std::size_t(states_)], speed[0]);
+            T curvature = dot(by_->force[2], at, in[std::size_t(states_)], speed[0]);
+            for (int i = 0; i < points; ++i) {
+                if (i % by_->pieces == 0) {
+                    const T change = speed[i / by_->pieces + 1] - speed[i / by_->pieces];
+                    value += by_->by_speed[0] * change;
+                    slope += by_->by_speed[1] * change;
+                    curvature += by_->by_speed[2] * change;
+                }
+                next.peak = select(in_contact, max(next.peak, force[i]), next.peak);
+                const auto turns = in_contact & (slope > T(0.0)) & (rate[i] < T(0.0));
+                if (any(turns)) {
+                    const HermiteCourse<T> course(value, slope * piece, curvature * square, force[i], rate[i] * piece,
+                                                  bend[i] * square);
+                    next.peak = select(turns, max(next.peak, course.summit()), next.peak);
+                }
+                value = force[i];
+                slope = rate[i];
+                curvature = bend[i];
+            }
+            next.force = select(in_contact, value, next.force);
+            next.since = select(in_contact, at.since + steps * by_->step, next.since);
         }
-        if (any(moves & broken)) return false;
-        for (int i = 0; i < states_; ++i)
-            at.z[std::size_t(i)] = select(moves, out[std::size_t(i)], at.z[std::size_t(i)]);
-        at.force = select(moves, force[steps - 1], at.force);
-        at.peak = select(moves, peak, at.peak);
-        at.since = select(moves, at.since + steps * by_->step, at.since);
-        at.speed = select(moves, in[std::size_t(states_ + steps)], at.speed);
-        return true;
+        if (any(loose)) {
+            const T* gap = go(by_->block_apart, loose);
+            for (int i = points; i-- > 0;)
+                broken = select(loose & (gap[i] > T(0.0)) & (T(i / by_->pieces) < until), T(i), broken);
+            next.force = select(loose, T(0.0), next.force);
+        }
+        int first = points;
+        for (int lane = 0; lane < Scalar<T>::lanes; ++lane) first = std::min(first, int(lane_of(broken, lane)));
+        if (first < points) return first / by_->pieces + 1;
+        next.speed = select(moves, speed[steps], at.speed);
+        next.begun = select(moves, T(1.0), at.begun);
+        take(at, next, moves);
+        return 0;
     }
 
     /// What a detector sees of a joint of an elastic arm [Nm].

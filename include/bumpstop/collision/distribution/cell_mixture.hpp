@@ -112,6 +112,8 @@ CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity qu
     const PiecewiseDensity& density = law.density;
     const std::size_t order = std::size_t(density.order);
     const bool positive = quantity == ContactQuantity::duration;
+    // What is detected at a tick less probably than this is spread evenly over all it may come to.
+    constexpr double one_cell = 1e-14;
     // Cells of a panel. In a far tail probability falls steeply across a cell over which it is spread evenly, and with few
     // panels there is time for more.
     const std::size_t panels = density.panel.size();
@@ -180,8 +182,16 @@ CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity qu
     const bool of_all = quantity != ContactQuantity::force_at_detection;
     for (std::size_t p = 0; p < panels; ++p) {
         const PiecewiseDensity::Panel& panel = density.panel[p];
-        for (int slot = 0; slot < panel.slots && !by_slot.empty(); ++slot)
-            add(density.series_of(panel, slot), &by_slot[(panel.first_slot + std::size_t(slot)) * order]);
+        for (int slot = 0; slot < panel.slots && !by_slot.empty(); ++slot) {
+            const std::size_t at = panel.first_slot + std::size_t(slot);
+            const double* value = &by_slot[at * order];
+            if (density.mass[at] > one_cell) {
+                add(density.series_of(panel, slot), value);
+            } else {
+                const auto [low, high] = std::minmax_element(value, value + order);
+                if (!positive || *high > 0) out.add_cell(std::max(*low, 0.0), std::max(*high, 0.0), density.mass[at]);
+            }
+        }
         if (of_all && !never && !density.end_series.empty() && (p + 1) * order <= missed.size())
             add(density.end_series_of(p), &missed[p * order]);
     }
