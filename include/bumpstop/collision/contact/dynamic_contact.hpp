@@ -37,6 +37,7 @@ class DynamicContact {
     void begin(const OffsetPanel& panel, const T* offset) {
         int tick[lanes];
         std::fill(tick, tick + lanes, panel.tick);
+        one_offset_ = panel.low == panel.high;
         collision_.clear();
         for (int r = 0; r < registers; ++r) collision_.emplace_back(reactions_, tick, offset[r]);
     }
@@ -60,15 +61,27 @@ class DynamicContact {
         for (int r = 0; r < registers; ++r) {
             ContactCollision<T>& collision = collision_[std::size_t(r)];
             const std::size_t node = first + std::size_t(r * lanes);
+            std::vector<int> asked;
             for (int i = 0; i < panel.slots; ++i) {
                 const std::size_t at = (panel.first_slot + std::size_t(i)) * order + node;
-                if (!any(load<T>(&out.detected[at]) > T(0.0))) continue;
-                int since[lanes];
-                std::fill(since, since + lanes, i);
-                const auto outcome = collision.detected(since);
-                store(outcome.peak, &out.peak_force[at]);
-                store(outcome.duration, &out.duration[at]);
+                if (any(load<T>(&out.detected[at]) > T(0.0))) asked.push_back(i);
+            }
+            const auto keep = [&](int i, T peak, T duration) {
+                const std::size_t at = (panel.first_slot + std::size_t(i)) * order + node;
+                store(peak, &out.peak_force[at]);
+                store(duration, &out.duration[at]);
                 store(collision.force(i), &out.force_at_detection[at]);
+            };
+            // Where all lanes hold one offset, each takes a slot of its own.
+            const std::size_t group = one_offset_ ? std::size_t(lanes) : 1;
+            for (std::size_t n = 0; n < asked.size(); n += group) {
+                int since[lanes];
+                for (std::size_t lane = 0; lane < std::size_t(lanes); ++lane)
+                    since[lane] = asked[std::min(n + (one_offset_ ? lane : 0), asked.size() - 1)];
+                const auto outcome = collision.detected(since);
+                if (!one_offset_) keep(asked[n], outcome.peak, outcome.duration);
+                for (std::size_t m = n; one_offset_ && m < std::min(n + group, asked.size()); ++m)
+                    keep(asked[m], lane_of(outcome.peak, int(m - n)), lane_of(outcome.duration, int(m - n)));
             }
             const std::size_t at = panel.row * order + node;
             if (!any(load<T>(&out.survived[at]) > T(0.0))) continue;
@@ -117,6 +130,7 @@ class DynamicContact {
 
     const ContactReactions<T>& reactions_;
     std::vector<ContactCollision<T>> collision_;  ///< by register
+    bool one_offset_ = false;                     ///< the panel is a point
 };
 
 namespace detail {
@@ -167,7 +181,9 @@ void add_piece(const ContactReactions<T>& reactions, const OffsetDistribution& o
         out.total += chance * share;
     }
     std::array<double, place.size()> force, duration;
-    for (std::size_t first = 0; first < place.size(); first += lanes) {
+    // A body that stands at one place is struck once.
+    const std::size_t places = fixed ? 1 : place.size();
+    for (std::size_t first = 0; first < places; first += lanes) {
         T at;
         int tick[lanes], first_step[lanes];
         for (int lane = 0; lane < lanes; ++lane) {
@@ -176,11 +192,13 @@ void add_piece(const ContactReactions<T>& reactions, const OffsetDistribution& o
             first_step[lane] = 0;
         }
         const auto outcome = reactions(reactions.dynamics().begin(), tick, first_step, at);
-        for (std::size_t i = first; i < std::min(first + lanes, place.size()); ++i) {
+        for (std::size_t i = first; i < std::min(first + lanes, places); ++i) {
             force[i] = lane_of(outcome.peak, int(i - first));
             duration[i] = lane_of(outcome.duration, int(i - first));
         }
     }
+    if (fixed) std::fill(force.begin() + 1, force.end(), force[0]);
+    if (fixed) std::fill(duration.begin() + 1, duration.end(), duration[0]);
     out.edge_force.insert(out.edge_force.end(), force.begin(), force.begin() + cells + 1);
     out.edge_duration.insert(out.edge_duration.end(), duration.begin(), duration.begin() + cells + 1);
     out.node_force.insert(out.node_force.end(), force.begin() + cells + 1, force.end());
