@@ -102,7 +102,6 @@ def check_predictable(problem: CollisionProblem, quantile: float) -> None:
     Raises:
         InputError: names the key.
     """
-    scenario = problem.scenario
     if not 0.5 <= quantile <= 1 - 1e-9:
         raise InputError("quantile", f"{quantile:g} cannot be used", "wanted 0.5 to 0.999999999")
     if problem.trajectory is not None:

@@ -22,7 +22,7 @@ class ContactReactions {
     const ContactDynamics<T>& dynamics() const { return dynamics_; }
 
     struct Outcome {
-        T peak, duration;  ///< [N], [s]
+        T peak, lasting, duration;  ///< greatest force, in all and after the transient phase [N]; in contact [s]
     };
 
     /// Detection at tick[lane]; `state` is that of the collision first[lane] steps later, from 0 up to the latency.
@@ -37,7 +37,7 @@ class ContactReactions {
             if (arrives || lane_of(state.touched, lane) > 0.5) longest = std::max(longest, path[lane].length());
         }
         if (longest > 0) follow(state, path, longest, offset);
-        return {state.peak, state.since};
+        return {state.peak, state.lasting, state.since};
     }
     /// Nothing reacts from step[lane] on: the motion goes on to its end, where the arm stands.
     Outcome undisturbed(State state, const int* step, T offset) const {
@@ -48,7 +48,7 @@ class ContactReactions {
             longest = std::max(longest, path[lane].length());
         }
         follow(state, path, longest, offset);
-        return {state.peak, state.since};
+        return {state.peak, state.lasting, state.since};
     }
 
   private:

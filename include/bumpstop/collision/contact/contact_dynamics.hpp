@@ -7,6 +7,9 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
+/// How long a collision is transient after the first touch: ISO/TS 15066, 5.5.5.3 [s].
+inline constexpr double transient_phase = 0.5;
+
 /// One collision in each lane.
 template <class T>
 struct ContactState {
@@ -16,6 +19,8 @@ struct ContactState {
     T parted = 0.0;   ///< 1 once a body that nothing holds has got away
     T force = 0.0;    ///< of the contact [N]
     T peak = 0.0;     ///< greatest force so far [N]
+    T lasting = 0.0;  ///< greatest force after the transient phase [N]
+    T elapsed = 0.0;  ///< since the first touch [s]
     T since = 0.0;    ///< time in contact [s]
     T begun = 0.0;    ///< 1 after the first step, before which the reference went on as in it
     T speed = 0.0;    ///< of the reference in the step before [m/s]
@@ -37,8 +42,23 @@ struct ContactState {
         for (int i = 0; i < states; ++i) set_lane(z[std::size_t(i)], lane, lane_of(other.z[std::size_t(i)], lane));
     }
 
+    /// Takes some lanes of the same collisions.
+    void take_lanes(const ContactState& other, MaskOf<T> lanes) {
+        if (all(lanes)) {
+            *this = other;
+            return;
+        }
+        for (auto member : values()) this->*member = select(lanes, other.*member, this->*member);
+        for (int i = 0; i < states; ++i) z[std::size_t(i)] = select(lanes, other.z[std::size_t(i)], z[std::size_t(i)]);
+    }
+
     /// Lanes in which arm and body push one another.
     MaskOf<T> together() const { return contact > T(0.5); }
+    /// Notes a force of some lanes, `later` after what has elapsed.
+    void meet(MaskOf<T> lanes, T found, T later) {
+        peak = select(lanes, max(peak, found), peak);
+        lasting = select(lanes & (elapsed + later >= T(transient_phase)), max(lasting, found), lasting);
+    }
     /// Lanes in which something goes on in a step that ends at `to`: the body has been touched, or is touched then.
     MaskOf<T> meets(T to, T offset) const {
         return (parted < T(0.5)) & ((touched > T(0.5)) | (to > offset - T(separation_tolerance)));
@@ -46,8 +66,9 @@ struct ContactState {
 
   private:
     static constexpr auto values() {
-        return std::array{&ContactState::touched, &ContactState::contact, &ContactState::parted, &ContactState::force,
-                          &ContactState::peak,    &ContactState::begun,   &ContactState::since,  &ContactState::speed};
+        return std::array{&ContactState::touched, &ContactState::contact, &ContactState::parted,  &ContactState::force,
+                          &ContactState::peak,    &ContactState::lasting, &ContactState::elapsed, &ContactState::begun,
+                          &ContactState::since,   &ContactState::speed};
     }
 };
 
@@ -118,12 +139,12 @@ class ContactDynamics {
                     slope += by_->by_speed[1] * change;
                     curvature += by_->by_speed[2] * change;
                 }
-                next.peak = select(in_contact, max(next.peak, force[i]), next.peak);
+                next.meet(in_contact, force[i], T((i + 1) * piece));
                 const auto turns = in_contact & (slope > T(0.0)) & (rate[i] < T(0.0));
                 if (any(turns)) {
                     const HermiteCourse<T> course(value, slope * piece, curvature * square, force[i], rate[i] * piece,
                                                   bend[i] * square);
-                    next.peak = select(turns, max(next.peak, course.summit()), next.peak);
+                    next.meet(turns, course.summit(), T((i + 1) * piece));
                 }
                 value = force[i];
                 slope = rate[i];
@@ -141,9 +162,10 @@ class ContactDynamics {
         int first = points;
         for (int lane = 0; lane < Scalar<T>::lanes; ++lane) first = std::min(first, int(lane_of(broken, lane)));
         if (first < points) return first / by_->pieces + 1;
+        next.elapsed = select(moves & (at.touched > T(0.5)), at.elapsed + steps * by_->step, at.elapsed);
         next.speed = select(moves, speed[steps], at.speed);
         next.begun = select(moves, T(1.0), at.begun);
-        take(at, next, moves);
+        at.take_lanes(next, moves);
         return 0;
     }
 
@@ -166,6 +188,7 @@ class ContactDynamics {
         if (!lane_of(at.together(), lane) || by_->gets_away) return;
         set_lane(at.force, lane, std::max(0.0, lane_of(beyond, lane)) * by_->static_stiffness);
         set_lane(at.peak, lane, std::max(lane_of(at.peak, lane), lane_of(at.force, lane)));
+        set_lane(at.lasting, lane, std::max(lane_of(at.lasting, lane), lane_of(at.force, lane)));
         set_lane(at.since, lane, HUGE_VAL);
     }
 
@@ -259,7 +282,7 @@ class ContactDynamics {
                     highest = select(turns, max(highest, course.summit()), highest);
                     share = select(parts, course.root(), share);
                 }
-                next.peak = select(in_contact, max(at.peak, highest), next.peak);
+                next.meet(in_contact, highest, share * time);
                 next.since = select(in_contact, at.since + share * time, next.since);
             }
             if (any(loose)) {
@@ -284,23 +307,12 @@ class ContactDynamics {
             next.touched = select(meets, T(1.0), next.touched);
             if (by_->gets_away) next.parted = select(parts, T(1.0), next.parted);
             next.force = select(in_contact & !parts, force1, T(0.0));
-            take(at, next, open);
+            next.elapsed = select(at.touched > T(0.5), at.elapsed + share * time, next.elapsed);
+            at.take_lanes(next, open);
             r = select(cuts, r + speed * time * share, end);
             left = select(cuts, left * (1.0 - share), T(0.0));
             open = open & cuts & (at.parted < T(0.5)) & (left > T(0.0));
         }
-    }
-
-    static void take(State& to, const State& from, MaskOf<T> lanes) {
-        if (all(lanes)) {
-            to = from;
-            return;
-        }
-        for (auto member :
-             {&State::touched, &State::contact, &State::parted, &State::force, &State::peak, &State::since})
-            to.*member = select(lanes, from.*member, to.*member);
-        for (int i = 0; i < to.states; ++i)
-            to.z[std::size_t(i)] = select(lanes, from.z[std::size_t(i)], to.z[std::size_t(i)]);
     }
 
     const ContactPropagator* by_;

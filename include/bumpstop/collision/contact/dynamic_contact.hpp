@@ -10,20 +10,21 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// Quantities at the Gauss nodes of a density's panels: by slot of detection, and where nothing is detected.
 struct ContactNodes {
-    std::vector<double> peak_force, duration, force_at_detection;    ///< [slot][node] [N, s, N]
-    std::vector<double> undetected_peak_force, undetected_duration;  ///< [panel][node] [N, s]
+    std::vector<double> peak_force, lasting_force, duration, force_at_detection;  ///< [slot][node] [N, N, s, N]
+    /// [panel][node] [N, N, s]
+    std::vector<double> undetected_peak_force, undetected_lasting_force, undetected_duration;
 };
 
 /// False alarms whose reaction still reaches the body, in pieces of one tick: cells of offset, and the nodes of a
 /// quadrature over the same offsets.
 struct EarlyReactions {
     static constexpr int cells = 16, nodes = 12;
-    std::vector<int> tick;                          ///< [piece]
-    std::vector<double> mass;                       ///< [piece][cell]: probability
-    std::vector<double> edge_force, edge_duration;  ///< [piece][cell + 1] [N, s]
-    std::vector<double> node_mass;                  ///< [piece][node]
-    std::vector<double> node_force, node_duration;  ///< [piece][node] [N, s]
-    double total = 0;                               ///< probability of all pieces
+    std::vector<int> tick;                                        ///< [piece]
+    std::vector<double> mass;                                     ///< [piece][cell]: probability
+    std::vector<double> edge_force, edge_lasting, edge_duration;  ///< [piece][cell + 1] [N, N, s]
+    std::vector<double> node_mass;                                ///< [piece][node]
+    std::vector<double> node_force, node_lasting, node_duration;  ///< [piece][node] [N, N, s]
+    double total = 0;                                             ///< probability of all pieces
 
     std::size_t pieces() const { return tick.size(); }
 };
@@ -66,9 +67,10 @@ class DynamicContact {
                 const std::size_t at = (panel.first_slot + std::size_t(i)) * order + node;
                 if (any(load<T>(&out.detected[at]) > T(0.0))) asked.push_back(i);
             }
-            const auto keep = [&](int i, T peak, T duration) {
+            const auto keep = [&](int i, T peak, T lasting, T duration) {
                 const std::size_t at = (panel.first_slot + std::size_t(i)) * order + node;
                 store(peak, &out.peak_force[at]);
+                store(lasting, &out.lasting_force[at]);
                 store(duration, &out.duration[at]);
                 store(collision.force(i), &out.force_at_detection[at]);
             };
@@ -79,34 +81,38 @@ class DynamicContact {
                 for (std::size_t lane = 0; lane < std::size_t(lanes); ++lane)
                     since[lane] = asked[std::min(n + (one_offset_ ? lane : 0), asked.size() - 1)];
                 const auto outcome = collision.detected(since);
-                if (!one_offset_) keep(asked[n], outcome.peak, outcome.duration);
+                if (!one_offset_) keep(asked[n], outcome.peak, outcome.lasting, outcome.duration);
                 for (std::size_t m = n; one_offset_ && m < std::min(n + group, asked.size()); ++m)
-                    keep(asked[m], lane_of(outcome.peak, int(m - n)), lane_of(outcome.duration, int(m - n)));
+                    keep(asked[m], lane_of(outcome.peak, int(m - n)), lane_of(outcome.lasting, int(m - n)),
+                         lane_of(outcome.duration, int(m - n)));
             }
             const std::size_t at = panel.row * order + node;
             if (!any(load<T>(&out.survived[at]) > T(0.0))) continue;
             const auto outcome = collision.undetected();
             store(outcome.peak, &out.undetected_peak_force[at]);
+            store(outcome.lasting, &out.undetected_lasting_force[at]);
             store(outcome.duration, &out.undetected_duration[at]);
         }
     }
 
     static constexpr auto by_slot() {
-        return std::array{&DetectionProbabilities::peak_force, &DetectionProbabilities::duration,
-                          &DetectionProbabilities::force_at_detection};
+        return std::array{&DetectionProbabilities::peak_force, &DetectionProbabilities::lasting_force,
+                          &DetectionProbabilities::duration, &DetectionProbabilities::force_at_detection};
     }
     static constexpr auto by_panel() {
-        return std::array{&DetectionProbabilities::undetected_peak_force, &DetectionProbabilities::undetected_duration};
+        return std::array{&DetectionProbabilities::undetected_peak_force,
+                          &DetectionProbabilities::undetected_lasting_force,
+                          &DetectionProbabilities::undetected_duration};
     }
 
     /// Interpolated quantities, times the probability of meeting them, may be off by a share of the greatest: the arm's path
     /// is straight within a simulation step, which leaves kinks of this size.
     template <class Interpolated>
     bool agrees(const Interpolated& panels, std::size_t p, const DetectionProbabilities& known) const {
-        // Of the force, of the time in contact. An arm that gives way bounces: how long it touches in all is no smooth
+        // Of both forces, of the time in contact. An arm that gives way bounces: how long it touches in all is no smooth
         // function of the offset.
         const bool bounces = reactions_.dynamics().propagator().elastic;
-        const double tolerance[] = {bounces ? 1e-4 : 1e-5, bounces ? 0.1 : 5e-5};
+        const double of_force = bounces ? 1e-4 : 1e-5, tolerance[] = {of_force, of_force, bounces ? 0.1 : 5e-5};
         for (std::size_t q = 0; q < std::size(tolerance); ++q) {
             const std::vector<double>& values = known.*by_slot()[q];
             const std::vector<double>& never = known.*by_panel()[q];
@@ -180,7 +186,7 @@ void add_piece(const ContactReactions<T>& reactions, const OffsetDistribution& o
         out.mass.push_back(chance * share);
         out.total += chance * share;
     }
-    std::array<double, place.size()> force, duration;
+    std::array<double, place.size()> force, lasting, duration;
     // A body that stands at one place is struck once.
     const std::size_t places = fixed ? 1 : place.size();
     for (std::size_t first = 0; first < places; first += lanes) {
@@ -194,15 +200,18 @@ void add_piece(const ContactReactions<T>& reactions, const OffsetDistribution& o
         const auto outcome = reactions(reactions.dynamics().begin(), tick, first_step, at);
         for (std::size_t i = first; i < std::min(first + lanes, places); ++i) {
             force[i] = lane_of(outcome.peak, int(i - first));
+            lasting[i] = lane_of(outcome.lasting, int(i - first));
             duration[i] = lane_of(outcome.duration, int(i - first));
         }
     }
-    if (fixed) std::fill(force.begin() + 1, force.end(), force[0]);
-    if (fixed) std::fill(duration.begin() + 1, duration.end(), duration[0]);
-    out.edge_force.insert(out.edge_force.end(), force.begin(), force.begin() + cells + 1);
-    out.edge_duration.insert(out.edge_duration.end(), duration.begin(), duration.begin() + cells + 1);
-    out.node_force.insert(out.node_force.end(), force.begin() + cells + 1, force.end());
-    out.node_duration.insert(out.node_duration.end(), duration.begin() + cells + 1, duration.end());
+    const auto keep = [&](auto& values, std::vector<double>& at_edge, std::vector<double>& at_node) {
+        if (fixed) std::fill(values.begin() + 1, values.end(), values[0]);
+        at_edge.insert(at_edge.end(), values.begin(), values.begin() + cells + 1);
+        at_node.insert(at_node.end(), values.begin() + cells + 1, values.end());
+    };
+    keep(force, out.edge_force, out.node_force);
+    keep(lasting, out.edge_lasting, out.node_lasting);
+    keep(duration, out.edge_duration, out.node_duration);
 }
 
 }  // namespace detail
