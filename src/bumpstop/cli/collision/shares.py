@@ -10,6 +10,8 @@ def or_null(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def share_text(share: float) -> str:
-    """R2 in a table, or that there is none."""
+def share_text(share: float, *, rests: bool = False) -> str:
+    """R2 in a table, or that there is none: its joint ``rests``, or nothing varies."""
+    if rests:
+        return "rests"
     return f"{share:.4f}" if math.isfinite(share) else "none"
