@@ -46,6 +46,7 @@ from validation.identification import (  # noqa: E402
     drives,
     gain_intervals,
     gains,
+    generic_fit,
     tx40,
 )
 from validation.schroeder2013 import (  # noqa: E402
@@ -95,6 +96,7 @@ COMPARISONS = {
     "drives": drives,
     "gain_intervals": gain_intervals,
     "gains": gains,
+    "generic_fit": generic_fit,
     "tx40": tx40,
 }
 
