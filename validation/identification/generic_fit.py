@@ -29,7 +29,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
         if found is None:
             raise MissingFacts(f"the recording of {name} in {SHARED} is absent: set BUMPSTOP_SHARED")
         robot, log = found
-        for part, fitted, unseen in splits(log):
+        for part, fitted, unseen in list(splits(log))[: 1 if quick else None]:
             fit = identify_dynamics(fitted, robot, couplings=MOTORS.get(name, ()))
             ours = np.array([score.r2 for score in fit.score(unseen, filter_hz=COMPARED_HZ[name])])
             others = generic_r2(robot, fitted, unseen, COMPARED_HZ[name], name)
