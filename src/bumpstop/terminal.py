@@ -38,8 +38,10 @@ def correlation(value: float) -> str:
     return NONE if math.isnan(value) else f"{value:.3f}"
 
 
-def share(value: float) -> str:
-    """R2 or another share of a variance; ``"none"`` where there is no variance."""
+def share(value: float, *, rests: bool = False) -> str:
+    """R2 or another share of a variance; ``"rests"`` of a joint that does, ``"none"`` where there is no variance."""
+    if rests:
+        return "rests"
     return f"{value:.4f}" if math.isfinite(value) else NONE
 
 

@@ -301,7 +301,13 @@ def test_poses_in_self_collision_are_drawn_again_and_counted() -> None:
         (SLOW, {"poses": 1, "link_radius_mm": 900.0}, "--link-radius"),
         (bs.load_scenario(TRAJECTORY), {"poses": 1}, "motion.kind"),
         (SLOW, {"grid": 100}, "--grid"),
-        (control_group(contact__kind="free", contact__body_mass_kg=1.0), {"poses": 1}, "contact.kind"),
+        (control_group(contact__kind="free", contact__body_mass_kg=1.0), {"poses": 1, "predict": True}, "--predict"),
+        (control_group(arm__model="elastic"), {"poses": 1, "predict": True}, "--predict"),
+        (
+            control_group(contact__kind="free", contact__body_mass_kg=1.0, contact__arm="two_mass"),
+            {"poses": 1},
+            "contact.arm",
+        ),
         (control_group(contact__normal=[0.0, 0.0, -1.0]), {"poses": 1}, "contact.normal"),
         (
             control_group(contact__limits="ts15066", verdict__clamped_limit="two_phase"),

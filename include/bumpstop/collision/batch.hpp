@@ -4,9 +4,8 @@
 
 #include <atomic>
 
-#include "bumpstop/collision/distribution/survival_criterion.hpp"
-#include "bumpstop/collision/integrate.hpp"
-#include "bumpstop/collision/motion/line_tracer.hpp"
+#include "bumpstop/collision/collision.hpp"
+#include "bumpstop/collision/distribution/cell_mixture.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -145,24 +144,55 @@ struct BatchWorker {
     std::vector<double> probability[max_group_size];
 };
 
-template <class L>
-void write_distribution(const BatchProblem& problem, std::size_t pose, PathEnd end, const CollisionDistribution& found,
+/// `mean` and `sd` of the peak force where it is bounded, and its `exceedance` and `upper_quantile`.
+template <class Exceedance, class Quantile>
+void write_distribution(const BatchProblem& problem, std::size_t pose, bool endless, double mean, double sd,
+                        Exceedance exceedance, Quantile upper_quantile, const CollisionDistribution& found,
                         BatchResult& out) {
-    const bool endless = found.undetected > 1e-12 && end == PathEnd::motion_end;
     const std::size_t dof = std::size_t(problem.setup.chain.dof);
     const std::vector<double>&probability = problem.settings.probability, &limit = problem.settings.limit;
-    const Moments force = found.moments();
-    out.mean[pose] = endless ? std::numeric_limits<double>::infinity() : force.mean;
-    out.sd[pose] = endless ? std::numeric_limits<double>::quiet_NaN() : force.sd;
-    for (std::size_t i = 0; i < limit.size(); ++i)
-        out.exceedance[pose * limit.size() + i] = found.exceedance<L>(limit[i]);
+    out.mean[pose] = endless ? std::numeric_limits<double>::infinity() : mean;
+    out.sd[pose] = endless ? std::numeric_limits<double>::quiet_NaN() : sd;
+    for (std::size_t i = 0; i < limit.size(); ++i) out.exceedance[pose * limit.size() + i] = exceedance(limit[i]);
     for (std::size_t i = 0; i < probability.size(); ++i)
-        out.quantile[pose * probability.size() + i] = found.upper_quantile<L>(1 - probability[i]);
+        out.quantile[pose * probability.size() + i] = upper_quantile(1 - probability[i]);
     const double given = found.detected > 0 ? found.detected : std::numeric_limits<double>::quiet_NaN();
     for (std::size_t j = 0; j < dof; ++j) out.trigger[pose * dof + j] = found.trigger[j] / given;
     out.false_alarm[pose] = found.false_alarm;
     out.undetected[pose] = found.undetected;
     out.no_contact[pose] = found.no_contact;
+}
+
+template <class L>
+void write_distribution(const BatchProblem& problem, std::size_t pose, PathEnd end, const CollisionDistribution& found,
+                        BatchResult& out) {
+    const Moments force = found.moments();
+    write_distribution(
+        problem, pose, found.undetected > 1e-12 && end == PathEnd::motion_end, force.mean, force.sd,
+        [&](double x) { return found.exceedance<L>(x); }, [&](double p) { return found.upper_quantile<L>(p); }, found,
+        out);
+}
+
+/// A pose where arm or body give way: a single distribution.
+template <class L>
+void write_yielding(const BatchProblem& problem, int pose, BatchResult& out) {
+    const LineRequest request = problem.request(pose);
+    const StoppingCurve curve =
+        stopping_curve<L>(problem.setup, request, &problem.detector, problem.contact_at(request.speed()));
+    const LinePath& path = curve.path;
+    const Contact contact = problem.contact_at(path.approach_speed);
+    out.end[std::size_t(pose)] = path.singular_start ? batch_singular_start : std::uint8_t(path.end);
+    if (path.singular_start) return;
+    const CollisionDistribution found = integrate<L>(problem.setup, curve, problem.detector, {contact});
+    // A held body that is never detected is pressed on, but by an arm that has come to rest.
+    const bool pressed = !contact.body.gets_away() && !path.rests();
+    const CellMixture force =
+        contact_mixture<L>(found, ContactQuantity::peak_force, pressed ? std::optional(HUGE_VAL) : std::nullopt);
+    const double total = force.total();
+    write_distribution(
+        problem, std::size_t(pose), force.infinite() > 1e-12 * total, force.mean(), force.sd(),
+        [&](double x) { return std::min(1.0, force.above<L>(x) / total); },
+        [&](double p) { return force.upper_quantile<L>(p * total); }, found, out);
 }
 
 /// The paths of `count` poses into worker.path.
@@ -173,9 +203,7 @@ void trace_poses(const BatchProblem& problem, BatchWorker<L>& worker, const int*
     auto add = [&](int i) {
         requests.push_back(problem.request(poses[i]));
         // The approach speed is the tool's own speed along its line.
-        const Vector3& v = requests.back().velocity;
-        const double speed = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-        criteria.emplace_back(problem.setup, problem.detector, problem.contact_at(speed));
+        criteria.emplace_back(problem.setup, problem.detector, problem.contact_at(requests.back().speed()));
     };
     for (int i = 0; i < count; ++i) add(i);
     worker.path.resize(std::max(worker.path.size(), std::size_t(count)));
@@ -232,7 +260,7 @@ void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool tabul
 
 }  // namespace detail
 
-/// The distributions of all poses. The body is clamped, and the size of its offset is in seconds of travel unless it is fixed.
+/// The distributions of all poses. The size of the offset is in seconds of travel unless it is fixed.
 /// Rounds of poses are handed to threads: which thread takes a round, and which poses are in it, does not touch a pose's
 /// numbers.
 template <class L>
@@ -241,6 +269,13 @@ BatchResult evaluate_batch(const CollisionSetup& setup, const GaussianThresholds
     constexpr int lanes = Scalar<L>::lanes;
     const detail::BatchProblem problem{setup, detector, contact, poses, settings};
     BatchResult out(std::size_t(poses.count), std::size_t(setup.chain.dof), settings);
+    if (setup.arm || contact.propagator(setup.motion.step)) {
+        std::atomic<int> next{0};
+        work_in_threads(settings.threads, [&] {
+            for (int pose = next++; pose < poses.count; pose = next++) detail::write_yielding<L>(problem, pose, out);
+        });
+        return out;
+    }
     const std::vector<int> order = detail::order_of_work(problem);
     const AlarmTable table(detector);
     const bool tabulated =

@@ -254,6 +254,8 @@ class CollisionResult:
         if not transient.permitted:
             return 1.0, 1.0
         use = TwoPhaseUse.of(self, transient, lasting)
+        if self.problem.gives_way:
+            return use.over(use.force, 0.0), None if use.pressure is None else use.over(use.pressure, 0.0)
         # An arm that has come to rest goes on pressing: the limit for what lasts judges those never detected.
         force = self.undetected_over(lasting.force_N)
         pressure = None
@@ -275,7 +277,9 @@ class CollisionResult:
         return float(self.integral.tail("end_force", np.array([force]))[0, 0])
 
     def phase_shares(self, first: float, later: float) -> tuple[Distribution, float]:
-        """How far detected clamped collisions use the limits of two phases, and the probability of these collisions.
+        """How far clamped collisions use the limits of two phases, and the probability of the collisions this is of.
+
+        It is of those detected. Where arm or body give way it is of all, those never detected among them.
 
         Args:
             first: share of its limit that a newton takes in the first half second of contact.

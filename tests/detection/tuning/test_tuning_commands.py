@@ -237,10 +237,11 @@ def test_residuals_of_a_loop_that_loses_samples_are_noise(noise: Path, tmp_path:
         assert f"{gaps} of {kept.sum() - 1} intervals" in record.notes[0]
 
 
-def test_a_joint_beyond_its_limits_is_told(loop: tuple[Path, Path], tmp_path: Path) -> None:
+@pytest.mark.parametrize("turns", [2, -2])
+def test_a_joint_beyond_its_limits_is_told(turns: int, loop: tuple[Path, Path], tmp_path: Path) -> None:
     log = Recording.load(loop[0])
     q = log.q.copy()
-    q[:, 2] += 4 * np.pi
+    q[:, 2] += turns * 2 * np.pi
     far = tmp_path / "far.parquet"
     replace(log, q=q).save(far)
     refused = run("tune", far, "--robot", "ur5e")

@@ -13,6 +13,10 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 struct LineRequest {
     const double* q = nullptr;  ///< joint positions it starts in [rad or m]
     Vector3 velocity{};         ///< of the tool, base frame [m/s]
+
+    double speed() const {
+        return std::sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2]);
+    }
 };
 
 /// Some of them in the lanes of a register; those beyond the last hold it once more.

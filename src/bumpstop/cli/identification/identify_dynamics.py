@@ -192,7 +192,11 @@ def _identified(fit: DynamicsFit, scores: tuple[JointScore, ...], logs: Sequence
 
 
 def _score_json(score: JointScore) -> dict[str, Any]:
-    shares = {"r2": finite_or_none(score.r2), "r2_raw": finite_or_none(score.r2_raw)}
+    shares = {
+        "r2": finite_or_none(score.r2),
+        "r2_raw": finite_or_none(score.r2_raw),
+        "rest_share": score.rest_share,
+    }
     return {"name": score.name, **shares, "mean": score.mean, "sd": score.sd, "rmse": score.rmse, "unit": score.unit}
 
 
@@ -212,6 +216,7 @@ def _print_scores(scores: Sequence[JointScore], cutoff_hz: float, where: str) ->
     from rich.console import Console
     from rich.table import Table
 
+    from bumpstop.identification.comparison import rest_words
     from bumpstop.terminal import number, share
 
     table = Table(box=None, pad_edge=False)
@@ -220,9 +225,11 @@ def _print_scores(scores: Sequence[JointScore], cutoff_hz: float, where: str) ->
     for score in scores:
         unit = f" {score.unit}" if score.free_gain else ""
         errors = (f"{number(error)}{unit}" for error in (score.mean, score.sd, score.rmse))
-        table.add_row(score.name, *map(share, (score.r2, score.r2_raw)), *errors)
+        table.add_row(score.name, *(share(x, rests=score.rests) for x in (score.r2, score.r2_raw)), *errors)
     console = Console(highlight=False, markup=False)
     console.print(f"predicted torque {where}, compared at {cutoff_hz:g} Hz, errors unfiltered")
     console.print(table)
+    if words := rest_words(scores):
+        typer.echo(f"note: {words}")
     if hidden := [score.name for score in scores if score.free_gain]:
         typer.echo(f"note: R2 of {', '.join(hidden)} is that up to a free gain, errors are of the current [A]")

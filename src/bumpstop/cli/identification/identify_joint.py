@@ -187,7 +187,7 @@ def _validated(
 
 
 def _score(score: JointScore | None, unit: str) -> dict[str, Any]:
-    names = ("r2", "r2_raw", "mean", "sd", "rmse")
+    names = ("r2", "r2_raw", "rest_share", "mean", "sd", "rmse")
     return {name: None if score is None else finite_or_none(getattr(score, name)) for name in names} | {"unit": unit}
 
 
@@ -195,6 +195,7 @@ def _print_scores(found: CurrentComparison, scores: Sequence[JointScore | None],
     from rich.console import Console
     from rich.table import Table
 
+    from bumpstop.identification.comparison import rest_words
     from bumpstop.terminal import number, share
 
     table = Table(box=None, pad_edge=False)
@@ -206,9 +207,12 @@ def _print_scores(found: CurrentComparison, scores: Sequence[JointScore | None],
             table.add_row(joint.name, *["unknown gain"], *[""] * 4)
             continue
         errors = (score.mean, score.sd, score.rmse)
-        table.add_row(score.name, share(score.r2), share(score.r2_raw), *map(number, errors))
+        shares = (share(x, rests=score.rests) for x in (score.r2, score.r2_raw))
+        table.add_row(score.name, *shares, *map(number, errors))
     console = Console(highlight=False, markup=False)
     console.print(title)
     console.print(table)
+    if words := rest_words([score for score in scores if score is not None]):
+        typer.echo(f"note: {words}")
     if hidden:
         typer.echo(f"note: R2 of {', '.join(hidden)} is that up to a free gain: the gain is not known")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop.collision.curve import StoppingCurve, states_at_reactions
+from bumpstop.collision.curve import AT_REST, StoppingCurve, states_at_reactions
 from bumpstop.model import gravity_torque, mass_matrix
 
 if TYPE_CHECKING:
@@ -66,3 +66,14 @@ def pressing_limit(problem: CollisionProblem, curve: StoppingCurve) -> PressingL
     peak = static + np.sqrt(static**2 + doubled_energy * problem.stiffness)
     worst = int(peak.argmax())
     return PressingLimit(static_force=float(static.max()), peak_force=float(peak[worst]), joint=int(joint[worst]) + 1)
+
+
+def undetected_force(problem: CollisionProblem, curve: StoppingCurve) -> float | None:
+    """What a held body that is never detected is pressed with [N], infinite where nobody knows; None where nothing is.
+
+    Nothing presses on where the body has got away, or where the motion ends by itself.
+    """
+    if problem.gets_away or curve.end in AT_REST:
+        return None
+    limit = pressing_limit(problem, curve)
+    return math.inf if limit is None else limit.peak_force
