@@ -56,10 +56,10 @@ static Detector seven_joints(ResidualKind residual) {
         settings.samples.velocity[i] = 3;
         settings.samples.signal[i] = 1e3;
         settings.noise_sd[i] = 1;
-        settings.decision.thresholds.constant[i] = 1e6;
-        settings.decision.thresholds.fast[i] = 1e6;
-        settings.decision.thresholds.rest_speed[i] = 0.01;
-        settings.decision.thresholds.speed[i] = settings.decision.thresholds.acceleration[i] = 0.1;
+        settings.alarm.thresholds.constant[i] = 1e6;
+        settings.alarm.thresholds.fast[i] = 1e6;
+        settings.alarm.thresholds.rest_speed[i] = 0.01;
+        settings.alarm.thresholds.speed[i] = settings.alarm.thresholds.acceleration[i] = 0.1;
     }
     return Detector(Chain(specs), links, joints, errors, settings);
 }

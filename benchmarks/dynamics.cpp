@@ -50,7 +50,7 @@ static double nanoseconds_per_lane() {
         for (int row = 0; row < rows; ++row) {
             JointAngles<T> angle;
             angle.set(arm.chain, q[row]);
-            inverse_dynamics(arm.chain, arm.inertias, q[row], angle, qd[row], qdd[row], {0, 0, -9.80665}, tau[row]);
+            inverse_dynamics(arm.chain, arm.inertias, {q[row], angle, qd[row], qdd[row]}, {0, 0, -9.80665}, tau[row]);
         }
         const std::chrono::duration<double> time = std::chrono::steady_clock::now() - begin;
         best = std::min(best, time.count() / rows / Scalar<T>::lanes);

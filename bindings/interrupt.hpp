@@ -17,11 +17,11 @@ class Unlocked {
 
   private:
     using Clock = std::chrono::steady_clock;
-    // The lock may have to be waited for, so it is not asked for more often than a person would notice.
-    static constexpr std::chrono::milliseconds patience{50};
+    // The lock may have to be waited for, so it is not asked for more often than a person would feel.
+    static constexpr std::chrono::milliseconds check_interval{50};
 
     static bool interrupted(Clock::time_point& last) {
-        if (Clock::now() - last < patience) return false;
+        if (Clock::now() - last < check_interval) return false;
         bool wanted = false;
         {
             const nanobind::gil_scoped_acquire locked;

@@ -72,7 +72,7 @@ void bind_math(nb::module_& module) {
             return out.release();
         },
         nb::arg("seed"), nb::arg("first_run"), nb::arg("runs"), nb::arg("ticks"), nb::arg("dof"),
-        "Standard normal noise (runs, ticks, dof) of the sampled law's streams.");
+        "Standard normal noise (runs, ticks, dof) of the Monte Carlo streams.");
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -26,6 +26,7 @@ from validation.collision import (  # noqa: E402
     batches,
     convergence,
     elastic_arm,
+    elastic_two_laws,
     endings,
     instruction_sets,
     measured_forces,
@@ -45,6 +46,7 @@ from validation.identification import (  # noqa: E402
     drives,
     gain_intervals,
     gains,
+    generic_fit,
     tx40,
 )
 from validation.schroeder2013 import (  # noqa: E402
@@ -79,6 +81,7 @@ COMPARISONS = {
     "requirement": requirement,
     "instruction_sets": instruction_sets,
     "elastic_arm": elastic_arm,
+    "elastic_two_laws": elastic_two_laws,
     "measured_forces": measured_forces,
     "endings": endings,
     "urdf": urdf,
@@ -93,6 +96,7 @@ COMPARISONS = {
     "drives": drives,
     "gain_intervals": gain_intervals,
     "gains": gains,
+    "generic_fit": generic_fit,
     "tx40": tx40,
 }
 

@@ -141,6 +141,7 @@ void bind_monte_carlo(nb::module_& module) {
         .def_prop_ro("noise", [](const MonteCarloRuns& self) { return by_run(self, self.noise); })
         .def_prop_ro("residual", [](const MonteCarloRuns& self) { return by_run(self, self.residual); })
         .def_prop_ro("peak_force", [](const MonteCarloRuns& self) { return view(self.peak_force); })
+        .def_prop_ro("lasting_force", [](const MonteCarloRuns& self) { return view(self.lasting_force); })
         .def_prop_ro("duration", [](const MonteCarloRuns& self) { return view(self.duration); })
         .def_prop_ro("force_at_detection", [](const MonteCarloRuns& self) { return view(self.force_at_detection); });
     nb::class_<ResidualRecord>(module, "ResidualRecord", "Measured residuals, resampled in blocks of rows.")

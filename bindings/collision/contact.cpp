@@ -97,13 +97,22 @@ void bind_contact(nb::module_& module) {
         .def("above", &CellMixture::above<L>, nb::arg("x"), "P(value > x).")
         .def("upper_quantile", &CellMixture::upper_quantile<L>, nb::arg("allowed"),
              "The smallest x with P(value > x) <= allowed.");
+    module.attr("transient_phase_s") = transient_phase;
+    nb::class_<PhaseShares>(module, "PhaseShares", "What newtons count for in the transient phase, and after it.")
+        .def(
+            "__init__",
+            [](PhaseShares* self, double transient, double lasting) {
+                new (self) PhaseShares{transient, lasting};
+            },
+            nb::arg("transient"), nb::arg("lasting"));
     module.def(
         "contact_mixture",
-        [](const CollisionDistribution& law, ContactQuantity quantity, std::optional<double> never) {
-            return unlocked([&] { return contact_mixture<L>(law, quantity, never); });
+        [](const CollisionDistribution& distribution, ContactQuantity quantity, std::optional<double> never,
+           std::optional<PhaseShares> phases) {
+            return unlocked([&] { return contact_mixture<L>(distribution, quantity, never, phases); });
         },
         nb::arg("distribution"), nb::arg("quantity"), nb::arg("never").none() = nb::none(),
-        "A quantity of collisions in which something gives way.");
+        nb::arg("phases").none() = nb::none(), "A quantity of collisions in which something gives way.");
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -62,7 +62,7 @@ void bind_onsets(nb::module_& module) {
         .def_prop_ro("no_contact", &All::of_onsets<&One::no_contact>, owned)
         .def_prop_ro("several", &All::of_onsets<&One::several>, owned)
         .def_prop_ro("zero_force", &All::of_onsets<&One::zero_force>, owned)
-        .def_prop_ro("greatest", &All::of_onsets<&One::greatest>, owned)
+        .def_prop_ro("undetected_distance", &All::of_onsets<&One::undetected_distance>, owned)
         .def_prop_ro("undetected_peak", &All::of_onsets<&One::undetected_peak>, owned)
         .def_prop_ro("undetected_duration", &All::of_onsets<&One::undetected_duration>, owned)
         .def_prop_ro("trigger", &All::trigger, owned)
@@ -77,7 +77,7 @@ void bind_onsets(nb::module_& module) {
     nb::class_<OnsetRuns, MonteCarloRuns>(module, "OnsetRuns", "Single collisions of a trajectory.")
         .def_prop_ro("max_distance", [](const OnsetRuns& self) { return view(self.max_distance); })
         .def_prop_ro("distance", [](const OnsetRuns& self) { return view(self.distance); })
-        .def_prop_ro("greatest", [](const OnsetRuns& self) { return view(self.greatest); });
+        .def_prop_ro("undetected_distance", [](const OnsetRuns& self) { return view(self.undetected_distance); });
 }
 
 }  // namespace
@@ -98,7 +98,7 @@ void bind_trajectory(nb::module_& module) {
             "Pieces end at `time`; cubics by [piece][power 3, 2, 1, 0 of the time since it began][joint].")
         .def_prop_ro("steps", &ArmTrajectory::steps)
         .def_prop_ro("ticks", &ArmTrajectory::ticks)
-        .def_prop_ro("excess", &ArmTrajectory::excess)
+        .def_prop_ro("acceleration_overload", &ArmTrajectory::acceleration_overload)
         .def(
             "reaction", [](const ArmTrajectory& self, int tick) { return view(self.reaction(tick).u); },
             nb::arg("tick"), nb::rv_policy::reference_internal,
@@ -139,7 +139,8 @@ void bind_trajectory(nb::module_& module) {
             [](const ArmTrajectory& self, const GaussianThresholds& detector, const Contact& contact, Vector onset,
                Matrix normal, const MonteCarloSettings& settings, const ResidualRecord* record) {
                 return unlocked([&] {
-                    return monte_carlo_onsets(self, onsets_of(onset, normal), detector, contact, settings, record);
+                    const Onsets onsets = onsets_of(onset, normal);
+                    return monte_carlo_onsets({self, onsets, detector, contact, settings, record});
                 });
             },
             nb::arg("detector"), nb::arg("contact"), nb::arg("onset"), nb::arg("normal"), nb::arg("settings"),
@@ -150,8 +151,8 @@ void bind_trajectory(nb::module_& module) {
                 const Onsets onsets = onsets_of(onset, normal);
                 NewArray<double> out({tick.size(), 2});
                 for (std::size_t i = 0; i < tick.size(); ++i) {
-                    const auto deepest = self.phases(tick[i], onsets.time[i], onsets.normal_of(i), first);
-                    std::copy(deepest.begin(), deepest.end(), &out.data[2 * i]);
+                    const auto phase_max = self.phases(tick[i], onsets.time[i], onsets.normal_of(i), first);
+                    std::copy(phase_max.begin(), phase_max.end(), &out.data[2 * i]);
                 }
                 return out.release();
             },

@@ -12,8 +12,8 @@ void store_row(const std::array<double, max_joints>& values, NewArray<double>& o
 }
 
 // An alarm is taken as dealt with once every residual has been below its threshold for `rearm` seconds. Where the detector
-// has no data nothing is known to be quiet, and the time of such a row may be none or one long past: the first tick that is
-// judged again begins anew.
+// has no data no residual is known to be below its threshold, and the time of such a row may be none or one long past:
+// the first tick that is judged again begins anew.
 class Rearming {
   public:
     explicit Rearming(double after) : after_(after) {}
@@ -73,8 +73,8 @@ nb::tuple run(Detector& detector, Vector t, Matrix q, Matrix signal, std::option
 
 // The same for residuals that come from elsewhere. Before rows whose `anew` is not 0 there were some without data. `events` are
 // rows.
-nb::tuple judge(const DecisionSettings& settings, Vector t, Matrix residual, Matrix qd, Matrix qdd, Vector anew,
-                double rearm) {
+nb::tuple run_alarm_logic(const AlarmSettings& settings, Vector t, Matrix residual, Matrix qd, Matrix qdd, Vector anew,
+                          double rearm) {
     const std::size_t rows = t.shape(0), width = residual.shape(1);
     NewArray<double> fast({rows, width}), threshold({rows, width});
     NewArray<std::uint8_t> state({rows}), masked({rows});
@@ -83,12 +83,12 @@ nb::tuple judge(const DecisionSettings& settings, Vector t, Matrix residual, Mat
     std::vector<EventSpan> spans;
     {
         nb::gil_scoped_release unlocked;
-        AlarmLogic decision(settings, int(width));
+        AlarmLogic logic(settings, int(width));
         Rearming rearming(rearm);
         for (std::size_t i = 0; i < rows; ++i) {
             const double dt = i > 0 ? t(i) - t(i - 1) : 0;
             if (anew(i) != 0) {
-                decision.interrupt();
+                logic.interrupt();
                 rearming.over(t(i), false, false);
             }
             std::array<double, max_joints> r{}, v{}, a{};
@@ -97,21 +97,20 @@ nb::tuple judge(const DecisionSettings& settings, Vector t, Matrix residual, Mat
                 v[j] = qd(i, j);
                 a[j] = qdd(i, j);
             }
-            if (decision.judge(t(i), dt, r.data(), v.data(), a.data(), nullptr)) {
+            if (logic.update(t(i), dt, r.data(), v.data(), a.data(), nullptr)) {
                 events.push_back(i);
-                over.push_back(decision.over());
-                over_fast.push_back(decision.over_fast());
-                spans.emplace_back().start(t(i), r.data(), decision.threshold(), int(width));
-            } else if (decision.loud()) {
-                spans.back().extend(t(i), r.data(), decision.threshold(), int(width));
+                over.push_back(logic.over());
+                over_fast.push_back(logic.over_fast());
+                spans.emplace_back().start(t(i), r.data(), logic.threshold(), int(width));
+            } else if (logic.over_armed()) {
+                spans.back().extend(t(i), r.data(), logic.threshold(), int(width));
             }
-            std::copy(decision.fast(), decision.fast() + width, &fast.data[i * width]);
-            std::copy(decision.threshold(), decision.threshold() + width, &threshold.data[i * width]);
-            state.data[i] = std::uint8_t(decision.state());
-            masked.data[i] = decision.masked_while_arming();
-            if (rearming.over(t(i), decision.state() == DetectorState::alarm,
-                              (decision.over() | decision.over_fast()) != 0))
-                decision.acknowledge();
+            std::copy(logic.fast(), logic.fast() + width, &fast.data[i * width]);
+            std::copy(logic.threshold(), logic.threshold() + width, &threshold.data[i * width]);
+            state.data[i] = std::uint8_t(logic.state());
+            masked.data[i] = logic.masked_while_arming();
+            if (rearming.over(t(i), logic.state() == DetectorState::alarm, (logic.over() | logic.over_fast()) != 0))
+                logic.acknowledge();
         }
     }
     return nb::make_tuple(fast.release(), threshold.release(), state.release(), masked.release(), events, over,
@@ -169,14 +168,14 @@ void bind_settings(nb::module_& module) {
         .def_rw("rest_speed", &ThresholdModel::rest_speed)
         .def_rw("fast", &ThresholdModel::fast)
         .def_rw("model_errors", &ThresholdModel::model_errors);
-    nb::class_<DecisionSettings>(module, "DecisionSettings", "From residuals to alarms.")
+    nb::class_<AlarmSettings>(module, "AlarmSettings", "From residuals to alarms.")
         .def(nb::init<>())
-        .def_rw("thresholds", &DecisionSettings::thresholds)
-        .def_rw("arming_delay", &DecisionSettings::arming_delay)
-        .def_rw("rest_time", &DecisionSettings::rest_time)
-        .def_rw("low_hz", &DecisionSettings::low_hz)
-        .def_rw("high_hz", &DecisionSettings::high_hz)
-        .def_rw("event_pause", &DecisionSettings::event_pause);
+        .def_rw("thresholds", &AlarmSettings::thresholds)
+        .def_rw("arming_delay", &AlarmSettings::arming_delay)
+        .def_rw("rest_time", &AlarmSettings::rest_time)
+        .def_rw("low_hz", &AlarmSettings::low_hz)
+        .def_rw("high_hz", &AlarmSettings::high_hz)
+        .def_rw("event_pause", &AlarmSettings::event_pause);
     nb::class_<Payload>(module, "Payload", "A point mass on the last link.")
         .def(nb::init<>())
         .def_rw("mass", &Payload::mass)
@@ -197,7 +196,7 @@ void bind_settings(nb::module_& module) {
         .def_rw("degree", &DetectorSettings::degree)
         .def_rw("gravity", &DetectorSettings::gravity)
         .def_rw("samples", &DetectorSettings::samples)
-        .def_rw("decision", &DetectorSettings::decision)
+        .def_rw("alarm", &DetectorSettings::alarm)
         .def_rw("max_no_data_time", &DetectorSettings::max_no_data_time)
         .def_rw("unknown", &DetectorSettings::unknown)
         .def_rw("noise_sd", &DetectorSettings::noise_sd)
@@ -286,7 +285,7 @@ void bind_detection(nb::module_& module) {
                       const std::vector<JointTorqueErrors>&, const DetectorSettings&>(),
              nb::arg("chain"), nb::arg("links"), nb::arg("joints"), nb::arg("errors"), nb::arg("settings"))
         .def("run", &run, nb::arg("t"), nb::arg("q"), nb::arg("signal"), nb::arg("qd").none(), nb::arg("rearm"),
-             "Residuals, fast channel and thresholds (N, n), state, fault and flags (N,), events.")
+             "Residuals, band-pass channel and thresholds (N, n), state, fault and flags (N,), events.")
         .def(
             "update",
             [](Detector& self, double t, Vector q, Vector signal, Vector qd) {
@@ -308,9 +307,9 @@ void bind_detection(nb::module_& module) {
         .def("event", &Detector::event);
     module.attr("sample_faults") = sample_faults;
     module.attr("detector_states") = detector_states;
-    module.def("judge", &judge, nb::arg("settings"), nb::arg("t"), nb::arg("residual"), nb::arg("qd"), nb::arg("qdd"),
-               nb::arg("anew"), nb::arg("rearm"),
-               "Fast channel and thresholds (N, n), state and masked (N,), rows of events, joints, spans.");
+    module.def("run_alarm_logic", &run_alarm_logic, nb::arg("settings"), nb::arg("t"), nb::arg("residual"),
+               nb::arg("qd"), nb::arg("qdd"), nb::arg("anew"), nb::arg("rearm"),
+               "Band-pass channel and thresholds (N, n), state and masked (N,), rows of events, joints, spans.");
     module.def("estimate_contact", &contact_of, nb::arg("chain"), nb::arg("settings"), nb::arg("q"),
                nb::arg("residual"), nb::arg("hidden"),
                "What a residual says of a contact: the settings give its noise, the contact point and the direction.");

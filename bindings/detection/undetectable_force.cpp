@@ -1,4 +1,4 @@
-// Forces that no threshold notices.
+// Forces that no threshold detects.
 #include "bumpstop/detection/undetectable_force.hpp"
 
 #include "common.hpp"

@@ -24,23 +24,31 @@ Point3<L> load_vectors(Matrix vectors, std::size_t first, int column = 0) {
     return {v[column], v[column + 1], v[column + 2]};
 }
 
-NewArray<double>::Array inverse_dynamics_of(const Dynamics& arm, Matrix q, Matrix qd, Matrix qdd, Vector gravity,
-                                            std::optional<Matrix> wrench, int link, Vector point) {
+NewArray<double>::Array inverse_dynamics_of(const Dynamics& arm, Matrix q, Matrix qd, Matrix qdd, Vector gravity) {
     NewArray<double> out({q.shape(0), std::size_t(arm.chain.dof)});
     {
         nb::gil_scoped_release unlocked;
         const Vector3 g{gravity(0), gravity(1), gravity(2)};
-        const LinkPoint place = link_point(arm.chain, link, {point(0), point(1), point(2)});
         for_registers(arm.chain, q, [&](std::size_t first, int count, const L* position, const JointAngles<L>& angle) {
             L rate[max_joints], acceleration[max_joints], tau[max_joints];
             load_rows(qd, first, rate);
             load_rows(qdd, first, acceleration);
-            if (wrench) {
-                const Wrench<L> outer{place, load_vectors(*wrench, first), load_vectors(*wrench, first, 3)};
-                inverse_dynamics(arm.chain, arm.inertias, position, angle, rate, acceleration, g, outer, tau);
-            } else {
-                inverse_dynamics(arm.chain, arm.inertias, position, angle, rate, acceleration, g, tau);
-            }
+            inverse_dynamics(arm.chain, arm.inertias, {position, angle, rate, acceleration}, g, tau);
+            store_rows(tau, arm.chain.dof, first, count, out.data.get());
+        });
+    }
+    return out.release();
+}
+
+NewArray<double>::Array external_torques(const Dynamics& arm, Matrix q, Matrix wrench, int link, Vector point) {
+    NewArray<double> out({q.shape(0), std::size_t(arm.chain.dof)});
+    {
+        nb::gil_scoped_release unlocked;
+        const LinkPoint place = link_point(arm.chain, link, {point(0), point(1), point(2)});
+        for_postures(arm.chain, q, [&](std::size_t first, int count, const Posture<L>& posture) {
+            L tau[max_joints];
+            const Wrench<L> outer{place, load_vectors(wrench, first), load_vectors(wrench, first, 3)};
+            external_torque(arm.chain, posture, outer, tau);
             store_rows(tau, arm.chain.dof, first, count, out.data.get());
         });
     }
@@ -153,8 +161,9 @@ void bind_dynamics(nb::module_& module) {
             },
             nb::arg("chain"), nb::arg("links"))
         .def("inverse_dynamics", &inverse_dynamics_of, nb::arg("q"), nb::arg("qd"), nb::arg("qdd"), nb::arg("gravity"),
-             nb::arg("wrench").none(), nb::arg("link"), nb::arg("point"),
-             "Torques (N, dof) of the motors. `wrench` (N, 6) acts on the robot at `point` of `link`.")
+             "Torques (N, dof) of the motors without contact.")
+        .def("external_torque", &external_torques, nb::arg("q"), nb::arg("wrench"), nb::arg("link"), nb::arg("point"),
+             "Torques (N, dof) of a wrench (N, 6) on the robot at `point` of `link`.")
         .def("gravity_torque", &gravity_torques, nb::arg("q"), nb::arg("gravity"), "Torques (N, dof) at rest.")
         .def("coriolis_torque", &coriolis_torques, nb::arg("q"), nb::arg("qd"),
              "Torques (N, dof) at constant rates without gravity.")

@@ -29,7 +29,7 @@ int main(int count, char** arguments) {
     }
     bumpstop::JointAngles<Lanes> angle{};
     angle.set(chain, q);
-    bumpstop::inverse_dynamics(chain, *inertias, q, angle, qd, qdd, bumpstop::Vector3{0, 0, -9.80665}, tau);
+    bumpstop::inverse_dynamics(chain, *inertias, {q, angle, qd, qdd}, bumpstop::Vector3{0, 0, -9.80665}, tau);
     for (int j = 0; j < chain.dof; ++j)
         std::printf("joint %d: %.12f Nm in the first lane\n", j + 1, lane_of(tau[j], 0));
 

@@ -121,6 +121,11 @@ def as_rows(value: Any, field: str, width: int) -> tuple[FloatArray, bool]:
     return as_float_array(value, field, (None, width)), False
 
 
+def finite_or_none(value: float) -> float | None:
+    """A number for JSON, which has no NaN and no infinity."""
+    return float(value) if math.isfinite(value) else None
+
+
 def _words(shape: tuple[int | None, ...]) -> str:
     names = ["N" if n is None else str(n) for n in shape]
     return "(" + ", ".join(names) + ("," if len(names) == 1 else "") + ")"

@@ -68,7 +68,7 @@ def parse_toml(text: str, file: str) -> dict[str, Any]:
     """What a TOML document says; ``file`` is how errors call it.
 
     Raises:
-        InputError: it is no TOML, or holds what nobody writes: numbers of thousands of digits, thousands of brackets.
+        InputError: it is no TOML, or holds numbers of thousands of digits, or thousands of brackets.
     """
     import tomllib
 

@@ -148,7 +148,7 @@ def test_a_torque_that_never_changes_has_no_share_predicted(tmp_path: Path) -> N
     assert [score["r2_raw"] for score in scores] == [None] * 6
     rows = run("validate", model, tmp_path / "rest.parquet").out.splitlines()
     (row,) = (row for row in rows if row.startswith("shoulder_lift_joint"))
-    assert row.split()[1:3] == ["none", "none"]
+    assert row.split()[1:3] == ["rests", "rests"]
 
 
 def test_figures_have_four_digits_at_most_and_no_digits_of_rounding(tmp_path: Path) -> None:

@@ -27,8 +27,11 @@ def test_thresholds_are_told_joint_by_joint() -> None:
     """The value is the lowest of them: nobody may take it for that of all."""
     scenario = ("--set", "detector.thresholds_Nm=[20, 10, 40, 20, 20, inf, 20]")
     printed = run("require", EXAMPLE, "--vary", "detector.thresholds", *scenario).out
-    (line,) = [line for line in printed.splitlines() if line.startswith("the lowest; by joint ")]
-    by_joint = [float(each) for each in line.removeprefix("the lowest; by joint ").removesuffix(" Nm").split(", ")]
+    (line,) = [line for line in printed.splitlines() if line.startswith("that is the lowest threshold; by joint ")]
+    by_joint = [
+        float(each)
+        for each in line.removeprefix("that is the lowest threshold; by joint ").removesuffix(" Nm").split(", ")
+    ]
     value = strict_json(run("require", EXAMPLE, "--vary", "detector.thresholds", *scenario, "--json").out)["value"]
     assert by_joint == pytest.approx([factor * value for factor in (2, 1, 4, 2, 2, float("inf"), 2)], rel=1e-5)
     for factor, status in ((1.0, 0), (1.01, 3)):

@@ -197,7 +197,7 @@ def test_an_interrupted_study_is_taken_up_again(tmp_path: Path, monkeypatch: pyt
         (("workspace", "--poses", "5", "--joint-limits", "no"), "--joint-limits: 'no' is unknown"),
         (("workspace", "--poses", "5", "--velocity-limits", "no"), "--velocity-limits: 'no' is unknown"),
         (
-            ("workspace", "--poses", "5", "--set", "contact.kind=free", "--set", "contact.body_mass_kg=1"),
+            ("workspace", "--poses", "5", "--predict", "--set", "contact.kind=free", "--set", "contact.body_mass_kg=1"),
             "contact.kind",
         ),
     ],

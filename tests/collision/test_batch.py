@@ -17,7 +17,17 @@ from bumpstop import _native
 from collision.cases import control_group, ur10e
 
 
-@pytest.mark.parametrize("base", [control_group(), ur10e()], ids=["sia5d", "ur10e"])
+@pytest.mark.parametrize(
+    "base",
+    [
+        control_group(),
+        ur10e(),
+        ur10e(arm__model="elastic"),
+        ur10e(contact__damping_Ns_m=200.0),
+        ur10e(contact__kind="free", contact__body_mass_kg=2.0),
+    ],
+    ids=["sia5d", "ur10e", "elastic arm", "damped body", "free body"],
+)
 def test_a_batch_is_its_laws(base: bs.Scenario) -> None:
     problem = bs.CollisionProblem.from_scenario(base)
     rng = np.random.default_rng(2)

@@ -26,7 +26,7 @@ STRUCTS = {
     "JointTorqueErrors": set(),
     "SampleLimits": set(),
     "ThresholdModel": set(),
-    "DecisionSettings": set(),
+    "AlarmSettings": set(),
     "Payload": set(),
     "PayloadMonitorSettings": set(),
     # A function of the binding sets where the force of an event is given.

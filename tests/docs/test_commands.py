@@ -133,7 +133,7 @@ def test_python_of_the_page_on_studies(monkeypatch: pytest.MonkeyPatch, capsys: 
     assert doctest.DocTestRunner(optionflags=AS_DOCTEST).run(test).failed == 0
 
 
-@pytest.mark.parametrize("page", ["tutorial_identification.md", "tutorial_plant.md"])
+@pytest.mark.parametrize("page", ["tutorials/identification.md", "tutorials/plant.md"])
 def test_tutorial(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

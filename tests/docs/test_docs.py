@@ -170,7 +170,7 @@ def test_symbols_exist_in_both_languages() -> None:
 
 def test_rooms_import_only_what_they_may() -> None:
     allowed = {code(room)[0]: set(code(may)) for room, *_, may in rows(read("docs/architecture.md"), "room")}
-    everyones = {"errors", "arrays", "text_files", "_native", "_cpu"}
+    everyones = {"errors", "arrays", "text_files", "terminal", "_native", "_cpu"}
     for tree in ("include/bumpstop", "src/bumpstop"):
         folders = {path.name for path in (ROOT / tree).iterdir() if path.is_dir() and path.name != "__pycache__"}
         assert folders <= set(allowed)
@@ -218,7 +218,7 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_links(page: Path) -> None:
     text = without_fences(page.read_text(encoding="utf-8"))
     for link in re.findall(r"\]\(([^)\s]+)\)", text) + re.findall(r'(?:src|href)="([^"]+)"', text):

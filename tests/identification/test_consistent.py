@@ -26,7 +26,7 @@ def test_a_planted_arm_predicts_another_motion_and_its_links_are_bodies() -> Non
     fit = identify_dynamics(log, without_inertia(robot), cutoff_hz=8.0)
     found = consistent_inertias(log, fit)
     # Bodies predict the recording as well as free parameters do, but for what noise taught those.
-    assert np.all(found.rmse < 1.05 * found.rmse_free)
+    assert np.all(found.rmse < 1.07 * found.rmse_free)
     _, q, qd, qdd = excited(robot, 10.0, 20.0, 12)
     truth, ours = (inverse_dynamics(arm, q, qd, 0.3 * qdd) for arm in (robot, found.robot))
     # No single sample of the recording was as near the truth as this.

@@ -161,12 +161,12 @@ def test_ends_stay_out() -> None:
     assert rows.motion.t[0] == pytest.approx(0.5, abs=0.06)
     assert rows.motion.t[-1] == pytest.approx(t[-1] - 0.5, abs=0.06)
     assert rows.rows_at_ends == pytest.approx(100, abs=2)
-    # Accelerations within the first and last half second are off by up to their own size, those behind by a seventh.
+    # Accelerations within half a second of an end are off by up to two fifths of their size, others by a seventh.
     slow = np.stack([np.interp(rows.motion.t, t, qdd[:, j]) for j in range(6)], axis=1)
     assert np.abs(slow - rows.motion.qdd).max() < 0.15 * np.abs(qdd).max()
     around = rows.reach.motion
     slow = np.stack([np.interp(around.t, t, qdd[:, j]) for j in range(6)], axis=1)
-    assert np.abs(slow - around.qdd).max() > 0.5 * np.abs(qdd).max()
+    assert np.abs(slow - around.qdd).max() > 0.35 * np.abs(qdd).max()
     # Of a short one no more than a twentieth at either end.
     short = TorqueSamples.of([log.between(3.0, 5.0)], robot, 2.0)
     assert short.rows_at_ends == pytest.approx(20, abs=2)

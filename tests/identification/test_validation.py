@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,11 @@ import bumpstop as bs
 from bumpstop.cli.main import main
 from bumpstop.identification import identify_dynamics
 from bumpstop.identification.comparison import binned_error
+from bumpstop.identification.segments.rest import resting
 from bumpstop.identification.validation import ContactComparison, compare_contact, contact_of
 from bumpstop.recording import Recording
+from cli.support import run, strict_json
+from identification.test_friction_laws import stuck
 
 
 def planted(robot: bs.Robot, seed: int, *, seconds: float, noise: float = 0.6) -> Recording:
@@ -174,3 +178,43 @@ def test_pages(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         main(["tune", *arguments[2:3], "--model", *arguments[1:2], "--tip", "tool0"])
     assert ended.value.code == 2
     assert "--tip: has no meaning with fitted dynamics, which know their robot" in capsys.readouterr().err
+
+
+def test_a_joint_is_scored_where_it_moves() -> None:
+    """Stiction of three quarters of the friction, in rows that no model of motion predicts, is no error of one."""
+    robot = bs.Robot.load("ur10e")
+    fit = identify_dynamics(stuck(robot, 2), robot, cutoff_hz=6.0)
+    other = stuck(robot, 3)
+    found = fit.predict(other, filter_hz=6.0)
+    rests = resting(other.q, other.rate_hz)[: len(found.t)]
+    for j, score in enumerate(found.scores()):
+        assert score.rest_share == pytest.approx(rests[:, j].mean(), abs=0.01)
+        assert 0.2 < score.rest_share < 0.8
+        moves = ~rests[:: round(other.rate_hz / found.rate_hz), j][: len(found.t)]
+        measured, predicted = found.measured[moves, j], found.predicted[moves, j]
+        own = 1 - ((predicted - measured) ** 2).sum() / ((measured - measured.mean()) ** 2).sum()
+        assert score.r2_raw == pytest.approx(own, abs=2e-3)
+        assert score.r2 > 0.98
+
+
+def test_a_joint_that_rests_has_no_score(tmp_path: Path) -> None:
+    """Its torque hardly varies: a share of that would be a number far below zero beside a sound fit."""
+    robot = bs.Robot.load("ur10e")
+    log = planted(robot, 1, seconds=12.0)
+    held = log.q.copy()
+    held[:, 3] = held[0, 3]
+    still = np.gradient(held, log.t, axis=0)
+    tau = bs.model.inverse_dynamics(robot, held, still, np.gradient(still, log.t, axis=0)) + 2.0 * np.tanh(still / 0.02)
+    tau += 0.1 * np.random.default_rng(5).normal(size=held.shape)
+    # Held by stiction, which turns over from one rest to the next.
+    tau[:, 3] += 40.0 * np.sign(log.t - 6)
+    file = tmp_path / "log.parquet"
+    Recording(t=log.t, q=held, qd=still, tau=tau).save(file)
+    model = tmp_path / "arm.toml"
+    for command in (("identify", file, "--robot", "ur10e", "-o", model), ("validate", model, file)):
+        said = run(*command).out
+        assert re.search(r"^wrist_1_joint +rests +rests +\S+ +\S+ +\S+$", said, re.MULTILINE), said
+        assert "note: R2 leaves out the rows at which a joint rests: wrist_1_joint 100 %" in said
+    assert "warning: wrist_1_joint rests: its torque is not judged" in said
+    joint = strict_json(run("validate", model, file, "--json").out)["joints"][3]
+    assert (joint["r2"], joint["r2_raw"], joint["rest_share"]) == (None, None, 1.0)

@@ -200,9 +200,9 @@ void signs_of_bad_conditioning() {
         for (int j = 0; j < 4; ++j) problem.row[1][j] = length * (j == 1 ? 0.6 : j == 3 ? 0.8 : 0.0);
         const Solution<double> plain = solve<3>(problem);
         Problem<double> work = problem;
-        const double least_length[] = {1, 1, 1};
+        const double min_length[] = {1, 1, 1};
         double x[max_columns];
-        const Conditioning<double> scaled = damped_min_norm<3>(work.row, 4, work.target, 0.0, x, least_length);
+        const Conditioning<double> scaled = damped_min_norm<3>(work.row, 4, work.target, 0.0, x, min_length);
         CHECK(scaled.singular == (length < 1e-6) && near_singular(scaled) == (length < 1e-2));
         CHECK(plain.conditioning.singular == (length == 0));
         CHECK_NEAR(std::sqrt(scaled.min_sine_squared), length < 1e-6 ? 0 : length, 1e-15);

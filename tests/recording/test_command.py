@@ -129,3 +129,18 @@ def test_one_joint_is_no_joints_and_a_rate_has_four_digits(tmp_path: Path) -> No
     assert result.status == 0, result.err
     assert "300 rows, 1 joint\n" in result.out
     assert "median rate 30 Hz" in result.out
+
+
+def test_times_have_as_many_digits_as_mean_something(tmp_path: Path) -> None:
+    """Four, of a duration and of times from its begin; a tenth of a second where they count from 1970."""
+    path = tmp_path / "run.parquet"
+    log = recording(dof=6)
+    t = np.cumsum(np.full(log.t.size, 0.0333417)) + 0.1234567
+    t[100:] += 0.7654321
+    replace(log, t=t).save(path)
+    said = run("recording", "info", path).out
+    assert f"time: 0.1568 to {t[-1]:.4g} s ({t[-1] - t[0]:.4g} s), median rate 29.99 Hz" in said
+    assert f"gaps: 1: 798.8 ms at {t[99]:.4g} s" in said
+    replace(log, t=t + 1.6e9).save(path)
+    said = run("recording", "info", path).out
+    assert f"time: 1600000000.2 to {1.6e9 + t[-1]:.1f} s ({t[-1] - t[0]:.4g} s)" in said

@@ -25,11 +25,12 @@ from bumpstop.report.collision.detection import DetectionSection
 from bumpstop.report.collision.distribution import DistributionSection, bins
 from bumpstop.report.collision.tables import ProvenanceSection
 from bumpstop.report.detection.scoring import DetectionsPart
-from bumpstop.report.formatting import number, with_error
+from bumpstop.report.formatting import with_error
 from bumpstop.report.identification.recording import recording_picture
 from bumpstop.report.identification.validation import OverTimePart, WherePart
 from bumpstop.report.markup import Html, element, table
 from bumpstop.report.picture import WIDTH, Picture, axes, spread
+from bumpstop.terminal import number
 from report.cases import evaluate
 
 

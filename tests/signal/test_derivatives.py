@@ -12,6 +12,7 @@ import pytest
 from bumpstop import _native
 from bumpstop.errors import InputError
 from bumpstop.signal import causal_derivatives, derivatives, differences, filter_even, filter_reach, zero_phase_lowpass
+from bumpstop.signal.lowpass import padding_rows
 
 Acceleration = Callable[[np.ndarray, np.ndarray], np.ndarray]
 METHODS: dict[str, Acceleration] = {
@@ -193,10 +194,22 @@ def test_the_lowpass_is_scipys(rate: float, cutoff: float, order: int, columns: 
 
     x = np.random.default_rng(3).normal(size=(300, columns)).cumsum(axis=0)
     sections = butter(order, cutoff, fs=rate, output="sos")
-    reference = sosfiltfilt(sections, x, axis=0, padlen=3 * (2 * ((order + 1) // 2) + 1))
+    reference = sosfiltfilt(sections, x, axis=0, padlen=min(299, padding_rows(rate, cutoff, order)))
     # A section's gain at rest is a quotient of two figures, rounded by eps, of the size of (pi cutoff / rate)^2.
     bound = 300 * np.finfo(float).eps / min(1.0, (np.pi * cutoff / rate) ** 2) * np.abs(x).max()
     assert filter_even(x, rate, cutoff, order) == pytest.approx(reference, abs=bound)
+
+
+@pytest.mark.parametrize(
+    ("rate", "cutoff", "order"), [(5000, 60, 4), (1000, 2, 4), (125, 7, 4), (30, 2, 4), (94, 40, 10), (250, 10, 1)]
+)
+def test_a_record_that_begins_and_ends_at_speed_keeps_it(rate: float, cutoff: float, order: int) -> None:
+    """Whatever the rate: else the motor torque of an arm that is cut out of its motion is that of an impact."""
+    t = np.arange(round(100 * rate / cutoff)) / rate
+    ramp = np.stack([1.0 + 2.0 * t, -3.0 * t], axis=1)
+    found = filter_even(ramp, rate, cutoff, order)
+    assert found == pytest.approx(ramp, abs=1e-5 / cutoff)
+    assert np.abs(np.diff(found, 2, axis=0)).max() * rate**2 < 2e-3 * cutoff  # a speed that changes in one period: 3
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ BODIES = ["hand_finger", "lower_arm_wrist", "upper_arm_elbow"]
 @pytest.fixture(scope="module")
 def summary() -> dict[str, Any]:
     """Three body parts of both tables, as Schroeder (2013) moved."""
-    return run(EffectivenessStudy.of(control_group(), bodies=BODIES), threads=2)[1]
+    return run(EffectivenessStudy.of(control_group(), bodies=BODIES), threads=2).summary
 
 
 def found(summary: dict[str, Any], **wanted: Any) -> dict[str, Any]:
@@ -98,7 +98,7 @@ def test_rows_are_single_laws(case: bs.Scenario, direction: str, way: tuple[int,
             speeds_mm_s=[20.0, 70.5],
             areas_cm2=[1.0, 2.5],
         )
-    )[1]["collisions"]
+    ).summary["collisions"]
     known = [row for row in rows if not row["reason"]]
     assert {row["table"] for row in known} == {"bgia2011", "ts15066"}
     data = case.to_dict()
@@ -144,7 +144,7 @@ def test_rows_are_single_laws(case: bs.Scenario, direction: str, way: tuple[int,
 def test_a_safe_speed_is_below_the_first_tooth_that_fails(case: bs.Scenario) -> None:
     bodies, body = ["hand_finger", "lower_arm_wrist"], ("ts15066", "hand_finger")
     study = EffectivenessStudy.of(case, bodies=bodies, directions=["down"], speeds_mm_s=[50.0], areas_cm2=[2.0])
-    found = {(s["table"], s["body"]): s["safe_speed_mm_s"] for s in run(study)[1]["safe_speeds"]}
+    found = {(s["table"], s["body"]): s["safe_speed_mm_s"] for s in run(study).summary["safe_speeds"]}
 
     def over(speed: float) -> float:
         there = study.scenario_of(*body, "down", speed, 2.0)
@@ -165,7 +165,7 @@ def test_a_soft_body_has_a_safe_speed_though_a_slow_arm_takes_longer_to_be_notic
     slow = case.with_values({"motion.velocity_mm_s": [0, 0, -1]})
     assert bs.evaluate(slow).undetected_probability > case.verdict.accepted_probability
     study = EffectivenessStudy.of(case, bodies=["abdomen"], directions=["down"], areas_cm2=[1.0], speeds_mm_s=[1, 50])
-    summary = run(study)[1]
+    summary = run(study).summary
     assert [row["acceptable"] for row in summary["collisions"]] == [True, True]
     (safe,) = [row["safe_speed_mm_s"] for row in summary["safe_speeds"]]
     downward = case.with_values({"motion.velocity_mm_s": [0, 0, -107.7], "contact.area_cm2": 1.0})

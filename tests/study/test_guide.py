@@ -30,7 +30,7 @@ def rates() -> tuple[bs.Scenario, dict[str, Any]]:
         pairs=["motion.speed,reaction.joint_acceleration_rad_s2"],
         cost_rates=["motion.speed=1", "reaction.joint_acceleration_rad_s2=4", "detector.feedback_period_s=3000"],
     )
-    return scenario, run(study, threads=2)[1]
+    return scenario, run(study, threads=2).summary
 
 
 def _check_curves(scenario: bs.Scenario, pair: dict[str, Any]) -> int:
@@ -78,7 +78,7 @@ def test_along_a_curve_of_equal_risk_the_risk_is_equal(rates: Any) -> None:
 def test_curves_of_equal_risk_are_no_coarser_than_distributions(scenario: bs.Scenario, ranges: tuple[str, str]) -> None:
     keys = [text.partition("=")[0] for text in ranges]
     study = ParameterStudy.of(scenario, vary=list(ranges), pairs=[",".join(keys)])
-    (pair,) = run(study)[1]["equal_risk"]
+    (pair,) = run(study).summary["equal_risk"]
     assert pair["keys"] == keys
     assert _check_curves(scenario, pair) >= 8
 
@@ -144,7 +144,7 @@ def test_the_guide_finds_what_meets_limits_and_false_alarms_at_once(name: str) -
         vary=[f"{key}={low}:{high}:2" for key, (low, high) in ends.items()],
         cost_rates=[f"{key}=1" for key in ends],
     )
-    guide = run(study)[1]["guide"]
+    guide = run(study).summary["guide"]
     assert guide["combined"] is not None, guide["reason"]
     start, best = guide["now"]["values"], guide["combined"]["values"]
 
@@ -226,7 +226,7 @@ def test_no_arm_is_slowed_until_it_does_not_arrive() -> None:
 def test_a_guide_that_finds_nothing_says_why() -> None:
     scenario = control_group(motion__velocity_mm_s=[0.0, 0.0, -100.0])
     study = ParameterStudy.of(scenario, vary=["motion.speed=90:100:2"], cost_rates=["motion.speed=1"])
-    guide = run(study)[1]["guide"]
+    guide = run(study).summary["guide"]
     assert guide["combined"] is None
     assert guide["single_change"] == {"motion.speed": None}
     assert "No design in these ranges is enough" in guide["reason"]

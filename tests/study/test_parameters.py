@@ -83,7 +83,7 @@ def _mean(scenario: bs.Scenario, **changes: Any) -> float:
 
 
 def _derivative(scenario: bs.Scenario, vary: str) -> dict[str, Any]:
-    (found,) = run(ParameterStudy.of(scenario, vary=[vary]))[1]["parameters"]
+    (found,) = run(ParameterStudy.of(scenario, vary=[vary])).summary["parameters"]
     return {**found["derivative"], "control": found["control"]}
 
 
@@ -137,7 +137,7 @@ SLOPES = [
 @pytest.mark.parametrize(("scenario", "keys"), SLOPES)
 def test_slopes_are_those_of_laws_much_closer_together(scenario: bs.Scenario, keys: list[str]) -> None:
     study = ParameterStudy.of(scenario, vary=[f"{key}:2" for key in keys])
-    for each in run(study)[1]["parameters"]:
+    for each in run(study).summary["parameters"]:
         name, here = each["key"], each["control"]
         step = 0.001 if each["derivative"]["quantised"] else 1e-3 * here
         item = name.partition("[")[2]
@@ -188,7 +188,7 @@ def test_a_value_that_has_no_law_is_named() -> None:
 
 def test_a_key_that_changes_nothing_has_no_law() -> None:
     study = ParameterStudy.of(control_group(), vary=["verdict.accepted_probability=0.1:0.9:4"])
-    (found,) = run(study)[1]["parameters"]
+    (found,) = run(study).summary["parameters"]
     assert found["fits"] == []
     assert found["direction"] == "neither"
     assert found["derivative"]["mean"] == 0

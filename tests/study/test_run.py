@@ -7,6 +7,7 @@ import os
 import subprocess
 import time
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -47,6 +48,9 @@ class Squares(Study):
 
     def summary(self, rows: pl.DataFrame) -> dict[str, Any]:
         return {"sum": float(rows["square"].sum()), "nothing": float("nan")}
+
+    def lines(self, summary: Mapping[str, Any]) -> list[str]:
+        return [f"sum {summary['sum']:.6f}", "done"]
 
 
 @dataclass(frozen=True)
@@ -124,15 +128,15 @@ def test_shards_worked_out_together_are_kept_one_by_one(tmp_path: Path, threads:
     rows, _ = run(study, tmp_path, threads=threads, progress=lambda at, _: again.append(at))
     assert again[0] == len(kept) - 1
     assert again[-1] == 24
-    assert rows.equals(run(alone)[0])
+    assert rows.equals(run(alone).rows)
 
 
 def test_without_a_folder_the_rows_are_the_same_and_in_order(tmp_path: Path) -> None:
     study = Squares(control_group(), seed=3)
     rows, _ = run(study, threads=4)
-    assert rows.equals(run(study, tmp_path)[0])
+    assert rows.equals(run(study, tmp_path).rows)
     assert rows["shard"].to_list() == sorted(rows["shard"].to_list())
-    assert not rows["x"].equals(run(Squares(control_group(), seed=4))[0]["x"])
+    assert not rows["x"].equals(run(Squares(control_group(), seed=4)).rows["x"])
 
 
 @pytest.mark.parametrize(
@@ -265,7 +269,7 @@ def refused_by_name_and_done_again(study: Study, file: Path) -> None:
         run(study, folder)
     assert file.name in refused.value.problem
     file.unlink()
-    assert run(study, folder)[0].equals(run(study)[0])
+    assert run(study, folder).rows.equals(run(study).rows)
 
 
 @pytest.mark.parametrize("text", ["", "made_by = 3\n", "made_by = [", "\ufeff", "[made_by]\nfingerprint = []\n"])
@@ -285,7 +289,7 @@ def test_files_that_are_no_shards_are_left_alone(tmp_path: Path) -> None:
     shards = tmp_path / "shards"
     for name in ("2.arrow", "\u00b2.arrow", "000099.arrow"):
         (shards / name).write_bytes((shards / "000000.arrow").read_bytes())
-    assert run(study, tmp_path)[0].equals(run(study)[0])
+    assert run(study, tmp_path).rows.equals(run(study).rows)
 
 
 @dataclass(frozen=True)
@@ -301,7 +305,7 @@ def test_groups_that_end_in_another_order_make_the_same_rows(tmp_path: Path) -> 
     study = Unordered(control_group(), seed=3)
     seen: list[int] = []
     rows, _ = run(study, tmp_path, threads=3, progress=lambda at, _: seen.append(at))
-    assert rows.equals(run(Squares(control_group(), seed=3, count=24))[0])
+    assert rows.equals(run(Squares(control_group(), seed=3, count=24)).rows)
     assert seen == sorted(seen)
     assert seen[-1] == 24
 
@@ -336,7 +340,7 @@ def test_a_file_whose_writing_breaks_off_is_not_there(
     assert not (folder / name).exists()
     monkeypatch.setattr(Path, "write_bytes", write_bytes)
     monkeypatch.setattr(pl.DataFrame, "write_parquet", write_parquet)
-    assert run(Squares(control_group()), folder)[0].equals(rows)
+    assert run(Squares(control_group()), folder).rows.equals(rows)
 
 
 def test_a_line_of_code_is_a_part_of_the_fingerprint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -362,3 +366,11 @@ def test_a_line_of_code_is_a_part_of_the_fingerprint(tmp_path: Path, monkeypatch
         assert len(seen) == 6
     finally:
         code_digest.cache_clear()
+
+
+def test_a_result_is_two_things_and_a_text() -> None:
+    found = run(Squares(control_group(), seed=1))
+    rows, summary = found
+    assert rows is found.rows
+    assert summary is found.summary
+    assert str(found) == f"sum {(rows['x'] ** 2).sum():.6f}\ndone"

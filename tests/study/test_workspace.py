@@ -35,7 +35,7 @@ def study() -> WorkspaceStudy:
 
 @pytest.fixture(scope="module")
 def rows(study: WorkspaceStudy) -> pl.DataFrame:
-    return run(study)[0]
+    return run(study).rows
 
 
 def test_every_row_is_the_law_of_its_pose(rows: pl.DataFrame) -> None:
@@ -64,18 +64,18 @@ def test_threads_and_shards_change_nothing(
     study: WorkspaceStudy, rows: pl.DataFrame, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert study.shards == 1
-    assert run(study, threads=3)[0].equals(rows)
+    assert run(study, threads=3).rows.equals(rows)
     monkeypatch.setattr(workspace_module, "SHARD_ROWS", 20)
     small = WorkspaceStudy(SLOW, poses=60, seed=5)
     assert small.shards == 3
-    assert run(small, threads=2)[0].equals(run(small)[0])
-    assert run(small)[0]["q_1"].n_unique() == 60, "every shard draws poses of its own"
+    assert run(small, threads=2).rows.equals(run(small).rows)
+    assert run(small).rows["q_1"].n_unique() == 60, "every shard draws poses of its own"
     together = small.shard_batch([2, 0, 1])
     for number, shard in zip((2, 0, 1), together, strict=True):
         assert shard.equals(small.shard(number), null_equal=True), number
     # The first poses of a longer study are those of a shorter one.
-    assert run(WorkspaceStudy(SLOW, poses=20, seed=5))[0]["q_1"].equals(run(small)[0]["q_1"][:20])
-    assert not run(WorkspaceStudy(SLOW, poses=20, seed=6))[0]["q_1"].equals(run(small)[0]["q_1"][:20])
+    assert run(WorkspaceStudy(SLOW, poses=20, seed=5)).rows["q_1"].equals(run(small).rows["q_1"][:20])
+    assert not run(WorkspaceStudy(SLOW, poses=20, seed=6)).rows["q_1"].equals(run(small).rows["q_1"][:20])
 
 
 def test_held_joints_stay_and_the_others_fill_their_ranges() -> None:
@@ -105,7 +105,7 @@ def test_directions_are_even_over_the_sphere_or_over_the_polar_angle(spread: boo
 @pytest.mark.parametrize("options", [{"poses": 12}, {"grid": 1, "grid_directions": 3}])
 def test_directions_may_all_be_that_of_the_scenario(options: dict[str, int]) -> None:
     case = SLOW.with_values({"motion.velocity_mm_s": [6.0, 0.0, -8.0]})
-    rows = run(WorkspaceStudy(case, directions="scenario", **options))[0]
+    rows = run(WorkspaceStudy(case, directions="scenario", **options)).rows
     velocity = rows.select("velocity_x_m_s", "velocity_y_m_s", "velocity_z_m_s").to_numpy()
     assert len(velocity) >= 3
     np.testing.assert_allclose(velocity, np.tile([0.006, 0.0, -0.008], (len(velocity), 1)), atol=1e-15)
@@ -143,8 +143,8 @@ def test_singular_starts_are_reported_and_have_no_law() -> None:
 
 def test_without_joint_limits_none_ends_a_motion() -> None:
     settings: dict[str, Any] = {"poses": 60, "seed": 5}
-    respected = run(WorkspaceStudy(SLOW, **settings))[1]
-    ignored = run(WorkspaceStudy(SLOW, joint_limits="ignore", **settings))[1]
+    respected = run(WorkspaceStudy(SLOW, **settings)).summary
+    ignored = run(WorkspaceStudy(SLOW, joint_limits="ignore", **settings)).summary
     assert respected["ends"]["joint_limit"] > 0
     assert ignored["ends"]["joint_limit"] == 0
     assert ignored["no_contact"]["mean"] < respected["no_contact"]["mean"]
@@ -153,7 +153,7 @@ def test_without_joint_limits_none_ends_a_motion() -> None:
 def test_without_velocity_limits_arms_near_singularities_hit_harder_and_others_as_hard() -> None:
     settings: dict[str, Any] = {"poses": 60, "seed": 6, "joint_limits": "ignore"}
     respected, ignored = (
-        run(WorkspaceStudy(SLOW, velocity_limits=limits, **settings))[0] for limits in ("respect", "ignore")
+        run(WorkspaceStudy(SLOW, velocity_limits=limits, **settings)).rows for limits in ("respect", "ignore")
     )
     assert respected["q_1"].equals(ignored["q_1"])
     with_limits, without = respected["p50_N"].to_numpy(), ignored["p50_N"].to_numpy()
@@ -191,7 +191,7 @@ def test_predicted_forces_stand_beside_their_laws(
     assert (trusted["bound_N"] >= trusted["p999_N"]).all()
     assert np.median(np.abs(trusted["expected_N"] / trusted["mean_N"] - 1)) < 0.05
     # Predicting adds columns and changes none.
-    plain = run(WorkspaceStudy(SLOW, poses=80, seed=4))[0]
+    plain = run(WorkspaceStudy(SLOW, poses=80, seed=4)).rows
     assert rows.select(plain.columns).equals(plain)
 
 
@@ -301,7 +301,13 @@ def test_poses_in_self_collision_are_drawn_again_and_counted() -> None:
         (SLOW, {"poses": 1, "link_radius_mm": 900.0}, "--link-radius"),
         (bs.load_scenario(TRAJECTORY), {"poses": 1}, "motion.kind"),
         (SLOW, {"grid": 100}, "--grid"),
-        (control_group(contact__kind="free", contact__body_mass_kg=1.0), {"poses": 1}, "contact.kind"),
+        (control_group(contact__kind="free", contact__body_mass_kg=1.0), {"poses": 1, "predict": True}, "--predict"),
+        (control_group(arm__model="elastic"), {"poses": 1, "predict": True}, "--predict"),
+        (
+            control_group(contact__kind="free", contact__body_mass_kg=1.0, contact__arm="two_mass"),
+            {"poses": 1},
+            "contact.arm",
+        ),
         (control_group(contact__normal=[0.0, 0.0, -1.0]), {"poses": 1}, "contact.normal"),
         (
             control_group(contact__limits="ts15066", verdict__clamped_limit="two_phase"),

@@ -100,7 +100,7 @@ def _collisions(bodies: tuple[str, ...], direction: str, speeds: list[float]) ->
     study = EffectivenessStudy.of(
         control_group(), list(bodies), [direction], [float(speed) for speed in speeds], list(AREAS_CM2)
     )
-    rows = run(study)[0]
+    rows = run(study).rows
     found: dict[tuple[str, float], dict[float, dict[str, Any]]] = {}
     for row in rows.filter((rows["table"] == TABLE) & (rows["kind"] == "collision")).iter_rows(named=True):
         found.setdefault((row["body"], row["speed_mm_s"]), {})[row["area_cm2"]] = row

@@ -92,7 +92,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
                     name = f"{words}, {acceleration:g} rad/s2" + (f", damping {damping:g}" if damping else "")
                     name += ", no limits" if limits == "ignore" else ""
                     workspace = _study(directions, acceleration, damping, limits, count, study)
-                    case = Case(name, not damping and limits == "respect", run(workspace, threads=2)[1])
+                    case = Case(name, not damping and limits == "respect", run(workspace, threads=2).summary)
                     cases.append(case)
                     findings.progress(f"{name}: {100 * case.summary['p_over_force']['mean']:.1f} % over {LIMIT_N:g} N")
     _report(findings, cases, study)
@@ -167,7 +167,7 @@ def _against_the_reference_simulator(findings: Findings, facts: dict[str, Any], 
             study = replace(
                 _study("polar", acceleration, damping, "ignore", count, facts), velocity_limits=velocity_limits
             )
-            found = run(study, threads=2)[0]
+            found = run(study, threads=2).rows
             found = found.filter(found["end"] != "singular_start")
             p = found["p_over_force"].to_numpy()
             passes = np.array([_reference_exceeds(study, row, i) for i, row in enumerate(found.iter_rows(named=True))])

@@ -4,9 +4,8 @@
 
 #include <atomic>
 
-#include "bumpstop/collision/distribution/survival_criterion.hpp"
-#include "bumpstop/collision/integrate.hpp"
-#include "bumpstop/collision/motion/line_tracer.hpp"
+#include "bumpstop/collision/collision.hpp"
+#include "bumpstop/collision/distribution/cell_mixture.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -103,8 +102,8 @@ inline std::vector<int> order_of_work(const BatchProblem& problem) {
 
 /// The probability of an alarm at every tick when the body is as near as it can be: no collision's is greater.
 template <class L>
-std::vector<double> most_alarm(const GaussianThresholds& detector, const Timing& timing, const LinePath& path,
-                               double stiffness) {
+std::vector<double> max_alarm_probability(const GaussianThresholds& detector, const Timing& timing,
+                                          const LinePath& path, double stiffness) {
     constexpr int lanes = Scalar<L>::lanes;
     std::vector<double> probability(std::size_t(path.ticks), 1.0);
     for (int first = 0; first < path.ticks; first += lanes) {
@@ -122,17 +121,17 @@ std::vector<double> most_alarm(const GaussianThresholds& detector, const Timing&
     return probability;
 }
 
-/// Poses whose reactions are simulated together: few for their laws to stay in a near cache, many for lanes to have a next
-/// one while others still follow their last.
-inline constexpr int longest_group = 16;
+/// Poses whose reactions are simulated together: few for their distributions to stay in a near cache, many for lanes to
+/// have a next one while others still follow their last.
+inline constexpr int max_group_size = 16;
 /// Registers full of poses that are traced together at most: their paths stay near.
-inline constexpr int longest_round = 8;
+inline constexpr int max_round_size = 8;
 
 /// What a thread keeps from group to group.
 template <class L>
 struct BatchWorker {
     BatchWorker(const BatchProblem& problem, const AlarmTable& table, const PreContactAlarms& before) {
-        for (int i = 0; i < longest_group; ++i)
+        for (int i = 0; i < max_group_size; ++i)
             quadrature.emplace_back(problem.setup, problem.detector, before,
                                     TabulatedAlarms<L>(problem.detector, table), probabilities);
     }
@@ -141,28 +140,59 @@ struct BatchWorker {
     DetectionProbabilities probabilities;
     std::vector<OffsetQuadrature<L, TabulatedAlarms<L>>> quadrature;  ///< by place in the group
     std::vector<LinePath> path;                                       ///< of the poses that are traced together
-    StoppingCurve curve[longest_group];
-    std::vector<double> probability[longest_group];
+    StoppingCurve curve[max_group_size];
+    std::vector<double> probability[max_group_size];
 };
 
-template <class L>
-void write_distribution(const BatchProblem& problem, std::size_t pose, PathEnd end, const CollisionDistribution& found,
+/// `mean` and `sd` of the peak force where it is bounded, and its `exceedance` and `upper_quantile`.
+template <class Exceedance, class Quantile>
+void write_distribution(const BatchProblem& problem, std::size_t pose, bool endless, double mean, double sd,
+                        Exceedance exceedance, Quantile upper_quantile, const CollisionDistribution& found,
                         BatchResult& out) {
-    const bool endless = found.undetected > 1e-12 && end == PathEnd::motion_end;
     const std::size_t dof = std::size_t(problem.setup.chain.dof);
     const std::vector<double>&probability = problem.settings.probability, &limit = problem.settings.limit;
-    const Moments force = found.moments();
-    out.mean[pose] = endless ? std::numeric_limits<double>::infinity() : force.mean;
-    out.sd[pose] = endless ? std::numeric_limits<double>::quiet_NaN() : force.sd;
-    for (std::size_t i = 0; i < limit.size(); ++i)
-        out.exceedance[pose * limit.size() + i] = found.exceedance<L>(limit[i]);
+    out.mean[pose] = endless ? std::numeric_limits<double>::infinity() : mean;
+    out.sd[pose] = endless ? std::numeric_limits<double>::quiet_NaN() : sd;
+    for (std::size_t i = 0; i < limit.size(); ++i) out.exceedance[pose * limit.size() + i] = exceedance(limit[i]);
     for (std::size_t i = 0; i < probability.size(); ++i)
-        out.quantile[pose * probability.size() + i] = found.upper_quantile<L>(1 - probability[i]);
+        out.quantile[pose * probability.size() + i] = upper_quantile(1 - probability[i]);
     const double given = found.detected > 0 ? found.detected : std::numeric_limits<double>::quiet_NaN();
     for (std::size_t j = 0; j < dof; ++j) out.trigger[pose * dof + j] = found.trigger[j] / given;
     out.false_alarm[pose] = found.false_alarm;
     out.undetected[pose] = found.undetected;
     out.no_contact[pose] = found.no_contact;
+}
+
+template <class L>
+void write_distribution(const BatchProblem& problem, std::size_t pose, PathEnd end, const CollisionDistribution& found,
+                        BatchResult& out) {
+    const Moments force = found.moments();
+    write_distribution(
+        problem, pose, found.undetected > 1e-12 && end == PathEnd::motion_end, force.mean, force.sd,
+        [&](double x) { return found.exceedance<L>(x); }, [&](double p) { return found.upper_quantile<L>(p); }, found,
+        out);
+}
+
+/// A pose where arm or body give way: a single distribution.
+template <class L>
+void write_yielding(const BatchProblem& problem, int pose, BatchResult& out) {
+    const LineRequest request = problem.request(pose);
+    const StoppingCurve curve =
+        stopping_curve<L>(problem.setup, request, &problem.detector, problem.contact_at(request.speed()));
+    const LinePath& path = curve.path;
+    const Contact contact = problem.contact_at(path.approach_speed);
+    out.end[std::size_t(pose)] = path.singular_start ? batch_singular_start : std::uint8_t(path.end);
+    if (path.singular_start) return;
+    const CollisionDistribution found = integrate<L>(problem.setup, curve, problem.detector, {contact});
+    // A held body that is never detected is pressed on, but by an arm that has come to rest.
+    const bool pressed = !contact.body.gets_away() && !path.rests();
+    const CellMixture force =
+        contact_mixture<L>(found, ContactQuantity::peak_force, pressed ? std::optional(HUGE_VAL) : std::nullopt);
+    const double total = force.total();
+    write_distribution(
+        problem, std::size_t(pose), force.infinite() > 1e-12 * total, force.mean(), force.sd(),
+        [&](double x) { return std::min(1.0, force.above<L>(x) / total); },
+        [&](double p) { return force.upper_quantile<L>(p * total); }, found, out);
 }
 
 /// The paths of `count` poses into worker.path.
@@ -173,16 +203,14 @@ void trace_poses(const BatchProblem& problem, BatchWorker<L>& worker, const int*
     auto add = [&](int i) {
         requests.push_back(problem.request(poses[i]));
         // The approach speed is the tool's own speed along its line.
-        const Vector3& v = requests.back().velocity;
-        const double speed = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-        criteria.emplace_back(problem.setup, problem.detector, problem.contact_at(speed));
+        criteria.emplace_back(problem.setup, problem.detector, problem.contact_at(requests.back().speed()));
     };
     for (int i = 0; i < count; ++i) add(i);
     worker.path.resize(std::max(worker.path.size(), std::size_t(count)));
     LineTracer<L, Tracing::fast, SurvivalCriterion<L>>(problem.setup)
         .trace(requests.data(), criteria.data(), worker.path.data(), count);
-    // Near a singularity what a leap leaves out decides where the arm goes, and whether it meets the singularity: there a
-    // batch traces as a single law does.
+    // Near a singularity what an Adams step leaves out decides where the arm goes, and whether it meets the
+    // singularity: there a batch traces as a single distribution does.
     std::vector<int> again;
     for (int i = 0; i < count; ++i)
         if (worker.path[std::size_t(i)].met_singularity && !worker.path[std::size_t(i)].singular_start)
@@ -202,16 +230,16 @@ template <class L>
 void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool tabulated, const int* poses, LinePath* path,
                  int count, BatchResult& out) {
     StoppingCurve* curve = worker.curve;
-    QuadratureSettings settings[longest_group];
-    bool detected[longest_group];
+    QuadratureSettings settings[max_group_size];
+    bool detected[max_group_size];
     for (int i = 0; i < count; ++i) {
         std::swap(curve[i].path, path[i]);  // both keep their memory for the next pose
         const LinePath& traced = curve[i].path;
         settings[i] = {problem.contact_at(traced.approach_speed), 1, false};
         detected[i] = tabulated && traced.ticks > 0 && worker.quadrature[std::size_t(i)].detect(traced, settings[i]);
-        worker.probability[i] =
-            detected[i] ? worker.quadrature[std::size_t(i)].detection()
-                        : most_alarm<L>(problem.detector, problem.setup.timing, traced, problem.contact.body.stiffness);
+        worker.probability[i] = detected[i] ? worker.quadrature[std::size_t(i)].detection()
+                                            : max_alarm_probability<L>(problem.detector, problem.setup.timing, traced,
+                                                                       problem.contact.body.stiffness);
     }
     complete_curves<L>(problem.setup, curve, count,
                        [&](int c) { return OvertravelTolerance{worker.probability[c].data()}; });
@@ -232,7 +260,7 @@ void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool tabul
 
 }  // namespace detail
 
-/// The distributions of all poses. The body is clamped, and the size of its offset is in seconds of travel unless it is fixed.
+/// The distributions of all poses. The size of the offset is in seconds of travel unless it is fixed.
 /// Rounds of poses are handed to threads: which thread takes a round, and which poses are in it, does not touch a pose's
 /// numbers.
 template <class L>
@@ -241,6 +269,13 @@ BatchResult evaluate_batch(const CollisionSetup& setup, const GaussianThresholds
     constexpr int lanes = Scalar<L>::lanes;
     const detail::BatchProblem problem{setup, detector, contact, poses, settings};
     BatchResult out(std::size_t(poses.count), std::size_t(setup.chain.dof), settings);
+    if (setup.arm || contact.propagator(setup.motion.step)) {
+        std::atomic<int> next{0};
+        work_in_threads(settings.threads, [&] {
+            for (int pose = next++; pose < poses.count; pose = next++) detail::write_yielding<L>(problem, pose, out);
+        });
+        return out;
+    }
     const std::vector<int> order = detail::order_of_work(problem);
     const AlarmTable table(detector);
     const bool tabulated =
@@ -250,17 +285,17 @@ BatchResult evaluate_batch(const CollisionSetup& setup, const GaussianThresholds
     // Lanes that follow their lines take one pose after another, so a round is best long, and short enough for no thread to
     // be left with the last.
     const int share = poses.count / (8 * settings.threads * lanes);
-    const int round = lanes * std::clamp(share, 1, detail::longest_round);
+    const int round = lanes * std::clamp(share, 1, detail::max_round_size);
     std::atomic<int> next{0};
     work_in_threads(settings.threads, [&] {
         detail::BatchWorker<L> worker(problem, table, before);
         for (int begin = round * next++; begin < poses.count; begin = round * next++) {
             const int end = std::min(begin + round, poses.count);
             detail::trace_poses(problem, worker, &order[std::size_t(begin)], end - begin);
-            for (int first = begin; first < end; first += detail::longest_group)
+            for (int first = begin; first < end; first += detail::max_group_size)
                 detail::batch_group<L>(problem, worker, tabulated, &order[std::size_t(first)],
                                        &worker.path[std::size_t(first - begin)],
-                                       std::min(detail::longest_group, end - first), out);
+                                       std::min(detail::max_group_size, end - first), out);
         }
     });
     return out;

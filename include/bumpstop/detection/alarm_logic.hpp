@@ -18,11 +18,11 @@ enum class DetectorState {
 };
 inline constexpr int detector_states = 4;
 
-struct DecisionSettings {
+struct AlarmSettings {
     ThresholdModel thresholds;
     double arming_delay = 0;            ///< after a motion begins [s]
     double rest_time = 0.1;             ///< all joints slower than their rest_speed for this long: the arm rests [s]
-    double low_hz = 0.5, high_hz = 30;  ///< of the fast channel
+    double low_hz = 0.5, high_hz = 30;  ///< of the band-pass channel
     /// While an alarm stands, a residual that passes its threshold after so long below is another event [s]; infinite:
     /// it never is.
     double event_pause = 0.1;
@@ -31,7 +31,7 @@ struct DecisionSettings {
 /// Judges residuals tick by tick. Nothing is allocated.
 class AlarmLogic {
   public:
-    AlarmLogic(const DecisionSettings& settings, int joints) noexcept
+    AlarmLogic(const AlarmSettings& settings, int joints) noexcept
         : settings_(settings), joints_(joints), band_(settings.low_hz, settings.high_hz) {
         ThresholdModel& law = settings_.thresholds;
         for (int j = 0; j < max_joints; ++j) {
@@ -47,8 +47,8 @@ class AlarmLogic {
     /// A tick at time t [s], `dt` after the last: residuals, rates, accelerations and the standard errors of the torque
     /// (or none), by joint and finite, in arrays of max_joints numbers. True: an event begins with this tick, which raises
     /// the alarm, or comes while it stands.
-    bool judge(double t, double dt, const double* residual, const double* qd, const double* qdd,
-               const double* sd) noexcept {
+    bool update(double t, double dt, const double* residual, const double* qd, const double* qdd,
+                const double* sd) noexcept {
         const ThresholdModel& law = settings_.thresholds;
         const BandPass::Shares kept = any_fast_ ? band_.step(dt) : BandPass::Shares{0, 0};
         std::uint32_t above = 0, above_fast = 0;
@@ -85,18 +85,18 @@ class AlarmLogic {
         const bool over = (over_ | over_fast_) != 0;
         masked_ = !armed && over;
         const bool stands = state_ == DetectorState::alarm;
-        loud_ = armed && over;
+        over_armed_ = armed && over;
         if (!stands) state_ = armed ? DetectorState::monitoring : DetectorState::arming;
-        // Ticks without a residual are no quiet ones: behind them quiet counts anew.
-        if (!judged_) quiet_from_ = t;
-        judged_ = true;
-        if (!loud_) {
-            event_over_ = event_over_ || t - quiet_from_ >= settings_.event_pause;
+        // After ticks without a residual the time below the thresholds counts anew.
+        if (!known_) below_since_ = t;
+        known_ = true;
+        if (!over_armed_) {
+            event_over_ = event_over_ || t - below_since_ >= settings_.event_pause;
             return false;
         }
         const bool begins = !stands || event_over_;
         state_ = DetectorState::alarm;
-        quiet_from_ = t;
+        below_since_ = t;
         event_over_ = false;
         return begins;
     }
@@ -110,8 +110,8 @@ class AlarmLogic {
         band_.reset();
         skip();
     }
-    /// A tick without a residual: nothing is known to be quiet in it.
-    void skip() noexcept { judged_ = false; }
+    /// A tick without a residual: it does not count as below the thresholds.
+    void skip() noexcept { known_ = false; }
     void reset() noexcept {
         interrupt();
         resting_ = true;
@@ -121,11 +121,11 @@ class AlarmLogic {
     }
 
     DetectorState state() const noexcept { return state_; }
-    /// Joints over their thresholds in the last tick, joint j as bit j: of the residual, and of the fast channel.
+    /// Joints over their thresholds in the last tick, joint j as bit j: of the residual, and of the band-pass channel.
     std::uint32_t over() const noexcept { return over_; }
     std::uint32_t over_fast() const noexcept { return over_fast_; }
     /// Over some threshold in the last tick, and armed: what an event goes on with.
-    bool loud() const noexcept { return loud_; }
+    bool over_armed() const noexcept { return over_armed_; }
     /// The last tick would have been an alarm, had the detector been armed.
     bool masked_while_arming() const noexcept { return masked_; }
     const double* threshold() const noexcept { return threshold_.data(); }
@@ -141,13 +141,13 @@ class AlarmLogic {
         return bits;
     }
 
-    DecisionSettings settings_;
+    AlarmSettings settings_;
     int joints_;
     BandPass band_;
     DetectorState state_ = DetectorState::monitoring;
-    bool any_fast_ = false, resting_ = true, masked_ = false, judged_ = false, loud_ = false;
-    bool event_over_ = false;  // all was quiet for the pause
-    double quiet_from_ = 0;    // since when nothing was over a threshold [s]
+    bool any_fast_ = false, resting_ = true, masked_ = false, known_ = false, over_armed_ = false;
+    bool event_over_ = false;  // no residual was over a threshold for the pause
+    double below_since_ = 0;   // since when nothing was over a threshold [s]
     double begun_ = 0, moved_ = -std::numeric_limits<double>::infinity();
     std::uint32_t over_ = 0, over_fast_ = 0;
     std::array<double, max_joints> threshold_{}, fast_{}, inverse_rest_speed_{};

@@ -1,5 +1,5 @@
 /// @file
-/// The probability that a joint alarms, from a table: for many laws at a time, which need no far tails.
+/// The probability that a joint alarms, from a table: for many distributions at a time, which need no far tails.
 #pragma once
 
 #include <vector>
@@ -24,7 +24,7 @@ class AlarmTable {
             per_sd_[w] = 1 / detector.sd[w];
             mean_[w] = detector.mean[w] * per_sd_[w];
             first_[w] = piece_.size();
-            // The last piece is 1: ten standard deviations above the threshold nothing is silent.
+            // The last piece is 1: ten standard deviations above the threshold an alarm is certain.
             const int last = int(std::ceil((detector.threshold[w] / detector.sd[w] + 10) * pieces_per_sd));
             last_[w] = last;
             for (int i = 0; i < last; ++i) {

@@ -32,7 +32,7 @@ struct DetectorSettings {
     int degree = 2;                   ///< of the derivatives, see CausalDerivative
     Vector3 gravity{0, 0, -9.80665};  ///< base frame [m/s2]
     SampleLimits samples;
-    DecisionSettings decision;
+    AlarmSettings alarm;
     double max_no_data_time = 0;                ///< without data for longer asks for a stop [s]; 0: at once
     std::uint32_t unknown = 0;                  ///< joint j as bit j: its torque is not known, and its residual is zero
     std::array<double, max_joints> noise_sd{};  ///< of the residual, to be given: above 0; infinite: not monitored
@@ -54,13 +54,13 @@ struct DetectorOutput {
     double t = 0;                                ///< of the sample [s]
     std::uint32_t over = 0, over_fast = 0;       ///< joint j as bit j
     std::array<double, max_joints> residual{};   ///< Nm or N
-    std::array<double, max_joints> fast{};       ///< of the fast channel; zero where no joint is monitored there
+    std::array<double, max_joints> fast{};       ///< of the band-pass channel; zero where no joint is monitored there
     std::array<double, max_joints> threshold{};  ///< of the residual in this tick
     std::array<double, max_joints> qd{}, qdd{};  ///< as the detector sees them
 };
 
-/// An event: the tick that raised the alarm, or that passed a threshold again, after a pause, while the alarm stood. In
-/// the units of DetectorOutput.
+/// An event: the tick that raised the alarm, or that passed a threshold again, after a pause, while the alarm was on.
+/// In the units of DetectorOutput.
 struct DetectorEvent {
     double t = 0;  ///< s
     std::uint32_t over = 0, over_fast = 0;
@@ -82,9 +82,9 @@ class Detector {
           bank_(joints, errors),
           derivative_(window_samples(settings.window, settings.samples.period, settings.degree), settings.degree,
                       chain.dof),
-          guard_(settings.samples, chain.dof),
+          validator_(settings.samples, chain.dof),
           observer_(settings.observer_gain, chain.dof),
-          decision_(settings.decision, chain.dof),
+          alarm_logic_(settings.alarm, chain.dof),
           watch_(settings.payload_monitor, chain.dof) {
         for (int j = 0; j < chain.dof; ++j) {
             links_[j] = links[j];
@@ -102,12 +102,12 @@ class Detector {
         out_.over = out_.over_fast = 0;
         const bool moves = derivative_.full();
         const SampleFault fault =
-            guard_.check(sample, {moves ? out_.qd.data() : nullptr, moves ? derivative_.span() : 0.0});
-        out_.late = guard_.late();
-        if (fault == SampleFault::gap) forget();
+            validator_.check(sample, {moves ? out_.qd.data() : nullptr, moves ? derivative_.span() : 0.0});
+        out_.late = validator_.late();
+        if (fault == SampleFault::gap) reset_history();
         if (fault != SampleFault::none && fault != SampleFault::gap) return no_data(fault, sample.t);
         const bool full = settings_.samples.measured_rates ? derivative_.update(sample.t, sample.qd.data())
-                                                           : derivative_.update(sample.t, guard_.position());
+                                                           : derivative_.update(sample.t, validator_.position());
         // A gap is told once, by the sample after it.
         if (!full) return no_data(fault == SampleFault::gap && begun_ ? fault : SampleFault::filling, sample.t);
         if (settings_.samples.measured_rates) out_.qd = sample.qd;
@@ -116,7 +116,7 @@ class Detector {
         JointAngles<double>& angle = angle_;
         // In an order that lets what waits for itself wait beside others.
         bank_.take_logarithms(qd);
-        angle.set_padded(chain_, guard_.position());
+        angle.set_padded(chain_, validator_.position());
         bank_.take_powers(qd);
         if (in_lanes_) frames_.set(inertias_.lanes, angle, qd);
         bool finite = false;
@@ -128,24 +128,24 @@ class Detector {
             return no_data(SampleFault::filling, sample.t);
         }
         if (!finite) {
-            forget();
+            reset_history();
             return no_data(SampleFault::not_finite, sample.t);
         }
         begun_ = true;
         return judged(sample, angle, qd, qdd);
     }
 
-    /// No sample has been believed for longer than the longest interval: `update` was not called, or called in vain.
+    /// No sample has been valid for longer than the longest interval: `update` was not called, or called in vain.
     bool overdue(double now) const noexcept {
-        return !(now - guard_.last_time() <= settings_.samples.longest_interval);
+        return !(now - validator_.last_time() <= settings_.samples.longest_interval);
     }
     /// The alarm has been dealt with; the next tick is judged anew.
-    void acknowledge() noexcept { decision_.acknowledge(); }
+    void acknowledge() noexcept { alarm_logic_.acknowledge(); }
     /// As after construction, but for the payload.
     void reset() noexcept {
-        guard_.reset();
+        validator_.reset();
         bank_.reset();
-        decision_.reset();
+        alarm_logic_.reset();
         watch_.reset();
         derivative_.reset();
         observer_.reset();
@@ -177,7 +177,7 @@ class Detector {
     /// What the residuals of the last seconds say of the payload.
     const PayloadMonitor& payload() const noexcept { return watch_; }
     /// The alarm stands.
-    bool alarmed() const noexcept { return decision_.state() == DetectorState::alarm; }
+    bool alarmed() const noexcept { return alarm_logic_.state() == DetectorState::alarm; }
     const DetectorSettings& settings() const noexcept { return settings_; }
     int joints() const noexcept { return chain_.dof; }
 
@@ -196,20 +196,20 @@ class Detector {
         const L size = abs(known) + abs(only(ours_, qdd, first));
         return size <= L(std::numeric_limits<double>::max());
     }
-    [[gnu::noinline, gnu::cold]] void forget() noexcept {
+    [[gnu::noinline, gnu::cold]] void reset_history() noexcept {
         derivative_.reset();
         observer_.reset();
-        decision_.interrupt();
+        alarm_logic_.interrupt();
     }
 
     /// Torque that the drives give, or, for the observer, give but for reflected inertia.
     void estimate(const double* qd, const double* qdd, double* tau) noexcept {
-        errors_ = settings_.decision.thresholds.model_errors > 0 && settings_.source == TorqueSource::current;
+        errors_ = settings_.alarm.thresholds.model_errors > 0 && settings_.source == TorqueSource::current;
         if (settings_.source == TorqueSource::current) {
-            bank_.map(guard_.signal(), qd, qdd, tau, errors_ ? sd_.data() : nullptr);
+            bank_.map(validator_.signal(), qd, qdd, tau, errors_ ? sd_.data() : nullptr);
         } else {
             for (int first = 0; first < chain_.dof; first += native_lanes)
-                store(load<L>(guard_.signal() + first), tau + first);
+                store(load<L>(validator_.signal() + first), tau + first);
         }
     }
     /// Fills out_.residual; false where it is not finite, or an acceleration is not.
@@ -235,7 +235,7 @@ class Detector {
     [[gnu::noinline, gnu::flatten]] void link_by_link(const JointAngles<double>& angle, const double* qd,
                                                       const double* qdd, double* predicted) noexcept {
         store(L(0.0), predicted + (chain_.dof - 1) / native_lanes * native_lanes);
-        inverse_dynamics(chain_, inertias_, guard_.position(), angle, qd, qdd, settings_.gravity, predicted);
+        inverse_dynamics(chain_, inertias_, {validator_.position(), angle, qd, qdd}, settings_.gravity, predicted);
     }
     /// The observer's next estimate; false while it begins.
     [[gnu::noinline, gnu::flatten]] bool observe(const JointAngles<double>& angle, const double* qd) noexcept {
@@ -244,28 +244,28 @@ class Detector {
         alignas(64) double tau[max_joints];
         estimate(qd, nothing, tau);
         MomentumTerms<double> terms;
-        momentum_terms(chain_, inertias_, guard_.position(), angle, qd, settings_.gravity, terms);
+        momentum_terms(chain_, inertias_, validator_.position(), angle, qd, settings_.gravity, terms);
         for (int j = 0; j < n; ++j) {
             terms.momentum[j] += reflected_[j] * qd[j];
             tau[j] += terms.velocity_force[j] - terms.gravity[j];
         }
-        return observer_.update(guard_.interval(), terms.momentum, tau);
+        return observer_.update(validator_.interval(), terms.momentum, tau);
     }
 
     const DetectorOutput& judged(const DetectorSample& sample, const JointAngles<double>& angle, const double* qd,
                                  const double* qdd) noexcept {
-        const bool begins =
-            decision_.judge(sample.t, guard_.interval(), out_.residual.data(), qd, qdd, errors_ ? sd_.data() : nullptr);
-        out_.state = decision_.state();
+        const bool begins = alarm_logic_.update(sample.t, validator_.interval(), out_.residual.data(), qd, qdd,
+                                                errors_ ? sd_.data() : nullptr);
+        out_.state = alarm_logic_.state();
         out_.fault = SampleFault::none;
-        out_.over = decision_.over();
-        out_.over_fast = decision_.over_fast();
-        out_.masked_while_arming = decision_.masked_while_arming();
+        out_.over = alarm_logic_.over();
+        out_.over_fast = alarm_logic_.over_fast();
+        out_.masked_while_arming = alarm_logic_.masked_while_arming();
         seen_ = sample.t;
         no_data_ticks_ = 0;
         for (int first = 0; first < chain_.dof; first += native_lanes) {
-            store(only(ours_, decision_.threshold(), first), &out_.threshold[first]);
-            store(only(ours_, decision_.fast(), first), &out_.fast[first]);
+            store(only(ours_, alarm_logic_.threshold(), first), &out_.threshold[first]);
+            store(only(ours_, alarm_logic_.fast(), first), &out_.fast[first]);
             store(only(ours_, qd, first), &out_.qd[first]);
             store(only(ours_, qdd, first), &out_.qdd[first]);
         }
@@ -273,7 +273,7 @@ class Detector {
         out_.payload_changed = watch_.recognised();
         if (begins) {
             record(sample, angle);
-        } else if (decision_.loud()) {
+        } else if (alarm_logic_.over_armed()) {
             event_.span.extend(sample.t, out_.residual.data(), out_.threshold.data(), chain_.dof);
         }
         out_.stop = out_.state == DetectorState::alarm;
@@ -304,7 +304,7 @@ class Detector {
         event_.q = sample.q;
         for (int j = 0; j < chain_.dof; ++j)
             event_.hidden[j] =
-                hidden_torque(settings_.dead_zone[j], out_.qd[j], settings_.decision.thresholds.rest_speed[j]);
+                hidden_torque(settings_.dead_zone[j], out_.qd[j], settings_.alarm.thresholds.rest_speed[j]);
         const auto noise =
             contact_noise(chain_.dof, out_.residual.data(), settings_.noise_sd.data(), event_.hidden.data());
         event_.contact = estimate_contact(chain_, posture, out_.residual.data(), noise.data(), settings_.contact,
@@ -319,12 +319,12 @@ class Detector {
         // An alarm that stands is not hidden by a bad sample, but the bad sample is told.
         out_.state = DetectorState::no_data;
         out_.fault = fault;
-        decision_.skip();
+        alarm_logic_.skip();
         // Times may stand still or run backwards; ticks do not.
         ++no_data_ticks_;
         const bool patient = t - seen_ <= settings_.max_no_data_time &&
                              no_data_ticks_ * settings_.samples.period <= settings_.max_no_data_time;
-        out_.stop = decision_.state() == DetectorState::alarm || !patient;
+        out_.stop = alarm_logic_.state() == DetectorState::alarm || !patient;
         for (int j = 0; j < chain_.dof; ++j) out_.residual[j] = std::numeric_limits<double>::quiet_NaN();
         out_.fast = out_.residual;
         return out_;
@@ -342,9 +342,9 @@ class Detector {
     Point3<double> free_fall_{};
     JointTorqueBank bank_;
     ChainDerivative<max_joints> derivative_;
-    SampleValidator guard_;
+    SampleValidator validator_;
     MomentumObserver observer_;
-    AlarmLogic decision_;
+    AlarmLogic alarm_logic_;
     PayloadMonitor watch_;
     LinkPoint payload_point_;
     JointAngles<double> angle_{};

@@ -82,8 +82,8 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
 
     DetectorSettings& s = out.settings;
     SampleLimits& samples = s.samples;
-    DecisionSettings& decision = s.decision;
-    ThresholdModel& law = decision.thresholds;
+    AlarmSettings& alarm = s.alarm;
+    ThresholdModel& law = alarm.thresholds;
     PayloadMonitorSettings& watch = s.payload_monitor;
     constexpr double inf = std::numeric_limits<double>::infinity(), large = std::numeric_limits<double>::max();
     double degree = 0, measured_rates = 0, unknown = 0, unmonitored = 0, endless = 0, contact[4] = {}, payload[4] = {};
@@ -124,11 +124,11 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
         {"rest_speed", law.rest_speed.data(), -1, 1e-300, large},
         {"fast", law.fast.data(), -1, 1e-300, inf},
         {"model_errors", &law.model_errors, 1, 0, large},
-        {"arming_delay", &decision.arming_delay, 1, 0, large},
-        {"rest_time", &decision.rest_time, 1, 0, large},
-        {"low_hz", &decision.low_hz, 1, 1e-9, large},
-        {"high_hz", &decision.high_hz, 1, 1e-9, large},
-        {"event_pause", &decision.event_pause, 1, 1e-9, inf},
+        {"arming_delay", &alarm.arming_delay, 1, 0, large},
+        {"rest_time", &alarm.rest_time, 1, 0, large},
+        {"low_hz", &alarm.low_hz, 1, 1e-9, large},
+        {"high_hz", &alarm.high_hz, 1, 1e-9, large},
+        {"event_pause", &alarm.event_pause, 1, 1e-9, inf},
     };
     const char* const in_range = " numbers in its range, once";
     bool begun = false, ended = false;
@@ -182,7 +182,7 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
     const std::size_t wanted = s.source == TorqueSource::current ? std::size_t(n) : 0;
     if (out.joints.size() != wanted || out.errors.size() != wanted)
         return wrong("wanted " + std::to_string(wanted) + " lines 'joint_torque' and 'joint_errors'");
-    if (!(decision.low_hz < decision.high_hz)) return wrong("'low_hz' is not below 'high_hz'");
+    if (!(alarm.low_hz < alarm.high_hz)) return wrong("'low_hz' is not below 'high_hz'");
     for (const double whole : {degree, measured_rates, unknown, unmonitored, endless, contact[0]})
         if (whole != std::floor(whole)) return wrong("a number that counts is not whole");
     if (!(contact[0] >= 0 && contact[0] < n)) return wrong("'contact' names no link");

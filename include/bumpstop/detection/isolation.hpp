@@ -14,7 +14,7 @@ struct ContactEstimate {
     int link = -1;               ///< likeliest, from 0; -1: no joint is monitored
     std::uint32_t possible = 0;  ///< link i as bit i: a contact there could explain the residual
     double force_along = 0;      ///< least squares, along the direction asked for [N]
-    /// Standard deviation of force_along; infinite where no joint that says something feels the direction [N].
+    /// Standard deviation of force_along; infinite where the direction loads no joint with a usable residual [N].
     double force_along_sd = std::numeric_limits<double>::infinity();
     Vector3 force{};                          ///< least squares at the point, shortest [N, base frame]
     double leftover = 0;                      ///< of that force: largest |r_j - fit_j| / sd_j over monitored joints
@@ -24,7 +24,7 @@ struct ContactEstimate {
 namespace detail {
 
 /// Solves a symmetric positive semidefinite 3 x 3 system for the shortest least-squares answer: cyclic Jacobi rotations.
-inline Vector3 shortest_solution(Matrix3 m, const Vector3& right) noexcept {
+inline Vector3 min_norm_solution(Matrix3 m, const Vector3& right) noexcept {
     Matrix3 v{1, 0, 0, 0, 1, 0, 0, 0, 1};
     for (int sweep = 0; sweep < 12; ++sweep)
         for (int p = 0; p < 2; ++p)
@@ -103,11 +103,11 @@ inline std::array<double, max_joints> contact_noise(int joints, const double* re
     std::array<double, max_joints> out{};
     bool heard = false;
     for (int j = 0; j < joints; ++j) {
-        const bool silent = hidden[j] > sd[j] && std::fabs(residual[j]) <= 3 * sd[j];
-        out[j] = silent ? std::numeric_limits<double>::infinity() : std::hypot(sd[j], hidden[j]);
+        const bool hides = hidden[j] > sd[j] && std::fabs(residual[j]) <= 3 * sd[j];
+        out[j] = hides ? std::numeric_limits<double>::infinity() : std::hypot(sd[j], hidden[j]);
         heard = heard || std::isfinite(out[j]);
     }
-    // Where every joint is silent the little that they show is all there is.
+    // Where friction may hide the torque of every joint their residuals are used as they are.
     if (!heard)
         for (int j = 0; j < joints; ++j) out[j] = std::hypot(sd[j], hidden[j]);
     return out;
@@ -145,7 +145,7 @@ inline ContactEstimate estimate_contact(const Chain& chain, const Posture<double
     }
     out.force_along = along_square > 0 ? along / along_square : 0;
     if (along_square > 0) out.force_along_sd = 1 / std::sqrt(along_square);
-    out.force = detail::shortest_solution(normal, right);
+    out.force = detail::min_norm_solution(normal, right);
     for (int j = 0; j < n; ++j) {
         double fit = 0;
         if (j <= point.link) {

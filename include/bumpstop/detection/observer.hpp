@@ -1,5 +1,5 @@
 /// @file
-/// Filters of the detector, in discrete time: the momentum observer and the band-pass of the fast channel.
+/// Filters of the detector, in discrete time: the momentum observer and the band-pass of the band-pass channel.
 ///
 /// Intervals may differ from tick to tick. Nothing is allocated.
 #pragma once
@@ -68,7 +68,7 @@ class MomentumObserver {
     std::array<double, max_joints> momentum_{}, force_{}, estimate_{};
 };
 
-/// The fast channel: a first-order low-pass against noise, then what is left over by a second, slower one.
+/// The band-pass channel: a first-order low-pass against noise, then what is left over by a second, slower one.
 ///
 ///   u(k) = a u(k-1) + (1 - a) r(k),   w(k) = b w(k-1) + (1 - b) u(k),   band(k) = u(k) - w(k)
 ///

@@ -1,5 +1,5 @@
 /// @file
-/// Samples that cannot be believed: lost, late, repeated, not finite, or impossible for the arm.
+/// Invalid samples: lost, late, repeated, not finite, or impossible for the arm.
 #pragma once
 
 #include <array>
@@ -35,7 +35,7 @@ struct DetectorSample {
     std::array<double, max_joints> qd{};      ///< measured rates [rad/s or m/s]; read only where the settings say so
 };
 
-/// What a sample may be. Arrays are to be given for every joint: with zeros no sample of a moving arm is believed.
+/// What a sample may be. Arrays are to be given for every joint: with zeros no sample of a moving arm is valid.
 struct SampleLimits {
     double period = 0.004;                            ///< of the samples [s]
     double shortest_interval = 0;                     ///< below it a sample repeats the one before [s]
@@ -54,8 +54,8 @@ struct SampleLimits {
     std::uint32_t endless = 0;
 };
 
-/// How fast the arm is believed to move: what a sample is told from that repeats the one before.
-struct BelievedMotion {
+/// How fast the arm moved lately: this tells a sample that repeats the one before from an arm at rest.
+struct RecentMotion {
     const double* rate = nullptr;  ///< by joint [rad/s or m/s]; none: not known
     double span = 0;               ///< time that the rate is an average of [s]
 };
@@ -69,7 +69,7 @@ class SampleValidator {
             ours_[j] = j < joints ? 1 : 0;
             needed_[j] = j < joints && !(limits.unmonitored >> j & 1) ? 1 : 0;
             endless_[j] = j < joints && limits.endless >> j & 1 ? 1 : 0;
-            if (endless_[j] > 0) limits_.upper[j] = most_turned, limits_.lower[j] = -most_turned;
+            if (endless_[j] > 0) limits_.upper[j] = max_position, limits_.lower[j] = -max_position;
             if (j < joints) continue;
             limits_.lower[j] = limits_.upper[j] = 0;
             limits_.velocity[j] = limits_.signal[j] = 0;
@@ -77,9 +77,9 @@ class SampleValidator {
         step_.fill(inf);
     }
 
-    /// `none`: the sample is believed, and so is the past. `gap`: the sample is believed, the past forgotten. Any other:
-    /// the sample is not believed.
-    SampleFault check(const DetectorSample& sample, const BelievedMotion& motion = {}) noexcept {
+    /// `none`: the sample is valid, and so is the past. `gap`: the sample is valid, the past forgotten. Any other:
+    /// the sample is not valid.
+    SampleFault check(const DetectorSample& sample, const RecentMotion& motion = {}) noexcept {
         constexpr double largest = std::numeric_limits<double>::max();
         interval_ = 0;
         late_ = false;
@@ -107,11 +107,11 @@ class SampleValidator {
             inside = inside & (q >= load<L>(&limits_.lower[first])) & (q <= load<L>(&limits_.upper[first]));
             possible = possible & ((abs(signal) <= load<L>(&limits_.signal[first])) | !needed);
             // A sample may have been taken up to a period before its time says.
-            const L believed = load<L>(&position_[first]);
+            const L valid = load<L>(&position_[first]);
             L now = q;
             if (limits_.endless != 0 && !fresh)
-                now = select(load<L>(&endless_[first]) > L(0.5), q - whole_turns(q - believed), q);
-            reachable = reachable & (abs(now - believed) <= speed * reach + limits_.resolution);
+                now = select(load<L>(&endless_[first]) > L(0.5), q - whole_turns(q - valid), q);
+            reachable = reachable & (abs(now - valid) <= speed * reach + limits_.resolution);
             same = same & (q == load<L>(&told_[first])) & (signal == load<L>(&signal_[first]));
             if (limits_.measured_rates) {
                 const L qd = select(ours, load<L>(&sample.qd[first]), L(0.0)), rate = abs(qd);
@@ -157,14 +157,14 @@ class SampleValidator {
         }
         return fresh ? SampleFault::gap : SampleFault::none;
     }
-    /// Positions of the last sample that was believed, max_joints numbers; zero beyond the last joint. Those of endless
+    /// Positions of the last valid sample, max_joints numbers; zero beyond the last joint. Those of endless
     /// joints go on over whole turns.
     const double* position() const noexcept { return position_.data(); }
-    /// Signals of the last sample that was believed, likewise; zero where that of an unmonitored joint was no number.
+    /// Signals of the last valid sample, likewise; zero where that of an unmonitored joint was no number.
     const double* signal() const noexcept { return signal_.data(); }
-    /// Of the last sample that was believed [s]; -infinity: none yet.
+    /// Of the last valid sample [s]; -infinity: none yet.
     double last_time() const noexcept { return known_ ? before_ : -std::numeric_limits<double>::infinity(); }
-    /// From the last sample believed to the one checked [s]; 0 without one.
+    /// From the last valid sample to the one checked [s]; 0 without one.
     double interval() const noexcept { return interval_; }
     /// The sample came so late that others are missing before it.
     bool late() const noexcept { return late_; }
@@ -177,9 +177,9 @@ class SampleValidator {
   private:
     using L = Lanes<native_lanes>;
 
-    static constexpr double most_turned = 1e6;  // position of an endless joint [rad]
+    static constexpr double max_position = 1e6;  // position of an endless joint [rad]
     // Repeats that count as frozen where the time is up: at low rates a coarse sensor repeats a few by itself.
-    static constexpr long least_repeats = 4;
+    static constexpr long min_repeats = 4;
     // Steps of an encoder that the arm must have missed in a repeat: more where repeats are nothing new.
     static constexpr double missed_steps = 0.75, missed_steps_if_usual = 1.5;
     static constexpr long unusual = 20;  // rows without a repeat
@@ -192,9 +192,9 @@ class SampleValidator {
     }
     /// Positions and signals have not changed for `held` seconds, but they should have: for too long while the arm may
     /// rest, or while it moved by more than its encoders' smallest step.
-    [[gnu::noinline, gnu::cold]] bool stands_still(double held, const BelievedMotion& motion) const noexcept {
+    [[gnu::noinline, gnu::cold]] bool stands_still(double held, const RecentMotion& motion) const noexcept {
         if (!(limits_.frozen_time < std::numeric_limits<double>::infinity())) return false;
-        if (held > limits_.frozen_time && repeats_ >= least_repeats) return true;
+        if (held > limits_.frozen_time && repeats_ >= min_repeats) return true;
         if (motion.rate == nullptr) return false;
         const double missed = fresh_rows_ >= unusual ? missed_steps : missed_steps_if_usual;
         for (int j = 0; j < joints_; ++j) {

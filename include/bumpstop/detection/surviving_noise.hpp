@@ -1,5 +1,5 @@
 /// @file
-/// Noise that remembers: the density of a residual that has not alarmed yet, carried from tick to tick.
+/// Correlated noise: the density of a residual that has not alarmed yet, carried from tick to tick.
 #pragma once
 
 #include <algorithm>
@@ -39,7 +39,7 @@ struct NoiseMemory {
                 weight.push_back(rule.weight[g] / pieces);
             }
         }
-        if (!(widest() < most_shifted)) return;
+        if (!(widest() < max_shift)) return;
         for (double to : node) {
             for (double from : node) {
                 const double z = widest() * (to - correlation * from);
@@ -50,7 +50,7 @@ struct NoiseMemory {
     /// Thresholds in innovations.
     double widest() const { return threshold / innovation; }
     /// Shifts times widths from here on would cost digits.
-    static constexpr double most_shifted = 300;
+    static constexpr double max_shift = 300;
     int size() const { return int(node.size()); }
 };
 
@@ -73,7 +73,7 @@ struct SurvivingNoiseDensity {
 
 namespace detail {
 
-/// exp(x), x of either sign and within `NoiseMemory::most_shifted` of zero.
+/// exp(x), x of either sign and within `NoiseMemory::max_shift` of zero.
 template <class T>
 T exp_either(T x) {
     const T below = exp_minus(abs(x), T(0.0));
@@ -139,14 +139,14 @@ AlarmProbability<T> propagate_tick(const NoiseMemory& memory, SurvivingNoiseDens
                                  erfc((memory.threshold + centre) * (root_half / memory.sd)));
     alarm = select(known, alarm, fresh_alarm);
 
-    T silent = 0.0;
+    T no_alarm = 0.0;
     const bool any_known = any(known), all_known = all(known);
     std::vector<T>& value = density.value;
     const T shift = (memory.correlation * density.centre - centre) * (1 / s);
     const T limit = memory.threshold;
     const bool between = any_known && !memory.spread.empty() &&
                          all((low == -limit) & (high == limit) & (density.low == -limit) & (density.high == limit) &
-                             (abs(shift) * (memory.widest() + abs(shift)) < T(NoiseMemory::most_shifted)));
+                             (abs(shift) * (memory.widest() + abs(shift)) < T(NoiseMemory::max_shift)));
     if (between) detail::spread_between_thresholds(memory, shift, mass, value);
     for (int i = 0; i < n; ++i) {
         const T x = middle + half * memory.node[i];
@@ -168,15 +168,15 @@ AlarmProbability<T> propagate_tick(const NoiseMemory& memory, SurvivingNoiseDens
             sum = select(known, sum, fresh);
         }
         value[i] = sum;
-        silent += half * memory.weight[i] * sum;
+        no_alarm += half * memory.weight[i] * sum;
     }
-    const T scale = 1.0 / max(silent, T(1e-290));
+    const T scale = 1.0 / max(no_alarm, T(1e-290));
     for (int i = 0; i < n; ++i) value[i] *= scale;
     density.low = low;
     density.high = high;
     density.centre = centre;
     density.known = 1.0;
-    return {min(alarm, T(1.0)), min(silent, T(1.0))};
+    return {min(alarm, T(1.0)), min(no_alarm, T(1.0))};
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -21,7 +21,7 @@ struct ThresholdModel {
     std::array<double, max_joints> acceleration{};  ///< Nm s2/rad or N s2/m
     std::array<double, max_joints> rest{};          ///< Nm or N, at standstill
     std::array<double, max_joints> rest_speed{};    ///< rad/s or m/s, above 0
-    std::array<double, max_joints> fast{};          ///< of the fast channel [Nm or N]; infinite: not monitored
+    std::array<double, max_joints> fast{};          ///< of the band-pass channel [Nm or N]; infinite: not monitored
     double model_errors = 0;                        ///< standard errors of the torque to add
 };
 

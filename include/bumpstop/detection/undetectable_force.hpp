@@ -1,5 +1,5 @@
 /// @file
-/// Forces that no threshold notices at a pose, and a watch for poses where they are large.
+/// Forces that no threshold detects at a pose, and a watch for poses where they are large.
 #pragma once
 
 #include <algorithm>
@@ -131,7 +131,7 @@ struct ForcePolytope {
 
 }  // namespace detail
 
-/// Largest force that no threshold notices, over all directions, from the columns of J_v at the point it acts on.
+/// Largest force that no threshold detects, over all directions, from the columns of J_v at the point it acts on.
 ///
 /// Exact but for rounding: the farthest point of a convex polytope is a vertex, and every vertex is the end of an edge,
 /// where the faces of two joints meet. With n joints there are 2 n (n - 1) edges to cut off.
@@ -199,9 +199,9 @@ inline UndetectableForce undetectable_force(const Point3<double>* column, const 
     return out;
 }
 
-/// Largest force F >= 0 along the unit vector n that no threshold notices: the smallest of high_j / (J_v' n)_j, or of
-/// low_j / (J_v' n)_j where that is negative [N]; infinite where no monitored joint feels it. A lever below 1e-12 of the
-/// longest is none.
+/// Largest force F >= 0 along the unit vector n that no threshold detects: the smallest of high_j / (J_v' n)_j, or of
+/// low_j / (J_v' n)_j where that is negative [N]; infinite where it loads no monitored joint. A lever below 1e-12 of
+/// the longest is none.
 inline double undetectable_force_along(const Point3<double>* column, const ResidualBand* band, int joints,
                                        const Point3<double>& n) noexcept {
     double force = std::numeric_limits<double>::infinity(), longest = 0;

@@ -46,7 +46,7 @@ struct JointTorqueParameters {
     double speed_high = std::numeric_limits<double>::infinity();  ///< fastest |qd| of the fit [rad/s]
 };
 
-/// What a joint remembers, and how often it was asked outside its range.
+/// State of the hysteresis of a joint, and how often it was asked outside its range.
 template <class T>
 struct JointTorqueState {
     T direction = 0.0;        ///< sgn(qd_H): of the last motion; 0: none yet, and no hysteresis

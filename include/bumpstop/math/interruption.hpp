@@ -75,9 +75,9 @@ void work_in_threads(int threads, Work work) {
             stopped = true;
         }
     };
-    std::vector<std::thread> crew;
+    std::vector<std::thread> workers;
     for (int i = 1; i < threads; ++i) {
-        crew.emplace_back([&] {
+        workers.emplace_back([&] {
             const MayBeInterrupted here([&] { return stopped.load(); });
             guarded();
             const std::lock_guard lock(mutex);
@@ -104,7 +104,7 @@ void work_in_threads(int threads, Work work) {
             lock.lock();
         }
     }
-    for (std::thread& worker : crew) worker.join();
+    for (std::thread& worker : workers) worker.join();
     if (thrown) std::rethrow_exception(thrown);
 }
 

@@ -142,17 +142,6 @@ Lanes<N> max(Lanes<N> a, Lanes<N> b) {
     return Lanes<N>::of(a.v > b.v ? a.v : b.v);
 }
 
-/// x, a product that is computed once: a compiler would else make it part of every sum it is in, and AVX-512 registers
-/// have fewer units that multiply than units that add.
-inline double unfused(double x) { return x; }
-template <int N>
-Lanes<N> unfused(Lanes<N> x) {
-#if defined(__AVX512F__)
-    if constexpr (N == 8) asm("" : "+v"(x.v));
-#endif
-    return x;
-}
-
 /// Of all lanes.
 inline double sum_of_lanes(double x) { return x; }
 template <int N>

@@ -19,6 +19,15 @@ struct Wrench {
     Point3<T> moment;  ///< about the point [Nm]
 };
 
+/// Joint positions [rad or m] with their sines and cosines, rates and accelerations: max_joints numbers each.
+template <class T>
+struct JointMotion {
+    const T* q;
+    const JointAngles<T>& angle;
+    const T* qd;
+    const T* qdd;
+};
+
 /// The rotation of one joint, from the frame after it to the frame before: a turn about x after a turn about z.
 template <class T>
 struct JointTurn {
@@ -75,8 +84,10 @@ T axial_moment_inward(const Chain& chain, const Inertias& inertias, const JointA
 }
 
 template <bool Slides, class T>
-void newton_euler(const Chain& chain, const Inertias& inertias, const T* q, const JointAngles<T>& angle, const T* qd,
-                  const T* qdd, const Vector3& gravity, T* tau) noexcept {
+void newton_euler(const Chain& chain, const Inertias& inertias, const JointMotion<T>& motion, const Vector3& gravity,
+                  T* tau) noexcept {
+    const T *q = motion.q, *qd = motion.qd, *qdd = motion.qdd;
+    const JointAngles<T>& angle = motion.angle;
     const T zero = 0.0;
     Point3<T> force[max_joints], moment[max_joints];  // on the links, in their frames, about their origins
     auto turn_of = [&](int i) { return JointTurn<T>(chain.joint[i], angle.cos[i], angle.sin[i]); };
@@ -111,9 +122,8 @@ void newton_euler(const Chain& chain, const Inertias& inertias, const T* q, cons
             w.z += qd[i];
         }
         // A point at r has the acceleration a + U r, with these for U; of its diagonal the negative.
-        // Every product is part of several sums.
-        const T xx = unfused(w.x * w.x), yy = unfused(w.y * w.y), zz = unfused(w.z * w.z);
-        const T xy = unfused(w.x * w.y), xz = unfused(w.x * w.z), yz = unfused(w.y * w.z);
+        const T xx = w.x * w.x, yy = w.y * w.y, zz = w.z * w.z;
+        const T xy = w.x * w.y, xz = w.x * w.z, yz = w.y * w.z;
         const T minus_uxx = yy + zz, minus_uyy = zz + xx, minus_uzz = xx + yy;
         const T uxy = xy - wd.z, uyx = xy + wd.z;
         const T uzx = xz - wd.y, uxz = xz + wd.y;
@@ -162,7 +172,7 @@ void newton_euler(const Chain& chain, const Inertias& inertias, const T* q, cons
 }
 
 /// Joints from which on one arm goes in lanes.
-inline constexpr int fewest_in_lanes = 7;
+inline constexpr int min_joints_in_lanes = 7;
 
 /// tau = M(q) qdd + C(q, qd) qd + g(q): the torques the motors must give, positive along the joints. `gravity` is the
 /// acceleration of free fall in the base frame [m/s2]. A rotor adds its inertia times qdd. That it is also carried
@@ -171,23 +181,23 @@ inline constexpr int fewest_in_lanes = 7;
 /// One arm of seven joints or more has a joint in every lane, where registers hold them: with fewer, adding up over lanes
 /// takes longer than going from link to link.
 template <class T>
-void inverse_dynamics(const Chain& chain, const Inertias& inertias, const T* q, const JointAngles<T>& angle,
-                      const T* qd, const T* qdd, const Vector3& gravity, T* tau) noexcept {
+void inverse_dynamics(const Chain& chain, const Inertias& inertias, const JointMotion<T>& motion,
+                      const Vector3& gravity, T* tau) noexcept {
     if constexpr (Scalar<T>::lanes == 1) {
-        if (inertias.lanes.groups > 0 && chain.dof >= fewest_in_lanes) {
+        if (inertias.lanes.groups > 0 && chain.dof >= min_joints_in_lanes) {
             const Point3<T> free_fall = into_first_frame(chain, Point3<T>{-gravity[0], -gravity[1], -gravity[2]});
             JointFrames frames;
-            frames.set(inertias.lanes, angle, qd);
+            frames.set(inertias.lanes, motion.angle, motion.qd);
             T padded[max_joints];
-            newton_euler_in_lanes(inertias.lanes, frames, qd, qdd, free_fall, padded);
+            newton_euler_in_lanes(inertias.lanes, frames, motion.qd, motion.qdd, free_fall, padded);
             std::copy_n(padded, chain.dof, tau);
             return;
         }
     }
     if (inertias.slides) {
-        newton_euler<true>(chain, inertias, q, angle, qd, qdd, gravity, tau);
+        newton_euler<true>(chain, inertias, motion, gravity, tau);
     } else {
-        newton_euler<false>(chain, inertias, q, angle, qd, qdd, gravity, tau);
+        newton_euler<false>(chain, inertias, motion, gravity, tau);
     }
 }
 
@@ -207,13 +217,13 @@ void external_torque(const Chain& chain, const Posture<T>& posture, const Wrench
 
 /// The same with what the environment exerts: tau = M qdd + C qd + g - J' wrench.
 template <class T>
-void inverse_dynamics(const Chain& chain, const Inertias& inertias, const T* q, const JointAngles<T>& angle,
-                      const T* qd, const T* qdd, const Vector3& gravity, const Wrench<T>& wrench, T* tau) noexcept {
+void inverse_dynamics(const Chain& chain, const Inertias& inertias, const JointMotion<T>& motion,
+                      const Vector3& gravity, const Wrench<T>& wrench, T* tau) noexcept {
     Posture<T> posture;
-    forward_kinematics(chain, q, angle, posture);
+    forward_kinematics(chain, motion.q, motion.angle, posture);
     T external[max_joints];
     external_torque(chain, posture, wrench, external);
-    inverse_dynamics(chain, inertias, q, angle, qd, qdd, gravity, tau);
+    inverse_dynamics(chain, inertias, motion, gravity, tau);
     for (int j = 0; j < chain.dof; ++j) tau[j] -= external[j];
 }
 
@@ -223,7 +233,7 @@ void gravity_torque(const Chain& chain, const Inertias& inertias, const T* q, co
                     const Vector3& gravity, T* tau) noexcept {
     T rest[max_joints];
     for (int j = 0; j < chain.dof; ++j) rest[j] = 0.0;
-    inverse_dynamics(chain, inertias, q, angle, rest, rest, gravity, tau);
+    inverse_dynamics(chain, inertias, {q, angle, rest, rest}, gravity, tau);
 }
 
 /// C(q, qd) qd: what keeps the rates constant, without gravity.
@@ -232,7 +242,7 @@ void coriolis_torque(const Chain& chain, const Inertias& inertias, const T* q, c
                      T* tau) noexcept {
     T rest[max_joints];
     for (int j = 0; j < chain.dof; ++j) rest[j] = 0.0;
-    inverse_dynamics(chain, inertias, q, angle, qd, rest, {0, 0, 0}, tau);
+    inverse_dynamics(chain, inertias, {q, angle, qd, rest}, {0, 0, 0}, tau);
 }
 
 /// A symmetric matrix [[a, b], [b, c]] and the vector (u, v), turned by an angle with this cosine and sine.

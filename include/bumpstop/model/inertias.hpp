@@ -25,7 +25,7 @@ struct MassMoments {
 /// The constants of a chain for newton_euler_in_lanes, where joint j stands in lane j / groups of register j % groups; zero
 /// where no joint is.
 struct JointLanes {
-    static constexpr int most_groups = 2;
+    static constexpr int max_groups = 2;
 
     int dof = 0;
     /// Registers that hold the joints; 0: they are more than two registers hold, or some slide, or registers are short.
@@ -83,7 +83,7 @@ struct Inertias {
         lanes.dof = chain.dof;
         const int wanted = (chain.dof + native_lanes - 1) / native_lanes;
         // In two lanes no sum over joints would be quicker than link after link.
-        if (native_lanes < 4 || wanted > JointLanes::most_groups || slides) return;
+        if (native_lanes < 4 || wanted > JointLanes::max_groups || slides) return;
         lanes.groups = wanted;
         for (int j = 0; j < chain.dof; ++j) {
             const auto at = std::size_t(j % wanted * native_lanes + j / wanted);

@@ -61,19 +61,19 @@ inline constexpr double singular_sine = 1e-6;
 /// correction by what it already contains, which makes the method backward stable: A. Bjorck, "Numerical
 /// methods for least squares problems", 1996, section 2.4.4.
 ///
-/// `least_length`: by row, the square of the length that a row counts as having at least when sines are taken, so that the
-/// sine of a row that vanishes beside it is zero. Null: rows are as long as they are.
-/// `row` and `target` are overwritten.
+/// `min_length`: by row, the square of the length that a row counts as having at least when sines are taken, so that
+/// the sine of a row that vanishes beside it is zero. Null: rows are as long as they are. `row` and `target` are
+/// overwritten.
 template <int Rows, int Columns, class T>
-Conditioning<T> min_norm(T (*row)[max_columns], int columns, T* target, T* x, const T* least_length = nullptr) {
+Conditioning<T> min_norm(T (*row)[max_columns], int columns, T* target, T* x, const T* min_length = nullptr) {
     using Row = RowOf<Columns, T>;
     T inverse[Rows], before[Rows], first;
     BUMPSTOP_UNROLL
     for (int c = 0; c < Rows; ++c) before[c] = Row::dot(row[c], row[c], columns);
     first = before[0];
-    if (least_length != nullptr) {
+    if (min_length != nullptr) {
         BUMPSTOP_UNROLL
-        for (int c = 0; c < Rows; ++c) before[c] = max(before[c], least_length[c]);
+        for (int c = 0; c < Rows; ++c) before[c] = max(before[c], min_length[c]);
     }
     T singular_margin = 1.0, least = 1.0, least_before = 1.0;
     BUMPSTOP_UNROLL
@@ -105,17 +105,17 @@ Conditioning<T> min_norm(T (*row)[max_columns], int columns, T* target, T* x, co
 /// unit matrix appended to the rows. `damping` 0 is exact. x must hold columns + Rows entries.
 template <int Rows, class T>
 Conditioning<T> damped_min_norm(T (*row)[max_columns], int columns, T* target, double damping, T* x,
-                                const T* least_length = nullptr) {
+                                const T* min_length = nullptr) {
     if (damping > 0) {
         BUMPSTOP_UNROLL
         for (int c = 0; c < Rows; ++c)
             for (int i = 0; i < Rows; ++i) row[c][columns + i] = i == c ? damping : 0.0;
-        return min_norm<Rows, 0>(row, columns + Rows, target, x, least_length);
+        return min_norm<Rows, 0>(row, columns + Rows, target, x, min_length);
     }
     // Arms have six or seven joints; for those the loops unroll.
-    if (columns == 6) return min_norm<Rows, 6>(row, columns, target, x, least_length);
-    if (columns == 7) return min_norm<Rows, 7>(row, columns, target, x, least_length);
-    return min_norm<Rows, 0>(row, columns, target, x, least_length);
+    if (columns == 6) return min_norm<Rows, 6>(row, columns, target, x, min_length);
+    if (columns == 7) return min_norm<Rows, 7>(row, columns, target, x, min_length);
+    return min_norm<Rows, 0>(row, columns, target, x, min_length);
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

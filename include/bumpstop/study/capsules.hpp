@@ -43,7 +43,7 @@ T segment_distance(const Point3<T>& p, const Point3<T>& p_end, const Point3<T>& 
 }
 
 /// Lines shorter than this are no links [m].
-inline constexpr double shortest_link = 1e-6;
+inline constexpr double min_link_length = 1e-6;
 
 /// Where two links of one radius touch at a posture. A link is the line from one joint to the next, from the base's
 /// origin to `tip`. Links with less than two radii of arm between them are neighbours and never count.
@@ -59,7 +59,7 @@ MaskOf<T> self_collision(const Chain& chain, const Posture<T>& posture, const Li
         const Point3<T> along = detail::between(place[i], place[i + 1]);
         length[i] = sqrt(dot(along, along));
     }
-    const T apart(2 * radius), shortest(shortest_link);
+    const T apart(2 * radius), shortest(min_link_length);
     MaskOf<T> hit = T(1.0) < T(0.0);
     for (int i = 0; i < links; ++i) {
         T arm = 0.0;  // between the two links

@@ -110,7 +110,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (typer.Abort, KeyboardInterrupt):
         status = _fail("interrupted", INTERRUPTED)
     except BrokenPipeError:
-        # The reader of our output has gone; there is nobody left to tell.
+        # The reader of the output has closed it: there is nothing left to print to.
         _drop_output()
         status = OWN_FAULT
     except OSError as error:

@@ -21,7 +21,7 @@ def reduced_mass(body: float, arm: float) -> float:
 
 
 def arm_mass_at(robot: Robot, contact: ContactTable, q: FloatArray, normal: FloatArray) -> float | None:
-    """Effective mass of the arm at the contact point along a direction [kg]; None: not known or not believed.
+    """Effective mass of the arm at the contact point along a direction [kg]; None: not known or implausible.
 
     Args:
         robot: with the inertia of every link, or the mass is not known.

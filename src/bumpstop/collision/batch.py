@@ -19,7 +19,7 @@ _ENDS = {0: "motion_end", 1: "joint_limit", 2: "singularity", 3: "all_detected",
 
 @dataclass(frozen=True, eq=False)
 class BatchResult:
-    """What is kept of the law of every pose; NaN where the start is singular.
+    """What is kept of the distribution of every pose; NaN where the start is singular.
 
     Attributes:
         mean, sd: of the peak force (N,) [N]; the mean is infinite where it has no bound.
@@ -52,6 +52,9 @@ def evaluate_batch(
 ) -> BatchResult:
     """Compute the integrated distributions of many poses and velocities; all else is as in ``scenario``.
 
+    Where arm or body give way every pose is computed as :func:`bumpstop.evaluate` does it. A held body that an elastic
+    arm presses undetected counts as pressed without a bound: torque limits are not looked at.
+
     Args:
         scenario: its pose and velocity are replaced. A checked problem will do too: its robot counts, whose joint
             limits may be others than the scenario's.
@@ -70,11 +73,8 @@ def evaluate_batch(
     scenario = problem.scenario
     if problem.trajectory is not None:
         raise InputError("motion.kind", "batches are computed for straight lines only", "wanted 'line'")
-    if problem.body_mass is not None:
-        raise InputError("contact.kind", "batches are computed for clamped contact only", "wanted 'clamped'")
-    if problem.gives_way:
-        field = "arm.model" if problem.elastic else "contact.damping_Ns_m or contact.gauge_mass_kg"
-        raise InputError(field, "is not computed in batches", "wanted a rigid arm and a clamped spring")
+    if scenario.contact.arm == "two_mass":
+        raise InputError("contact.arm", "'two_mass' has another mass in every pose", "wanted 'position_driven'")
     if problem.residuals is not None:
         raise InputError(
             "detector.residuals", "measured residuals have no integrated distribution", "give detector.noise_sd_Nm"
@@ -111,7 +111,7 @@ def evaluate_batch(
         "fixed": (contact.offset_mm or 0.0) / 1e3,
     }[contact.offset_law]
     met = _native.Contact()
-    met.body.stiffness = problem.stiffness
+    met.body = problem.contact.body
     met.offset.kind, met.offset.size = _native.OffsetKind[contact.offset_law], size
     settings = _native.BatchSettings()
     settings.probability, settings.limit, settings.threads = quantiles.tolist(), limits.tolist(), threads

@@ -84,7 +84,7 @@ def stopping_curve(problem: CollisionProblem, *, whole: bool = False) -> Stoppin
     Args:
         problem: a checked scenario.
         whole: trace to the end of the motion. By default the curve ends where even the farthest body would have been
-            detected for certain, which is all that a law needs.
+            detected for certain, which is all that a distribution needs.
 
     Raises:
         InputError: what is given is no problem, or its motion is a trajectory, which has such a curve for every time of

@@ -10,12 +10,12 @@ import numpy.typing as npt
 
 from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_whole_number
+from bumpstop.collision.arm.pressing_limit import undetected_force
 from bumpstop.collision.curve import AT_REST, StoppingCurve, stopping_curve
 from bumpstop.collision.distribution.contact_distribution import ContactDistribution
 from bumpstop.collision.distribution.contact_duration import first_passage_times
 from bumpstop.collision.distribution.distribution import Distribution, ExactDistribution, SampledDistribution
 from bumpstop.collision.distribution.monte_carlo_blocks import Progress, block_seed, in_blocks
-from bumpstop.collision.pressing_limit import pressing_limit
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.result import CollisionResult
 from bumpstop.collision.scenario.scenario import as_scenario
@@ -106,13 +106,11 @@ def integrate(problem: CollisionProblem, curve: StoppingCurve, *, refinement: in
     contact_duration: Distribution | None = None
     if problem.gives_way:
         quantity = _native.ContactQuantity
-        # A held body that is never detected is pressed on.
-        pressed = not problem.gets_away and curve.end not in AT_REST
-        never = _pressing_force(problem, curve) if pressed else None
+        never = undetected_force(problem, curve)
         peak_force = ContactDistribution(_native.contact_mixture(law, quantity.peak_force, never))
         force_at_detection = ContactDistribution(_native.contact_mixture(law, quantity.force_at_detection))
         if problem.gets_away or problem.scenario.reaction.kind == "reverse":
-            forever = math.inf if pressed else None
+            forever = None if never is None else math.inf
             contact_duration = ContactDistribution(_native.contact_mixture(law, quantity.duration, forever))
     else:
         peak_force = ExactDistribution(
@@ -188,15 +186,16 @@ def monte_carlo(
     )
     unbounded = missed & (curve.end not in AT_REST and not problem.gets_away)
     if problem.gives_way:
-        never = _pressing_force(problem, curve)
-        peak = np.where(unbounded, never, runs.peak_force)
+        never = undetected_force(problem, curve)
+        peak = runs.peak_force if never is None else np.where(unbounded, never, runs.peak_force)
         force = np.where(detected, runs.force_at_detection, 0.0)
         if problem.gets_away:
             after_contact = detected & (force > 0)
         if problem.gets_away or problem.scenario.reaction.kind == "reverse":
             duration = np.where(unbounded, math.inf, runs.duration)
             transient_contact_duration = SampledDistribution(duration[duration > 0])
-        if math.isfinite(never):
+        pressed = unbounded
+        if never is not None and math.isfinite(never):
             unbounded = np.zeros_like(unbounded)
     delay = at_tick(curve.tick_time) - first_passage_times(curve.distance, offset, step)
     dof = problem.robot.dof
@@ -214,6 +213,7 @@ def monte_carlo(
     }
     if problem.gives_way:
         kept["duration"] = runs.duration
+        kept["lasting_force"] = runs.lasting_force if never is None else np.where(pressed, never, runs.lasting_force)
     return CollisionResult(
         problem=problem,
         curve=curve,
@@ -231,12 +231,6 @@ def monte_carlo(
         seed=seed,
         runs=kept,
     )
-
-
-def _pressing_force(problem: CollisionProblem, curve: StoppingCurve) -> float:
-    """What a held body is pressed with by an arm that goes on and on [N]."""
-    limit = pressing_limit(problem, curve)
-    return math.inf if limit is None else limit.peak_force
 
 
 def _check_sample(samples: int, seed: int, threads: int) -> None:

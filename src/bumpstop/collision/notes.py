@@ -101,7 +101,7 @@ def swing_notes(result: CollisionResult) -> list[str]:
 
 
 def _elastic_notes(result: CollisionResult) -> list[str]:
-    """Which arm was judged, and what of it nobody has measured."""
+    """Which arm was judged, and what of it is assumed."""
     drive_train = result.problem.drive_train
     known = [
         f"{name.replace('_', ' ')} ({status})"

@@ -11,7 +11,7 @@ import numpy as np
 
 from bumpstop import _native
 from bumpstop.arrays import FloatArray
-from bumpstop.collision.arm import check_inertia, compliance_of, drive_train_of
+from bumpstop.collision.arm.compliance import check_inertia, compliance_of, drive_train_of
 from bumpstop.collision.arm_mass import arm_mass_at, reduced_mass
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.collision.scenario.scenario_file import robot_of
@@ -141,10 +141,11 @@ class CollisionProblem:
             body_mass=mass_of_body(scenario, limits),
             trajectory=trajectory,
         )
-        if problem.gives_way and not problem.gets_away and scenario.verdict.clamped_limit == "two_phase":
+        two_phase = scenario.verdict.clamped_limit == "two_phase" and not problem.gets_away
+        if problem.gives_way and two_phase and trajectory is not None:
             raise InputError(
                 "verdict.clamped_limit",
-                "'two_phase' needs a rigid arm and a clamped spring, whose force is known at all times",
+                "'two_phase' along a trajectory needs a rigid arm and a clamped spring",
                 "valid: 'quasi_static'",
             )
         if trajectory is None:
@@ -349,7 +350,7 @@ class CollisionProblem:
 
     @cached_property
     def arm_mass(self) -> float | None:
-        """Effective mass of the arm along the normal at the start of a line [kg]; None: not known or not believed."""
+        """Effective mass of the arm along the normal at the start of a line [kg]; None: not known or implausible."""
         normal = self.scenario.contact.normal
         along = np.array(normal) if normal is not None else self.start.point_velocity
         return arm_mass_at(self.robot, self.scenario.contact, self.q, along)
@@ -365,7 +366,7 @@ class CollisionProblem:
         if self.scenario.contact.arm == "position_driven":
             return self.body_mass
         if self.robot.inertia_objection:
-            problem = f"'two_mass' needs an inertia that can be believed. {self.robot.inertia_objection.rstrip('.')}"
+            problem = f"'two_mass' needs a plausible inertia. {self.robot.inertia_objection.rstrip('.')}"
             raise InputError("contact.arm", problem, "valid: 'position_driven', or a robot with its real inertia")
         arm = self.arm_mass
         if arm is None:

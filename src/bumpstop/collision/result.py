@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
@@ -11,7 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop import _native
-from bumpstop.arrays import FloatArray
+from bumpstop.arrays import FloatArray, finite_or_none
+from bumpstop.collision.arm.other_arm import arm_to_json, other_arm
+from bumpstop.collision.arm.pressing_limit import PressingLimit, pressing_limit
 from bumpstop.collision.curve import AT_REST, StoppingCurve
 from bumpstop.collision.distribution.contact_duration import (
     integrated_contact_duration,
@@ -25,8 +26,6 @@ from bumpstop.collision.distribution.distribution import (
 )
 from bumpstop.collision.distribution.transient_contact import ImpactBounds, impact_bounds
 from bumpstop.collision.notes import notes_of
-from bumpstop.collision.other_arm import arm_to_json, other_arm
-from bumpstop.collision.pressing_limit import PressingLimit, pressing_limit
 from bumpstop.collision.probability_text import percent
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.verdict.alarm_rate import alarm_rate
@@ -108,7 +107,7 @@ class CollisionResult:
 
     @cached_property
     def contact_duration(self) -> Distribution | None:
-        """From contact until arm and body have parted [s], given that; None where the arm stops in clamped contact."""
+        """From contact until arm and body separate [s], given that; None where the arm stops in clamped contact."""
         if self.problem.gives_way:
             return self.transient_contact_duration
         if self.scenario.reaction.kind == "stop":
@@ -184,7 +183,7 @@ class CollisionResult:
 
     @cached_property
     def pressing_limit(self) -> PressingLimit | None:
-        """What an elastic arm that nothing stops presses with at most; None where its motion ends, or nobody knows."""
+        """Greatest force of an undetected elastic arm; None where its motion ends, or torque limits are unknown."""
         if self.problem.trajectory is not None or self.curve.end in AT_REST:
             return None
         return pressing_limit(self.problem, self.curve)
@@ -259,6 +258,8 @@ class CollisionResult:
         if not transient.permitted:
             return 1.0, 1.0
         use = TwoPhaseUse.of(self, transient, lasting)
+        if self.problem.gives_way:
+            return use.over(use.force, 0.0), None if use.pressure is None else use.over(use.pressure, 0.0)
         # An arm that has come to rest goes on pressing: the limit for what lasts judges those never detected.
         force = self.undetected_over(lasting.force_N)
         pressure = None
@@ -280,7 +281,9 @@ class CollisionResult:
         return float(self.integral.tail("end_force", np.array([force]))[0, 0])
 
     def phase_shares(self, first: float, later: float) -> tuple[Distribution, float]:
-        """How far detected clamped collisions use the limits of two phases, and the probability of these collisions.
+        """How far clamped collisions use the limits of two phases, and the probability of the collisions this is of.
+
+        It is of those detected. Where arm or body give way it is of all, those never detected among them.
 
         Args:
             first: share of its limit that a newton takes in the first half second of contact.
@@ -313,8 +316,8 @@ class CollisionResult:
             "force_at_detection_N": self.force_at_detection.to_json(),
             "detection_delay_s": self.detection_delay.to_json(),
             "contact_duration_s": None if contact_duration is None else contact_duration.to_json(),
-            "trigger_joint_probability": [_finite(p) for p in self.trigger_joint_probability],
-            "multi_joint_probability": _finite(self.multi_joint_probability),
+            "trigger_joint_probability": [finite_or_none(p) for p in self.trigger_joint_probability],
+            "multi_joint_probability": finite_or_none(self.multi_joint_probability),
             "false_alarm_probability": self.false_alarm_probability,
             "undetected_probability": self.undetected_probability,
             "no_contact_probability": self.no_contact_probability,
@@ -327,10 +330,6 @@ class CollisionResult:
             result |= {"samples": self.samples, "seed": self.seed}
         verdict = self.verdict.to_json() | {"warnings": list(self.warnings)}
         return result | {"verdict": verdict, "notes": list(self.notes)}
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 def _end_time(result: CollisionResult) -> float:

@@ -38,7 +38,7 @@ def clamped_force(stiffness_N_m: float | FloatArray, compression_m: float | Floa
     import numpy as np
 
     stiffness = _at_least("contact.stiffness_N_m", stiffness_N_m, 0.0, exclusive=True)
-    # np.maximum keeps NaN, where Python's max(0.0, nan) would answer 0: a harmless force nobody computed.
+    # np.maximum keeps NaN, where Python's max(0.0, nan) would answer 0: a force that was never computed.
     force = stiffness * np.maximum(compression_m, 0.0)
     return float(force) if np.ndim(force) == 0 else force
 

@@ -5,7 +5,8 @@ from bumpstop.detection.detector_file import describe_detector, save_detector
 from bumpstop.detection.events import DetectionRun, Event
 from bumpstop.detection.offline import detect, residual_record
 from bumpstop.detection.scoring.labels import Label, load_labels
-from bumpstop.detection.scoring.scoring import Roc, Score, Tolerance, event_times, gaps, roc, scaled_residual, score
+from bumpstop.detection.scoring.score import Score
+from bumpstop.detection.scoring.scoring import Roc, Tolerance, event_times, gaps, roc, scaled_residual, score
 from bumpstop.detection.sensitivity import (
     UndetectableForces,
     UndetectableStretch,
@@ -20,7 +21,8 @@ from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.detection.tuning.residual_file import ResidualSeries
 from bumpstop.detection.tuning.residual_record import ResidualRecord
-from bumpstop.detection.tuning.tuning import MAX_EXTRAPOLATION, Tuning, tune
+from bumpstop.detection.tuning.result import MAX_EXTRAPOLATION, Tuning
+from bumpstop.detection.tuning.tuning import tune
 
 __all__ = [
     "MAX_EXTRAPOLATION",

@@ -15,6 +15,7 @@ from bumpstop.detection.loop_detector import LoopDetector
 from bumpstop.detection.rate import period_of
 from bumpstop.detection.settings import DetectorSettings
 from bumpstop.errors import InputError
+from bumpstop.model import unit_of
 from bumpstop.recording.checks.stamps import stamped_by_a_pc
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ class Detector(LoopDetector):
     sample late. White noise of standard deviation s in the torque leaves s sqrt((1 - a) / 2), in the momentum
     s (1 - a) / dt sqrt(2 / (1 + a)).
 
-    The *fast channel* is the residual through a band-pass from low_hz to high_hz, with thresholds of its own. With
+    The *band-pass channel* is the residual through a band-pass from low_hz to high_hz, with thresholds of its own. With
     a = exp(-2 pi high_hz dt) and b = exp(-2 pi low_hz dt) its delay is dt a / (1 - a), and white noise of standard
     deviation s leaves s b (1 - a) sqrt(2 / ((1 + a) (1 + b) (1 - a b))).
 
@@ -51,7 +52,7 @@ class Detector(LoopDetector):
         """(n,) external torque that passes the threshold for sure, without noise [Nm or N]; infinite: not monitored.
 
         Moving: the constant threshold. Resting: the threshold at rest and the dead zone that may hide as much of the
-        torque; a clamped arm that stands still feels nothing below. What speed, acceleration and ``model_errors`` add
+        torque; below it no contact with a resting arm shows. What speed, acceleration and ``model_errors`` add
         to the threshold differs from tick to tick and is not counted.
         """
         assert self.thresholds.rest is not None
@@ -72,7 +73,7 @@ class Detector(LoopDetector):
         """Force along a direction at a point that passes some threshold for sure, without noise [N].
 
         min_j torque_j / |(J_v' n)_j| with the torques of :meth:`smallest_torque`; infinite where no monitored joint
-        feels that direction.
+        is loaded by that direction.
 
         Args:
             q: (n,) pose [rad or m].
@@ -165,7 +166,17 @@ class Detector(LoopDetector):
             ),
             settings=self.summary(period),
             monitored=tuple(self.thresholds.monitored),
+            **self.in_words,
         )
+
+    @property
+    def in_words(self) -> dict[str, Any]:
+        """Units of the joints' torques, and where and along what forces act: fields of a :class:`DetectionRun`."""
+        at, along = self.settings.link or self.robot.tip_name, list(self.settings.direction)
+        return {
+            "units": tuple(unit_of(joint) for joint in self.robot.joints),
+            "force_at": f"at {at} along {along}",
+        }
 
     def _beyond_limits(self, rows: FloatArray) -> list[str]:
         """Joints that were where the detector takes no position for true, as they take its data away."""
@@ -210,7 +221,8 @@ class Detector(LoopDetector):
         """What a residual (n,) at a pose (n,) says of a contact, as an event says it.
 
         A joint that stands still, as ``qd`` (n,) says, and whose friction hides more than its noise, says nothing where
-        its residual is zero; where it is not, it is believed to within what friction hides. Without ``qd`` all move.
+        its residual is zero; where it is not, it counts with what friction hides as its uncertainty. Without ``qd`` all
+        move.
         """
         n = self.robot.dof
         hidden = np.zeros(n) if qd is None else self.hidden(qd)

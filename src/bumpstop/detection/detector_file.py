@@ -56,7 +56,7 @@ def describe_detector(detector: Detector) -> str:
         ),
     )
     kernel, n = detector.kernel_settings(detector.settings.period_s), robot.dof
-    samples, decision, watch = kernel.samples, kernel.decision, kernel.payload_monitor
+    samples, decision, watch = kernel.samples, kernel.alarm, kernel.payload_monitor
     law = decision.thresholds
     number, point = robot.frame(detector.settings.link, detector.settings.point)
     lines = [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -12,11 +12,13 @@ import numpy as np
 from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_number
 from bumpstop.errors import InputError
+from bumpstop.terminal import table, text_of
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     import numpy.typing as npt
+    from rich.console import Console
 
 STATES = ("no_data", "arming", "monitoring", "alarm")
 """Names of the detector's states; a state is its place here."""
@@ -34,6 +36,7 @@ FAULTS = (
 )
 """Why a tick has no data; a fault is its place here."""
 NO_DATA = STATES.index("no_data")
+_LINKS = ("likeliest link", "possible links")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,16 +50,16 @@ class Event:
         t: of the first tick [s].
         end: of the last tick over a threshold [s].
         joints: numbers (from 0) of the joints over their threshold in the first tick.
-        fast_joints: of those over that of the fast channel.
+        fast_joints: of those over that of the band-pass channel.
         residual: (n,) in the first tick [Nm or N].
         threshold: (n,) in the first tick [Nm or N].
         largest_residual: (n,) by joint, the one of the largest magnitude in any tick over a threshold [Nm or N].
         largest_t: when the largest one in units of its threshold was [s].
-        largest_joint: whose that was (from 0); None: the fast channel alone watches.
+        largest_joint: whose that was (from 0); None: the band-pass channel alone watches.
         q: (n,) in the first tick [rad or m].
         hidden: (n,) torque that friction may have hidden, as the joint stood still [Nm or N]; zero: it moved.
         force_along: along the direction asked for, by least squares [N].
-        force_along_sd: its standard deviation; infinite: no joint that tells anything feels that direction [N].
+        force_along_sd: its standard deviation; infinite: the direction loads no joint that counts [N].
         force: (3,) shortest force at the point asked for that fits best, base frame [N].
         leftover: what that force leaves over, in standard deviations of the noise, of the worst joint.
         link: name of the likeliest link; None: no joint is monitored.
@@ -93,6 +96,21 @@ class Event:
         """Numbers (from 0) of the joints whose friction may have hidden a part of the contact."""
         return tuple(int(j) for j in np.flatnonzero(self.hidden > 0))
 
+    def cells(self, units: Sequence[str]) -> tuple[str, ...]:
+        """Cells of a table: times, joints, residuals, the largest, force with two standard deviations, links."""
+        joints = sorted({*self.joints, *self.fast_joints})
+        at, sd = self.largest_joint, self.force_along_sd
+        return (
+            f"{self.t:.4f}",
+            f"{self.end:.4f}",
+            ", ".join(str(j + 1) for j in joints),
+            ", ".join(f"{self.residual[j]:.3g} {units[j]}" for j in joints),
+            "-" if at is None else f"{self.largest_residual[at]:.3g} {units[at]} (joint {at + 1})",
+            f"{self.force_along:.3g} +- {2 * sd:.2g}" if math.isfinite(sd) else "not detectable",
+            self.link or "-",
+            ", ".join(self.possible_links) or "none",
+        )
+
     def to_json(self) -> dict[str, Any]:
         """For programs; joints are numbered from 1."""
         told = math.isfinite(self.force_along_sd)
@@ -125,7 +143,7 @@ class DetectionRun:
     Attributes:
         t: (N,) [s].
         residual: (N, n), estimated minus predicted motor torque [Nm or N]; NaN in rows without data.
-        fast: (N, n) of the fast channel, likewise.
+        fast: (N, n) of the band-pass channel, likewise.
         threshold: (N, n) of the residual; in rows without data that of the row before.
         state: (N,) places in ``STATES``.
         fault: (N,) places in ``FAULTS``; 0 in rows with data.
@@ -137,6 +155,8 @@ class DetectionRun:
         notes: what is unusual.
         settings: of the detector, by name, with the rate and the samples in its window.
         monitored: (n,) joints with a threshold; empty: not said, all.
+        units: (n,) of the torques.
+        force_at: where and along what the forces of events act, in words.
     """
 
     t: FloatArray
@@ -153,6 +173,47 @@ class DetectionRun:
     notes: tuple[str, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
     monitored: tuple[bool, ...] = ()
+    units: tuple[str, ...] = ()
+    force_at: str = ""
+
+    def __str__(self) -> str:
+        return text_of(self.show)
+
+    def show(self, console: Console) -> None:
+        """Print what ``bumpstop detect`` prints."""
+        console.print(self.conclusion)
+        if self.events:
+            headings = ("begin, s", "end, s", "joints", "residual", "largest", "force, N", *_LINKS)
+            rows = [event.cells(self.units) for event in self.events]
+            console.print(table(headings, rows, left=("joints", "residual", "largest", *_LINKS)))
+            for event in self.events:
+                if event.standing:
+                    held = ", ".join(f"{j + 1} up to {event.hidden[j]:.3g} {self.units[j]}" for j in event.standing)
+                    console.print(f"at {event.t:.4f} s joints stood still, and friction may hide of joint {held}")
+            console.print(f"force {self.force_at}, of the arm on the body")
+        why = ", ".join(f"{name} {rows}" for name, rows in self.no_data_rows().items())
+        console.print(f"no data: {self.no_data_s:.4g} s" + (f" ({why})" if why else ""))
+        console.print(f"settings: {settings_text(self.settings)}")
+        if self.arming_s:
+            masked = int(self.masked_while_arming.sum())
+            console.print(f"arming: {self.arming_s:.4g} s; over a threshold meanwhile: {masked} rows")
+        if self.late.any():
+            console.print(f"late: {int(self.late.sum())} rows came after lost ones")
+        if self.payload_changed.any():
+            first = float(self.t[int(self.payload_changed.argmax())])
+            console.print(f"payload changed: recognised from {first:.4f} s on")
+        for note in self.notes:
+            console.print(f"note: {note}")
+
+    @property
+    def conclusion(self) -> str:
+        """One sentence: alarms, or that the detector could not have detected anything."""
+        seconds, count = float(self.t[-1] - self.t[0]), len(self.events)
+        alarms = f"{count} alarm{'' if count == 1 else 's'} in {seconds:.6g} s, {self.t.size} rows"
+        if self.inactive:
+            return f"INACTIVE all the time ({self.inactive}): nothing could be detected. {alarms}"
+        idle = self.no_data_s + self.arming_s
+        return alarms + (f"; active for {self.monitored_s:.4g} s of them" if idle > 0.05 * seconds else "")
 
     @property
     def judged(self) -> npt.NDArray[np.bool_]:
@@ -247,6 +308,17 @@ class DetectionRun:
         if not seen.any():
             raise InputError("residuals", "the detector had no data all the time", "nothing is left to write")
         write_residuals(path, self.t[seen], self.residual[seen])
+
+
+def settings_text(settings: Mapping[str, Any]) -> str:
+    """Settings of a detector, by name."""
+
+    def said(value: object) -> str:
+        if value is None:
+            return "never"
+        return f"{value:g}" if isinstance(value, float) else str(value).lower()
+
+    return ", ".join(f"{name} {said(value)}" for name, value in settings.items())
 
 
 def frozen_notes(t: FloatArray, frozen: npt.NDArray[np.bool_]) -> list[str]:

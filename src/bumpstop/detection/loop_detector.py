@@ -108,7 +108,7 @@ class LoopDetector:
         links, joints, errors = self.parts()
         settings = self.kernel_settings(period)
         if latched:
-            settings.decision.event_pause = math.inf
+            settings.alarm.event_pause = math.inf
         return _native.LoopDetector(
             self.robot.chain, [link.kernel(rotor) for link, rotor in links], joints, errors, settings
         )
@@ -146,7 +146,7 @@ class LoopDetector:
         samples.frozen_time = given.frozen_s
         samples.unmonitored = sum(1 << j for j in range(n) if not self._counts[j])
         samples.endless = sum(1 << j for j in self.endless)
-        self.fill_decision(out.decision)
+        self.fill_alarm_settings(out.alarm)
         out.payload.mass = given.payload_kg
         out.payload.center = self.payload_center.tolist()
         out.payload_monitor.min_mass = given.payload_change_kg
@@ -160,7 +160,7 @@ class LoopDetector:
         number, point = self._contact
         out.set_contact(self.robot.chain, number, point.tolist())
 
-    def fill_decision(self, out: _native.DecisionSettings) -> None:
+    def fill_alarm_settings(self, out: _native.AlarmSettings) -> None:
         """Put thresholds and arming into the kernels' form."""
         given, law = self.settings, out.thresholds
         for name in ("constant", "speed", "acceleration", "rest", "fast"):

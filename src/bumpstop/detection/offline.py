@@ -99,12 +99,12 @@ def detect(
     frozen = _frozen(recording, motion.t, given.frozen_s)
     dark |= frozen
     seen = np.flatnonzero(~dark)
-    decision = _native.DecisionSettings()
-    detector.fill_decision(decision)
+    decision = _native.AlarmSettings()
+    detector.fill_alarm_settings(decision)
     if math.isinf(rearm_s):
         decision.event_pause = math.inf
     after_gap = np.diff(seen, prepend=-1) > 1
-    judged = _native.judge(
+    judged = _native.run_alarm_logic(
         decision,
         motion.t[seen],
         residual[seen],
@@ -166,6 +166,7 @@ def detect(
             name: detector.summary(period)[name] for name in ("residual", "period_s", "frozen_s", "arming_delay_s")
         },
         monitored=tuple(law.monitored),
+        **detector.in_words,
     )
 
 

@@ -204,7 +204,7 @@ def undetectable_force_along(
         z: standard deviations by which the faces are moved out.
 
     Returns:
-        () or (N,) [N]; infinite where no monitored joint feels it.
+        () or (N,) [N]; infinite where it loads no monitored joint.
 
     Raises:
         InputError: a direction that is no unit vector, or arrays of other shapes.

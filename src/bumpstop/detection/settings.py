@@ -40,7 +40,7 @@ class DetectorSettings:
             [s]; infinite: it never is.
         rest_time_s: all joints slower than their rest_speed for so long: the arm rests, and is judged [s].
         rest_speed: below it a joint rests where no joint model says so [rad/s or m/s].
-        low_hz, high_hz: band of the fast channel.
+        low_hz, high_hz: band of the band-pass channel.
         noise_sd: (n,) of the residual, for forces and links [Nm]; None: a third of the threshold.
         stiction: (n,) torque that friction can hide of a standing joint [Nm or N]; None: what the model says.
         link, point: where the force of an event is given; a link's name (None: the tip), and in its frame [m].

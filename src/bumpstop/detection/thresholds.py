@@ -46,7 +46,7 @@ _WANTED = "wanted one number above 0 for each joint; inf: not monitored"
 
 @dataclass(frozen=True, eq=False)
 class Thresholds:
-    """Of the residual and of its fast channel, joint by joint.
+    """Of the residual and of its band-pass channel, joint by joint.
 
     theta_j = constant_j + speed_j |qd_j| + acceleration_j |qdd_j| + rest_j f(qd_j) + model_errors sd_j, where f is 1 up
     to the joint's rest_speed and falls to 0 at twice that, and sd_j is the standard error of the torque estimated from

@@ -12,9 +12,11 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.identification.segments.motion import lowpass
+from bumpstop.identification.segments.rest import MIN_MOVING
 
 _MIN_IN_BIN = 20
 _ROUNDING = 1e-12  # of a filter, as a share of what passes it
@@ -31,6 +33,8 @@ class JointScore:
         mean, sd, rmse: of the error, predicted minus measured, unfiltered [unit].
         unit: of these errors.
         free_gain: the joint's gain is not known: ``r2`` is that up to a free gain, and errors are of the current.
+        rest_share: of the rows at which the joint rests. Friction holds it there with whatever torque it came to stand
+            with: ``r2`` and ``r2_raw`` are of the other rows.
     """
 
     name: str
@@ -41,6 +45,12 @@ class JointScore:
     rmse: float
     unit: str = "Nm"
     free_gain: bool = False
+    rest_share: float = 0.0
+
+    @property
+    def rests(self) -> bool:
+        """The joint moves in too few rows to be scored: ``r2`` and ``r2_raw`` are NaN."""
+        return self.rest_share > 1 - MIN_MOVING
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,17 +88,10 @@ class Comparison:
         """Table 3.1, with R2 filtered and raw; mean and standard deviation are of the unfiltered error."""
         if self.given is not None:
             return self.given
-        smooth, smooth_predicted = (lowpass(x, self.rate_hz, self.filter_hz) for x in (self.measured, self.predicted))
-        error = self.error
+        smooth = [lowpass(x, self.rate_hz, self.filter_hz) for x in (self.measured, self.predicted)]
         return tuple(
-            JointScore(
-                name=name,
-                r2=share_predicted(smooth[:, j], smooth_predicted[:, j]),
-                r2_raw=share_predicted(self.measured[:, j], self.predicted[:, j]),
-                mean=float(error[:, j].mean()),
-                sd=float(error[:, j].std()),
-                rmse=float(np.sqrt((error[:, j] ** 2).mean())),
-                unit=self.units[j],
+            joint_score(
+                name, (self.measured[:, j], self.predicted[:, j]), (smooth[0][:, j], smooth[1][:, j]), self.units[j]
             )
             for j, name in enumerate(self.names)
         )
@@ -134,6 +137,49 @@ def binned_error(x: FloatArray, error: FloatArray, bins: int) -> BinnedError:
         np.array([part.std() for part in parts]),
         np.array([float(part.size) for part in parts]),
     )
+
+
+def joint_score(
+    name: str,
+    pair: tuple[FloatArray, FloatArray],
+    smooth: tuple[FloatArray, FloatArray],
+    unit: str,
+    *,
+    rests: npt.NDArray[np.bool_] | None = None,
+    free_gain: bool = False,
+) -> JointScore:
+    """Score one joint.
+
+    Args:
+        name: of the joint.
+        pair: measured and predicted (N,) each, unfiltered [unit].
+        smooth: the same after the zero-phase filter.
+        unit: of both.
+        rests: (N,) rows at which the joint rests; default: none.
+        free_gain: as in :class:`JointScore`.
+    """
+    measured, predicted = pair
+    error = predicted - measured  # eq 3.1
+    share = 0.0 if rests is None else float(rests.mean())
+    moves = slice(None) if rests is None or share == 0 else ~rests
+    hardly = share > 1 - MIN_MOVING
+    return JointScore(
+        name=name,
+        r2=math.nan if hardly else share_predicted(smooth[0][moves], smooth[1][moves]),
+        r2_raw=math.nan if hardly else share_predicted(measured[moves], predicted[moves]),
+        mean=float(error.mean()),
+        sd=float(error.std()),
+        rmse=float(np.sqrt((error**2).mean())),
+        unit=unit,
+        free_gain=free_gain,
+        rest_share=share,
+    )
+
+
+def rest_words(scores: Sequence[JointScore]) -> str:
+    """Which joints rest, and in how many rows, that R2 leaves out; empty: none does."""
+    shares = [f"{score.name} {100 * score.rest_share:.3g} %" for score in scores if score.rest_share > 0]
+    return f"R2 leaves out the rows at which a joint rests: {', '.join(shares)}" if shares else ""
 
 
 def share_predicted(measured: FloatArray, predicted: FloatArray) -> float:

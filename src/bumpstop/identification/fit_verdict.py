@@ -30,6 +30,9 @@ class FitVerdict:
     condition: float | None = None
     held_out: float | None = None
 
+    def __str__(self) -> str:
+        return "\n".join([self.line(), *self.reasons()])
+
     @property
     def status(self) -> str:
         """``"usable"``, ``"usable with warnings"`` or ``"not usable"``."""

@@ -32,7 +32,7 @@ def joint_models() -> tuple[str, ...]:
 
 @dataclass(kw_only=True)
 class TorqueState:
-    """What joints remember from call to call, and what was counted; :meth:`JointTorqueModel.torque` updates it.
+    """Hysteresis of the joints from call to call, and what was counted; :meth:`JointTorqueModel.torque` updates it.
 
     Attributes:
         direction: (n,), sgn(qd_H) of eq 2.22: 1 or -1 by the last motion; 0 before the first, without hysteresis.
@@ -52,7 +52,7 @@ class TorqueState:
 
 @dataclass(frozen=True, kw_only=True)
 class JointTorqueModel:
-    """Torques of an arm's joints from the currents of their motors. Immutable; what is remembered is in a state.
+    """Torques of an arm's joints from the currents of their motors. Immutable; the hysteresis is in a state.
 
     Attributes:
         robot: whose joints these are: a built-in name, or the user's.

@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from bumpstop.arrays import as_float_array, as_number
 from bumpstop.errors import InputError, near_matches
-from bumpstop.joint.parameters import COMMON, DEFAULT_REST_SPEED, OF_FRICTION, OF_MAP, JointParameters, Parameter
+from bumpstop.joint.friction_law import OF_FRICTION
+from bumpstop.joint.parameters import COMMON, DEFAULT_REST_SPEED, OF_MAP, JointParameters, Parameter
 from bumpstop.text_files import parse_toml, toml_value
 
 if TYPE_CHECKING:
-    from bumpstop.joint.parameters import CurrentMap, FrictionLaw
+    from bumpstop.joint.friction_law import FrictionLaw
+    from bumpstop.joint.parameters import CurrentMap
 
 Model = TypeVar("Model")
 

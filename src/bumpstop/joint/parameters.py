@@ -10,32 +10,18 @@ from typing import Any, Literal
 
 from bumpstop.arrays import as_float_array, as_number
 from bumpstop.errors import InputError, near_matches
+from bumpstop.joint.friction_law import FRICTION_BOUNDS, OF_FRICTION, FrictionLaw
 
 CurrentMap = Literal["odd", "load_dependent", "linear"]
 """``"odd"``: tau = B i_j + A i_j abs(i_j). ``"load_dependent"``: tau = B i_j - sgn(qd) A i_j^2 (eq 2.29).
 ``"linear"``: tau = B i_j."""
-FrictionLaw = Literal["power", "stribeck", "load_dependent"]
-"""``"power"``: sgn(qd) D abs(qd)^F (eq 2.27). ``"stribeck"``: sgn(qd) (coulomb + stribeck exp(-(qd /
-stribeck_speed)^2)) + viscous qd. ``"load_dependent"``: sgn(qd) (coulomb + load abs(i)) + viscous qd, i as
-measured."""
 
 OF_MAP = {"odd": ("A", "B"), "load_dependent": ("A", "B"), "linear": ("B",)}
-OF_FRICTION = {
-    "power": ("D", "F"),
-    "stribeck": ("coulomb", "viscous", "stribeck", "stribeck_speed"),
-    "load_dependent": ("coulomb", "viscous", "load"),
-}
 COMMON = ("hysteresis", "inertia")
 # What a parameter may be; those not listed may be any finite number.
 BOUNDS = {
     "B": (0.0, math.inf),
-    "D": (0.0, math.inf),
-    "F": (0.0, 3.0),
-    "coulomb": (0.0, math.inf),
-    "viscous": (0.0, math.inf),
-    "stribeck": (0.0, math.inf),
-    "stribeck_speed": (1e-6, math.inf),
-    "load": (0.0, 0.99),
+    **FRICTION_BOUNDS,
     "inertia": (0.0, math.inf),
 }
 DEFAULT_REST_SPEED = 0.01

@@ -5,7 +5,6 @@ from bumpstop.model.drive_train.drive_train import DriveTrain, DriveTrainEntry
 from bumpstop.model.drive_train.drive_train_file import load_drive_train
 from bumpstop.model.dynamics import (
     coriolis_torque,
-    effective_mass,
     gravity_torque,
     inverse_dynamics,
     manipulability,
@@ -14,7 +13,7 @@ from bumpstop.model.dynamics import (
 )
 from bumpstop.model.inertia import LinkInertia
 from bumpstop.model.joint import Frame, Joint, rotation_from_rpy
-from bumpstop.model.mass_definitions import EffectiveMassDefinition, with_rotors
+from bumpstop.model.mass_definitions import EffectiveMassDefinition, effective_mass, with_rotors
 from bumpstop.model.robot import Robot, robots
 from bumpstop.model.robot_file import robot_from_dict
 from bumpstop.model.units import unit_of

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from bumpstop.arrays import FloatArray
-    from bumpstop.model.mass_definitions import EffectiveMassDefinition
     from bumpstop.model.robot import Robot
 
     Vector = Sequence[float] | npt.ArrayLike
@@ -62,19 +61,13 @@ def inverse_dynamics(
     """
     rows, single = as_rows(q, "q", robot.dof)
     number, offset = robot.frame(link, point)
-    outer = None if wrench is None else _for_each(wrench, "wrench", 6, len(rows), single)
-    return _one_or_all(
-        robot.dynamics.inverse_dynamics(
-            rows,
-            _like(rows, single, qd, "qd"),
-            _like(rows, single, qdd, "qdd"),
-            as_float_array(gravity, "gravity", (3,)),
-            outer,
-            number,
-            np.ascontiguousarray(offset),
-        ),
-        single,
+    tau = robot.dynamics.inverse_dynamics(
+        rows, _like(rows, single, qd, "qd"), _like(rows, single, qdd, "qdd"), as_float_array(gravity, "gravity", (3,))
     )
+    if wrench is not None:
+        outer = _for_each(wrench, "wrench", 6, len(rows), single)
+        tau -= robot.dynamics.external_torque(rows, outer, number, np.ascontiguousarray(offset))
+    return one_or_all(tau, single)
 
 
 def gravity_torque(robot: Robot, q: npt.ArrayLike, *, gravity: Vector = STANDARD_GRAVITY) -> FloatArray:
@@ -89,7 +82,7 @@ def gravity_torque(robot: Robot, q: npt.ArrayLike, *, gravity: Vector = STANDARD
         (dof,) or (N, dof) [Nm].
     """
     rows, single = as_rows(q, "q", robot.dof)
-    return _one_or_all(robot.dynamics.gravity_torque(rows, as_float_array(gravity, "gravity", (3,))), single)
+    return one_or_all(robot.dynamics.gravity_torque(rows, as_float_array(gravity, "gravity", (3,))), single)
 
 
 def coriolis_torque(robot: Robot, q: npt.ArrayLike, qd: npt.ArrayLike) -> FloatArray:
@@ -104,7 +97,7 @@ def coriolis_torque(robot: Robot, q: npt.ArrayLike, qd: npt.ArrayLike) -> FloatA
         (dof,) or (N, dof) [Nm].
     """
     rows, single = as_rows(q, "q", robot.dof)
-    return _one_or_all(robot.dynamics.coriolis_torque(rows, _like(rows, single, qd, "qd")), single)
+    return one_or_all(robot.dynamics.coriolis_torque(rows, _like(rows, single, qd, "qd")), single)
 
 
 def mass_matrix(robot: Robot, q: npt.ArrayLike) -> FloatArray:
@@ -118,61 +111,7 @@ def mass_matrix(robot: Robot, q: npt.ArrayLike) -> FloatArray:
         (dof, dof) or (N, dof, dof), symmetric [kg m2; kg m between a revolute and a prismatic joint; kg].
     """
     rows, single = as_rows(q, "q", robot.dof)
-    return _one_or_all(robot.dynamics.mass_matrix(rows), single)
-
-
-def effective_mass(
-    robot: Robot,
-    q: npt.ArrayLike,
-    direction: npt.ArrayLike,
-    link: str | None = None,
-    point: Vector = (0.0, 0.0, 0.0),
-    *,
-    definition: EffectiveMassDefinition = "mass_matrix",
-    payload_kg: float = 0.0,
-) -> FloatArray:
-    """Mass the robot opposes to a push at a point of a link, by one of the definitions of the field.
-
-    =========================  =======================================================================================
-    ``"mass_matrix"``          1 / (n' J M^-1 J' n) with :func:`mass_matrix`: free joints, with the rotors that
-                               joints have (Khatib 1987, operational space)
-    ``"links"``                the same without rotors: what meets a body in the first moment, while gears give
-    ``"links_and_rotors"``     the same with the rotors of :attr:`Robot.drive_train`, M + B: while gears are stiff
-    ``"composite_rigid_body"`` joints locked, base free: all moving links as one rigid body in that pose (Wang, Dehio
-                               and Kheddar 2022)
-    ``"ts15066"``              half of the moving links and the payload (ISO/TS 15066:2016, A.3): no pose, no direction
-    =========================  =======================================================================================
-
-    Args:
-        robot: with inertia.
-        q: joint positions, (dof,) or (N, dof) [rad].
-        direction: unit vector n in B. (3,), or (N, 3) with a row for each of ``q``.
-        link: name of a link; default: the tip.
-        point: in the link's frame [m].
-        definition: one of the table.
-        payload_kg: of ``"ts15066"``, with tool and workpiece. The others take it as part of the last link.
-
-    Returns:
-        () or (N,) [kg]; infinite where no joint moves the point along n.
-
-    Raises:
-        InputError: a direction that is no unit vector, a motion that moves no mass, or a definition that is none.
-    """
-    if definition != "mass_matrix" or payload_kg != 0:
-        from bumpstop.model.mass_definitions import mass_by_definition
-
-        return mass_by_definition(robot, q, direction, link, point, definition, payload_kg)
-    rows, single = as_rows(q, "q", robot.dof)
-    along = unit_directions(direction, len(rows), single)
-    number, offset = robot.frame(link, point)
-    mass: FloatArray = robot.dynamics.effective_mass(rows, along, number, np.ascontiguousarray(offset))
-    if np.isnan(mass).any():
-        raise InputError(
-            "robot",
-            f"some motion of {robot.name} at q[{int(np.argmax(np.isnan(mass)))}] moves no mass",
-            "wanted inertia that every joint feels, or rotors",
-        )
-    return _one_or_all(mass, single)
+    return one_or_all(robot.dynamics.mass_matrix(rows), single)
 
 
 def singular_values(
@@ -228,7 +167,7 @@ def _of_jacobian(
         raise InputError("rows", f"{rows!r} are no rows of a Jacobian", "valid: linear, all")
     positions, single = as_rows(q, "q", robot.dof)
     number, offset = robot.frame(link, point)
-    return _one_or_all(function(robot.chain, positions, number, np.ascontiguousarray(offset), rows == "all"), single)
+    return one_or_all(function(robot.chain, positions, number, np.ascontiguousarray(offset), rows == "all"), single)
 
 
 def _like(rows: FloatArray, single: bool, value: npt.ArrayLike, field: str) -> FloatArray:
@@ -262,6 +201,7 @@ def unit_directions(direction: npt.ArrayLike, count: int, single: bool) -> Float
     return along
 
 
-def _one_or_all(result: FloatArray, single: bool) -> FloatArray:
+def one_or_all(result: FloatArray, single: bool) -> FloatArray:
+    """The only row where a single pose was asked for."""
     one: FloatArray = result[0] if single else result
     return one

@@ -1,4 +1,4 @@
-"""What tells the inertia of a real arm from figures that were put in so that a simulator runs."""
+"""Placeholders for the inertia of an arm: figures that were put in so that a simulator runs."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def inertia_doubts(robot: Robot) -> tuple[str, ...]:
 
 
 def inertia_objection(robot: Robot) -> str:
-    """Why no figure that rests on the masses of a robot can be believed.
+    """Why figures that rest on the masses of a robot are not to be trusted.
 
     Args:
         robot: any.

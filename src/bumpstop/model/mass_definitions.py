@@ -9,6 +9,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray, as_number, as_rows
 from bumpstop.errors import InputError, near_matches
+from bumpstop.model.dynamics import one_or_all, unit_directions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -93,26 +94,48 @@ def standard_mass(robot: Robot, payload_kg: float) -> float:
     return sum(link.mass for link in links) / 2 + payload_kg
 
 
-def mass_by_definition(
+def effective_mass(
     robot: Robot,
     q: npt.ArrayLike,
     direction: npt.ArrayLike,
-    link: str | None,
-    point: Sequence[float] | npt.ArrayLike,
-    definition: EffectiveMassDefinition,
-    payload_kg: float,
+    link: str | None = None,
+    point: Sequence[float] | npt.ArrayLike = (0.0, 0.0, 0.0),
+    *,
+    definition: EffectiveMassDefinition = "mass_matrix",
+    payload_kg: float = 0.0,
 ) -> FloatArray:
-    """See :func:`bumpstop.model.effective_mass`, of every definition but that of the mass matrix."""
-    from bumpstop.model.dynamics import effective_mass, unit_directions
+    """Mass the robot opposes to a push at a point of a link, by one of the definitions of the field.
 
+    =========================  =======================================================================================
+    ``"mass_matrix"``          1 / (n' J M^-1 J' n) with :func:`mass_matrix`: free joints, with the rotors that
+                               joints have (Khatib 1987, operational space)
+    ``"links"``                the same without rotors: what meets a body in the first moment, while gears give
+    ``"links_and_rotors"``     the same with the rotors of :attr:`Robot.drive_train`, M + B: while gears are stiff
+    ``"composite_rigid_body"`` joints locked, base free: all moving links as one rigid body in that pose (Wang, Dehio
+                               and Kheddar 2022)
+    ``"ts15066"``              half of the moving links and the payload (ISO/TS 15066:2016, A.3): no pose, no direction
+    =========================  =======================================================================================
+
+    Args:
+        robot: with inertia.
+        q: joint positions, (dof,) or (N, dof) [rad].
+        direction: unit vector n in B. (3,), or (N, 3) with a row for each of ``q``.
+        link: name of a link; default: the tip.
+        point: in the link's frame [m].
+        definition: one of the table.
+        payload_kg: of ``"ts15066"``, with tool and workpiece. The others take it as part of the last link.
+
+    Returns:
+        () or (N,) [kg]; infinite where no joint moves the point along n.
+
+    Raises:
+        InputError: a direction that is no unit vector, a motion that moves no mass, or a definition that is none.
+    """
     valid = get_args(EffectiveMassDefinition)
     if definition not in valid:
         raise InputError("definition", f"{definition!r} is none", near_matches(str(definition), valid))
     if payload_kg != 0 and definition != "ts15066":
         raise InputError("payload_kg", f"has no meaning with {definition!r}", "put the payload into the robot")
-    if definition in ("links", "links_and_rotors"):
-        rotors = robot.drive_train.rotor_inertia if definition == "links_and_rotors" else 0.0
-        return effective_mass(with_rotors(robot, rotors), q, direction, link, point)
     rows, single = as_rows(q, "q", robot.dof)
     along = unit_directions(direction, len(rows), single)
     if definition == "ts15066":
@@ -120,7 +143,29 @@ def mass_by_definition(
         if payload < 0:
             raise InputError("payload_kg", f"is {payload:g}", "wanted zero or more")
         mass = np.full(len(rows), standard_mass(robot, payload))
-    else:
+    elif definition == "composite_rigid_body":
         mass = composite_rigid_body_mass(robot, rows, along, link, point)
-    one: FloatArray = mass[0] if single else mass
-    return one
+    else:
+        if definition in ("links", "links_and_rotors"):
+            robot = with_rotors(robot, robot.drive_train.rotor_inertia if definition == "links_and_rotors" else 0.0)
+        mass = mass_of_free_joints(robot, rows, along, link, point)
+    return one_or_all(mass, single)
+
+
+def mass_of_free_joints(
+    robot: Robot,
+    q: FloatArray,
+    direction: FloatArray,
+    link: str | None,
+    point: Sequence[float] | npt.ArrayLike,
+) -> FloatArray:
+    """1 / (n' J M^-1 J' n) with the robot's own mass matrix; arguments as of :func:`composite_rigid_body_mass`."""
+    number, offset = robot.frame(link, point)
+    mass: FloatArray = robot.dynamics.effective_mass(q, direction, number, np.ascontiguousarray(offset))
+    if np.isnan(mass).any():
+        raise InputError(
+            "robot",
+            f"some motion of {robot.name} at q[{int(np.argmax(np.isnan(mass)))}] moves no mass",
+            "wanted inertia that every joint moves, or rotors",
+        )
+    return mass

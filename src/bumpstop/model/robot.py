@@ -160,7 +160,7 @@ class Robot:
 
     @cached_property
     def inertia_doubts(self) -> tuple[str, ...]:
-        """Why the inertia is probably nobody's measurement; empty where it is published, or looks like an arm's.
+        """Why the inertia is probably a placeholder; empty where it is published, or plausible for an arm.
 
         See :func:`bumpstop.model.inertia_doubts.inertia_doubts`.
         """

@@ -31,7 +31,7 @@ _LOAD_SHARE_PER_MS = 0.05
 class Gears:
     """What the gears do beyond the joint torque model, a number for all joints or one for each.
 
-    The motors feel all of it, and no model of the class that is identified can say it.
+    It loads the motors, and no model of the class that is identified can represent it.
 
     Attributes:
         rotor_inertia: reflected to the joint [kg m2 or kg]; None: the joint model's inertia, else the robot's rotor's.
@@ -88,7 +88,7 @@ class Gears:
 
 
 class Drives:
-    """All drives of an arm, with what their gears remember.
+    """All drives of an arm, with the hysteresis of their gears.
 
     With i the current, f the joint model's map and i_f its friction current, the gear passes on f(i - i_f). Hysteresis
     and what :class:`Gears` adds are further torques against the motor. The current is the one that gives what the motor

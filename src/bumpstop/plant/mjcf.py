@@ -116,7 +116,7 @@ def mjcf(
             radius = min(radius, max(0.01, float(np.linalg.norm(end)) / 2))
         lines.append(_capsule((0, 0, 0), end, radius, _LINK_COLOURS[j % 2]))
         if j == dof - 1:
-            # A body of its own, so that a sensor between it and the link feels what the tool feels.
+            # A body of its own, so that a sensor between it and the link measures the force on the tool.
             lines += [
                 f'<body name=":{TOOL}" pos="{_numbers(robot.tip_origin)}" quat="{_quaternion(robot.tip_rotation)}">',
                 f'<site name="{TIP}"/>',

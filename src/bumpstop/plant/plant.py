@@ -345,7 +345,7 @@ class Plant:
         return forces
 
     def _measured_forces(self, contact: FloatArray) -> FloatArray:
-        """What gauges show, now, and other objects feel (objects,) [N]."""
+        """Forces that gauges show now, and contact forces of other objects (objects,) [N]."""
         measured = contact.copy()
         for i, thing in enumerate(self.objects):
             if thing.spring is not None:
@@ -374,7 +374,7 @@ class Plant:
         )
 
     def series_stiffness(self, q: npt.ArrayLike, thing: PlantObject) -> float:
-        """Stiffness of an object as the controller feels it, by two static pushes [N/m].
+        """Stiffness of object, servo and gears in series, by two static pushes [N/m].
 
         The object is put before the contact point in the pose ``q``; the arm is told to go into it until 20 and 60 N
         are due, waits, and the difference of the forces over that of the ways commanded is the stiffness: object,

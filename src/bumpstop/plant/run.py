@@ -203,7 +203,7 @@ def truth_of(plant: Plant) -> dict[str, Any]:
     """All parameters of a plant as plain values, in the order of a file."""
     import mujoco
 
-    from bumpstop.joint.parameters import OF_FRICTION
+    from bumpstop.joint.friction_law import OF_FRICTION
     from bumpstop.plant.servo import STEP
 
     drives = plant.drives

@@ -1,4 +1,4 @@
-"""Static pushes: the stiffness of an object as the controller feels it."""
+"""Static pushes: the stiffness of object, servo and gears in series."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Column files: which columns of somebody else's file mean what, and in which unit."""
+"""Column files: which columns of a file mean what, and in which unit."""
 
 from __future__ import annotations
 

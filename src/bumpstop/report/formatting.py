@@ -5,34 +5,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from bumpstop.terminal import number
+
 if TYPE_CHECKING:
     from bumpstop.collision import CollisionResult
     from bumpstop.joint.parameters import Parameter
-
-NO_BOUND = "unbounded"
-NONE = "none"
-MIN_PRINTED_NUMBER = 1e-6  # in any unit that a page uses: digits of rounding, not of a quantity
-
-
-def number(value: float) -> str:
-    """Four significant digits, ``"0"`` below a millionth.
-
-    Infinity is ``"no bound"``, a quantity that never exists ``"none"``.
-    """
-    if math.isnan(value):
-        return NONE
-    if math.isinf(value):
-        return NO_BOUND
-    if abs(value) < MIN_PRINTED_NUMBER:
-        return "0"
-    text = f"{value:.4g}"
-    # Newtons by the ten thousand are still newtons: no powers of ten.
-    return f"{float(text):.0f}" if "e+" in text and abs(value) < 1e7 else text
-
-
-def correlation(value: float) -> str:
-    """A rank correlation; ``"none"`` where there is none, as with a quantity that is everywhere the same."""
-    return NONE if math.isnan(value) else f"{value:.3f}"
 
 
 def quantity(value: float, unit: str) -> str:

@@ -1,4 +1,4 @@
-"""How long a series remembers itself."""
+"""Correlation time of a series."""
 
 from __future__ import annotations
 

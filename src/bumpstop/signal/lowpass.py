@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import cmath
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +20,9 @@ if TYPE_CHECKING:
 
 # Intervals that differ by less than this share are one interval: the rounding of printed or absolute times.
 _EVEN = 1e-6
+# A filter begins as if its first value had stood for ever. What that is wrong by fades to this share of itself before
+# the record begins.
+_BEGIN_SHARE = 1e-6
 
 
 def zero_phase_lowpass(t: npt.ArrayLike, x: npt.ArrayLike, cutoff_hz: float, order: int = 4) -> FloatArray:
@@ -69,9 +74,11 @@ def filter_even(x: FloatArray, rate_hz: float, cutoff_hz: float, order: int = 4)
         InputError: fewer rows than the filter reaches over.
     """
     flat = np.ascontiguousarray(x, dtype=np.float64).reshape(x.shape[0], -1)
-    if x.shape[0] <= _padding(order):
-        raise InputError("x", f"has {x.shape[0]} rows", f"a filter of order {order} needs {_padding(order) + 1}")
-    filtered: FloatArray = _native.zero_phase_lowpass(flat, order, cutoff_hz, rate_hz, _padding(order))
+    rows = x.shape[0]
+    if rows <= _min_padding(order):
+        raise InputError("x", f"has {rows} rows", f"a filter of order {order} needs {_min_padding(order) + 1}")
+    padding = min(rows - 1, padding_rows(rate_hz, cutoff_hz, order))
+    filtered: FloatArray = _native.zero_phase_lowpass(flat, order, cutoff_hz, rate_hz, padding)
     return filtered.reshape(x.shape)
 
 
@@ -89,7 +96,7 @@ def filter_reach(rate_hz: float, cutoff_hz: float, share: float, order: int = 4)
         order: of the filter in one direction.
     """
     # Twice as long each time, until its outer half says nothing: near half the rate a filter rings for long.
-    half = int(8 * rate_hz / cutoff_hz) + 4 * _padding(order)
+    half = int(8 * rate_hz / cutoff_hz) + 4 * _min_padding(order)
     while True:
         impulse = np.zeros((2 * half + 1, 1))
         impulse[half] = 1.0
@@ -100,8 +107,24 @@ def filter_reach(rate_hz: float, cutoff_hz: float, share: float, order: int = 4)
         half *= 2
 
 
-def _padding(order: int) -> int:
-    """Samples put before and after a record by point reflection, so that its ends are not filtered towards zero."""
+def padding_rows(rate_hz: float, cutoff_hz: float, order: int = 4) -> int:
+    """Rows that :func:`filter_even` puts before and after a record by point reflection, where it has so many.
+
+    A record that begins at speed is not what the filter begins with, a value that has stood for ever. The pole nearest
+    to the unit circle, by the bilinear transform, lets that fade by its absolute value every row.
+
+    Args:
+        rate_hz: values a second.
+        cutoff_hz: above 0, below half the rate.
+        order: of the filter in one direction.
+    """
+    pole = math.tan(math.pi * cutoff_hz / rate_hz) * cmath.exp(0.5j * math.pi * (1 + 1 / order))
+    fading = -math.log(abs((1 + pole) / (1 - pole)))
+    return max(_min_padding(order), math.ceil(-math.log(_BEGIN_SHARE) / fading))
+
+
+def _min_padding(order: int) -> int:
+    """Rows that are put before and after a record at the least, as scipy's ``sosfiltfilt`` does."""
     return 3 * (2 * ((order + 1) // 2) + 1)
 
 
@@ -129,7 +152,7 @@ def _filtered(
     cutoff = as_number(cutoff_hz, cutoff_field)
     if isinstance(order, bool) or order not in range(1, 11):
         raise InputError("order", f"is {order!r}", "wanted a whole number from 1 to 10")
-    padding = _padding(order)
+    padding = _min_padding(order)
     times, rows = as_samples(t, x, field, padding + 1, f"a filter of order {order}")
     steps = np.diff(times)
     span = times[-1] - times[0]

@@ -130,7 +130,7 @@ class StudyFolder:
             raise self._unwritable(error) from None
 
     def _refuse_orphans(self) -> None:
-        """Rows without settings are of nobody knows what, and must not be taken up."""
+        """Rows without settings belong to an unknown study: they are not resumed."""
         found = "rows.parquet" if self.complete else next((f"shards/{file.name}" for file in self._arrows()), None)
         if found is not None:
             problem = f"{str(self.path)!r} holds {found} without the settings.toml that says what made it"
@@ -203,7 +203,7 @@ def _temporary(file: Path) -> Path:
 
 
 def _damaged(file: Path) -> InputError:
-    """A file that somebody else has cut short, written over or brought from another study."""
+    """A file that was cut short, overwritten or copied from another study."""
     problem = f"{str(file)!r} is damaged, or of another study"
     return InputError("--out", problem, "delete that file: what it held is computed again")
 

@@ -1,4 +1,4 @@
-"""Where a redundant arm feels best: the same pose of the tool with other joint positions."""
+"""Detectability of a redundant arm: the same pose of the tool with other joint positions."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ _AT_ONCE = 500
 
 @dataclass(frozen=True, eq=False)
 class PeakForcePrediction:
-    """Predicted peak forces of N poses; NaN where the start is singular, infinite where no joint feels the contact.
+    """Predicted peak forces of N poses; NaN where the start is singular, infinite where contact loads no joint.
 
     Attributes:
         expected: mean peak force (N,) [N].
@@ -102,13 +102,15 @@ def check_predictable(problem: CollisionProblem, quantile: float) -> None:
     Raises:
         InputError: names the key.
     """
-    scenario = problem.scenario
     if not 0.5 <= quantile <= 1 - 1e-9:
         raise InputError("quantile", f"{quantile:g} cannot be used", "wanted 0.5 to 0.999999999")
     if problem.trajectory is not None:
         raise InputError("motion.kind", "'trajectory' cannot be predicted", "wanted 'line'")
-    if scenario.contact.kind == "free":
-        raise InputError("contact.kind", "'free' cannot be predicted", "wanted 'clamped'")
+    if problem.elastic:
+        raise InputError("arm.model", "an elastic arm cannot be predicted", "wanted 'rigid'")
+    if problem.gives_way:
+        field = "contact.kind" if problem.gets_away else "contact.damping_Ns_m or contact.gauge_mass_kg"
+        raise InputError(field, "only a clamped spring can be predicted", "wanted 'clamped', without damping or mass")
     if problem.residuals is not None:
         raise InputError("detector.residuals", "measured noise cannot be predicted", "give detector.noise_sd_Nm")
     if problem.first_armed_tick > 0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,16 +20,38 @@ Progress = Callable[[int, int], None]
 """Called with the shards done and all shards, first before any work."""
 
 
+@dataclass(frozen=True, eq=False)
+class StudyResult:
+    """What a study found. ``rows, summary = run(study)`` unpacks it.
+
+    Attributes:
+        study: the question.
+        rows: of all shards, in order.
+        summary: what the rows say, the object of ``--json``.
+    """
+
+    study: Study
+    rows: pl.DataFrame
+    summary: dict[str, Any]
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter((self.rows, self.summary))
+
+    def __str__(self) -> str:
+        """What ``bumpstop study`` prints."""
+        return "\n".join(self.study.lines(self.summary))
+
+
 def run(
     study: Study, folder: Path | None = None, *, threads: int = 1, progress: Progress | None = None, command: str = ""
-) -> tuple[pl.DataFrame, dict[str, Any]]:
-    """Compute the shards of a study that are not done yet; returns all rows, in order, and their summary.
+) -> StudyResult:
+    """Compute the shards of a study that are not done yet.
 
     Rows and summary do not depend on ``threads``, nor on where an earlier run was interrupted.
 
     Args:
         study: the question.
-        folder: where shards are kept as they are done, and taken up again; None keeps nothing.
+        folder: where shards are kept as they are done, and resumed; None keeps nothing.
         threads: of this process.
         progress: told how far the study is.
         command: kept in the folder's settings.
@@ -92,7 +115,7 @@ def run(
     summary = study.summary(rows)
     if store is not None:
         store.write_summary(summary)
-    return rows, summary
+    return StudyResult(study, rows, summary)
 
 
 def _groups(shards: list[int], most: int, threads: int) -> Iterator[list[int]]:

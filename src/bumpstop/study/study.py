@@ -78,6 +78,10 @@ class Study(ABC):
         Numbers that are not finite may stand in it: :func:`to_jsonable` makes them None.
         """
 
+    @abstractmethod
+    def lines(self, summary: Mapping[str, Any]) -> list[str]:
+        """What a person reads of a summary on the terminal."""
+
     def settings(self) -> dict[str, Any]:
         """Everything but the scenario that decides the rows, by the names of the fields."""
         return {

@@ -27,7 +27,7 @@ void set_out(const random_arm::Arm& arm, Braking& braking, int lane) {
 
 L advance(Braking& braking) {
     return braking.step(
-        L(double(max_reaction_leap)), [] {}, [](const auto&, const L&) { return L(0.0) > L(1.0); });
+        L(double(max_reaction_adams_step)), [] {}, [](const auto&, const L&) { return L(0.0) > L(1.0); });
 }
 
 // Lanes that are put back are followed again, those between them go on.

@@ -10,13 +10,17 @@ import os
 import subprocess
 import sys
 from functools import cache
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+import bumpstop as bs
 from bumpstop import _native
+from bumpstop.errors import InputError
 from cli.support import REPOSITORY
-from collision.random_scenarios import ALLOWED, difference
+from collision.random_scenarios import ALLOWED, difference, random_scenario
 
 # Hundreds of times as long as it takes.
 MAX_DURATION_S = 120
@@ -79,3 +83,21 @@ def test_figures_do_not_depend_on_the_width_of_registers(target: str) -> None:
     theirs = random_scenarios(0, 40, ONE_SUB_STEP, target=target)
     for one, two in zip(ours, theirs, strict=True):
         assert difference(one, two) <= ALLOWED, (one, two)
+
+
+def test_more_latency_is_no_milder_whatever_the_scenario(tmp_path: Path) -> None:
+    """Random robots, steps, sub-steps, limits for each joint or all alike, from rest and under way."""
+    compared = 0
+    for seed in range(60):
+        scenario = random_scenario(seed, tmp_path, one_sub_step=seed % 2 == 0)
+        if scenario.contact.kind != "clamped" or scenario.verdict.clamped_limit == "two_phase":
+            continue
+        late = [1e-9 + steps * scenario.simulation.step_s if steps else 0.0 for steps in (0, 1, 5, 17)]
+        try:
+            results = [bs.evaluate(scenario.with_values({"reaction.latency_s": each})) for each in late]
+        except InputError:
+            continue
+        forces = np.array([[result.peak_force.quantile(p) for p in (0.5, 0.99)] for result in results])
+        assert (forces[1:] >= forces[:-1] * (1 - 1e-9)).all(), seed
+        compared += 1
+    assert compared > 25

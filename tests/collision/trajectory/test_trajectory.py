@@ -135,7 +135,7 @@ def test_no_joint_brakes_harder_than_it_may(seed: int, kind: str, tmp_path: Path
     )
     kernel, path = trajectory_kernel(problem), problem.trajectory
     assert path is not None
-    assert kernel.excess == 1, "the motion itself keeps the limits"
+    assert kernel.acceleration_overload == 1, "the motion itself keeps the limits"
     assert np.abs(path.at(np.linspace(0, 2, 500), 2)).max() < 2
     used = []
     for k in range(0, kernel.ticks - 60, 7):
@@ -167,7 +167,7 @@ def test_curvature_beyond_the_limits(tmp_path: Path) -> None:
             reaction={"kind": "stop", "joint_acceleration_rad_s2": 0.5},
         )
     )
-    assert result.kernel.excess > 1.5
+    assert result.kernel.acceleration_overload > 1.5
     assert any("own joint accelerations" in note for note in result.notes)
     ends = [result.kernel.reaction(k) for k in range(0, result.kernel.ticks, 11)]
     assert all((np.diff(u) >= 0).all() for u in ends)

@@ -136,3 +136,48 @@ def test_a_head_is_never_acceptable() -> None:
     assert (result.verdict.p_over_force, result.verdict.p_over_pressure) == (1.0, 1.0)
     assert "does not permit transient contact" in result.verdict.reason
     assert result.verdict.to_json()["limit_kind"] == "two_phase"
+
+
+SLOW_JOINTS: dict[str, Any] = {
+    "motion__velocity_mm_s": [0, 0, -100], "contact__stiffness_N_m": 9000.0, "contact__area_cm2": 4.0,
+    "reaction__joint_acceleration_rad_s2": 0.35,
+    "detector__thresholds_Nm": [9, 5, 9, 9, 9, 9, 9], "detector__noise_sd_Nm": 1.6,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("reaction", ["stop", "reverse"])
+def test_a_body_that_hardly_loses_energy_is_judged_as_a_spring(reaction: str) -> None:
+    """Two routes: release times of a clamped spring, and the followed force of what gives way."""
+    changes = SLOW_JOINTS | {"reaction__kind": reaction, "reaction__joint_acceleration_rad_s2": 0.6}
+    spring = two_phase(**changes)
+    damped = two_phase(**changes, contact__damping_Ns_m=1e-6)
+    for first, later in ((1.0, 1.0), (0.5, 1.0), (1e-9, 1.0)):
+        (ours, weight), (theirs, whole) = (each.phase_shares(first, later) for each in (spring, damped))
+        assert whole == 1.0
+        for p in (0.1, 0.5, 0.9):
+            assert theirs.exceedance(ours.quantile(p)) == pytest.approx(weight * (1 - p), abs=1e-3)
+    if reaction == "reverse":
+        # The phases matter: after half a second the arm presses less.
+        assert damped.phase_shares(1e-9, 1.0)[0].quantile(0.5) < 0.98 * damped.peak_force.quantile(0.5)
+
+
+@pytest.mark.parametrize("reaction", ["stop", "reverse"])
+@pytest.mark.parametrize("changes", [{"arm__model": "elastic"}, {"contact__damping_Ns_m": 300.0}], ids=["arm", "body"])
+def test_what_gives_way_is_judged_alike_by_both_distributions(changes: dict[str, Any], reaction: str) -> None:
+    integrated = two_phase(**SLOW_JOINTS, **changes, reaction__kind=reaction)
+    runs = 20_000
+    drawn = bs.evaluate(integrated.scenario, samples=runs, seed=3)
+    for first, later in ((1 / 280, 1 / 140), (1 / 150, 1 / 75), (1 / 130, 1 / 40)):
+        ours, theirs = integrated.phase_shares(first, later)[0], drawn.phase_shares(first, later)[0]
+        for share in (0.5, 0.8, 1.0, 1.2):
+            p = ours.exceedance(share)
+            wide = 4 * np.sqrt(p * (1 - p) / runs) + 1e-3
+            assert theirs.exceedance(share * 1.0003) - wide <= p <= theirs.exceedance(share * 0.9997) + wide
+    lasting = drawn.runs["lasting_force"] if drawn.runs is not None else np.zeros(0)
+    assert (lasting > 0).any() or reaction == "reverse"
+
+
+def test_a_lasting_limit_above_the_transient_one_is_refused_where_something_gives_way() -> None:
+    result = two_phase(contact__damping_Ns_m=100.0)
+    with pytest.raises(bs.InputError, match="limit for what lasts"):
+        result.phase_shares(1 / 100, 1 / 200)

@@ -79,7 +79,7 @@ void payload_adds_its_torque() {
         angle.set(arm.made.chain, q);
         const std::vector<LinkInertia>* all[3] = {&loaded, &arm.links, &alone};
         for (int k = 0; k < 3; ++k)
-            inverse_dynamics(arm.made.chain, Inertias(arm.made.chain, *all[k]), q, angle, qd, qdd, {0, 0, -9.81},
+            inverse_dynamics(arm.made.chain, Inertias(arm.made.chain, *all[k]), {q, angle, qd, qdd}, {0, 0, -9.81},
                              tau[k]);
         for (int j = 0; j < 7; ++j)
             CHECK_NEAR(tau[0][j], tau[1][j] + tau[2][j], 1e-10 * (1 + std::fabs(tau[0][j])) * 100);
@@ -155,7 +155,7 @@ void a_changed_payload_is_recognised() {
 // A lost sample: no spike, and said.
 void a_lost_sample_makes_no_spike() {
     Arm arm(7);
-    for (double& limit : arm.settings.decision.thresholds.constant) limit = inf;
+    for (double& limit : arm.settings.alarm.thresholds.constant) limit = inf;
     Detector detector = arm.detector(), undisturbed = arm.detector();
     double worst = 0;
     int late = 0;
@@ -231,14 +231,14 @@ void an_event_ends_and_another_begins() {
         Arm arm(3);
         DetectorSettings& s = arm.settings;
         s.source = TorqueSource::torque;
-        s.decision.event_pause = 0.05;
-        for (int j = 0; j < 3; ++j) s.decision.thresholds.fast[j] = inf;
+        s.alarm.event_pause = 0.05;
+        for (int j = 0; j < 3; ++j) s.alarm.thresholds.fast[j] = inf;
         arm.errors.clear();
         arm.joints.clear();
         Detector detector = arm.detector();
         // The torque that holds the arm is what the residual lacks without any.
         DetectorSample sample;
-        for (int j = 0; j < 3; ++j) s.decision.thresholds.constant[j] = inf;
+        for (int j = 0; j < 3; ++j) s.alarm.thresholds.constant[j] = inf;
         Detector blank = arm.detector();
         for (int i = 0; i < 10; ++i) {
             sample.t = 0.001 * i;
@@ -274,7 +274,7 @@ void a_detector_that_is_reset_is_as_new() {
         DetectorSettings& s = arm.settings;
         s.residual = k % 2 ? ResidualKind::observer : ResidualKind::direct;
         s.source = k % 3 ? TorqueSource::current : TorqueSource::torque;
-        s.decision.arming_delay = 0.01;
+        s.alarm.arming_delay = 0.01;
         s.payload_monitor.min_mass = 0.1;
         s.payload_monitor.interval = 0;
         Detector used = arm.detector(), fresh = arm.detector();

@@ -38,7 +38,7 @@ struct Arm {
             settings.samples.velocity[j] = 4;
             settings.samples.signal[j] = 1e3;
             settings.noise_sd[j] = 1;
-            ThresholdModel& law = settings.decision.thresholds;
+            ThresholdModel& law = settings.alarm.thresholds;
             law.constant[j] = 10;
             law.fast[j] = j % 2 ? 5 : inf;
             law.rest_speed[j] = 0.01;

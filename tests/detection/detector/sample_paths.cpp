@@ -29,8 +29,8 @@ void no_sequence_breaks_it(long sequences) {
         s.residual = k % 2 ? ResidualKind::observer : ResidualKind::direct;
         s.source = k % 3 == 2 ? TorqueSource::torque : TorqueSource::current;
         s.samples.measured_rates = k % 4 == 3;
-        s.decision.arming_delay = k % 5 == 0 ? 0.003 : 0;
-        s.decision.thresholds.model_errors = k % 3;
+        s.alarm.arming_delay = k % 5 == 0 ? 0.003 : 0;
+        s.alarm.thresholds.model_errors = k % 3;
         s.window = 0.001 * (2 + k % 6);
         s.samples.unmonitored = k % 3 == 1 ? 2 : 0;
         s.samples.endless = k % 4 == 2 ? 1 : 0;

@@ -88,7 +88,7 @@ static void feedback_that_stands_still_is_frozen() {
                 CHECK(guard.check(sample, {moves, 0.07}) == (i ? SampleFault::none : SampleFault::gap));
             }
             sample.t += 0.01;
-            const BelievedMotion motion = known ? BelievedMotion{moves, 0.07} : BelievedMotion{};
+            const RecentMotion motion = known ? RecentMotion{moves, 0.07} : RecentMotion{};
             CHECK(guard.check(sample, motion) == (known ? SampleFault::frozen : SampleFault::none));
             // It is frozen until something changes, be it a signal.
             sample.t += 0.01;

@@ -203,7 +203,7 @@ def test_rows_have_the_period_of_the_thresholds_to_a_tenth(share: float, fits: b
 
 
 def test_rows_of_noise_have_the_stated_spread() -> None:
-    """White noise through the observer and through the fast channel, against their formulas."""
+    """White noise through the observer and through the band-pass channel, against their formulas."""
     rows, gain, sd = 60_000, 60.0, 2.0
     t, q = 0.004 * np.arange(rows), np.full((rows, 6), 0.4)
     held = inverse_dynamics(UR5E, q[0], 0 * q[0], 0 * q[0])

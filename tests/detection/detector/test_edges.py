@@ -14,7 +14,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.detection import Detector, DetectorSettings, gaps
 from bumpstop.detection.events import FAULTS, STATES
 from bumpstop.detection.scoring.labels import Label
-from bumpstop.detection.scoring.scoring import Score
+from bumpstop.detection.scoring.score import Score
 from bumpstop.detection.tuning.residual_file import ResidualSeries
 from bumpstop.model import inverse_dynamics
 from detection.moving_arms import UR5E

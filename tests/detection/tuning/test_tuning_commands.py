@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.cli.detection.tune import _rates
 from bumpstop.detection import ResidualSeries, Thresholds, tune
-from bumpstop.detection.durations import hours_in_words
+from bumpstop.detection.durations import hours_in_words, rates_in_words
 from bumpstop.recording import Recording
 from cli.support import EXAMPLE, run, strict_json
 
@@ -238,10 +237,11 @@ def test_residuals_of_a_loop_that_loses_samples_are_noise(noise: Path, tmp_path:
         assert f"{gaps} of {kept.sum() - 1} intervals" in record.notes[0]
 
 
-def test_a_joint_beyond_its_limits_is_told(loop: tuple[Path, Path], tmp_path: Path) -> None:
+@pytest.mark.parametrize("turns", [2, -2])
+def test_a_joint_beyond_its_limits_is_told(turns: int, loop: tuple[Path, Path], tmp_path: Path) -> None:
     log = Recording.load(loop[0])
     q = log.q.copy()
-    q[:, 2] += 4 * np.pi
+    q[:, 2] += turns * 2 * np.pi
     far = tmp_path / "far.parquet"
     replace(log, q=q).save(far)
     refused = run("tune", far, "--robot", "ur5e")
@@ -286,6 +286,6 @@ def test_rates_and_durations_are_told_as_a_person_would(tmp_path: Path) -> None:
     assert "# from 27.52 s; one alarm" in (tmp_path / "limits.toml").read_text()
     times = [hours_in_words(hours) for hours in (0.00375, 0.2, 1.0, 72_000.0)]
     assert times == ["13.5 s", "12 min", "1 h", "72000 h"]
-    assert [_rates(*ends) for ends in ((4.041e-06, 9341.2), (1.27, 72.6), (2e-5, 8e-5))] == [
+    assert [rates_in_words(*ends) for ends in ((4.041e-06, 9341.2), (1.27, 72.6), (2e-5, 8e-5))] == [
         "less than 0.001 to 9341", "1.27 to 72.6", "2e-05 to 8e-05",
     ]  # fmt: skip

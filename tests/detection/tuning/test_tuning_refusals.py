@@ -170,7 +170,7 @@ def test_recordings_are_trimmed_by_time_from_both_ends(tmp_path: Path) -> None:
 
 
 def test_terms_are_tuned_saved_and_read_by_detect(tmp_path: Path) -> None:
-    """Torque noise that grows with speed: thresholds that grow with it, and a fast channel."""
+    """Torque noise that grows with speed: thresholds that grow with it, and a band-pass channel."""
     rng = np.random.default_rng(4)
     arm = bs.Robot.load("ur5e")
     t = 0.004 * np.arange(15_000)

@@ -119,10 +119,10 @@ def test_ends_of_several_recordings_are_told_together() -> None:
 def test_the_fast_channel_is_tuned_for_its_share_of_the_alarms() -> None:
     one, *others = runs(4, 15.0, 33, kinds=("normal", "slow", "heavy"))
     tuning = tune(one, 60.0, terms=("fast",))
-    law = tuning.law()
+    law = tuning.all_thresholds()
     assert law.fast is not None
     assert np.isfinite(law.fast).all()
-    # A slow error is none of the fast channel.
+    # A slow error is none of the band-pass channel.
     assert law.fast[1] < 0.5 * law.constant[1]
     slow = sum(achieved(part, law.constant, 50) for part in others) / 0.75
     fast = sum(achieved(ResidualSeries(part.t, band_pass_channel(part)), law.fast, 50) for part in others) / 0.75
@@ -138,13 +138,13 @@ def test_the_fast_channel_is_tuned_for_its_share_of_the_alarms() -> None:
     assert low <= both / 0.75 <= high
     assert 10 <= slow <= 80
     assert 10 <= fast <= 80
-    assert np.isinf(tune(one, 60.0).law().fast).all()  # type: ignore[arg-type]
+    assert np.isinf(tune(one, 60.0).all_thresholds().fast).all()  # type: ignore[arg-type]
 
 
 def test_thresholds_grow_with_what_residuals_grow_with() -> None:
     one, others = (_growing(seed) for seed in (1, 2))
     flat, grown = tune(one, 60.0), tune(one, 60.0, terms=("speed", "acceleration"))
-    law = grown.law()
+    law = grown.all_thresholds()
     assert law.speed is not None
     assert law.acceleration is not None
     # Planted: 1 + 4 |qd| of joint 1, 2 + 0.5 |qdd| of joint 2.

@@ -129,7 +129,7 @@ void dynamics() {
             const int pushed = int(checks::uniform(0, dof));
             const Wrench<T> wrench{
                 link_point(made.chain, pushed, place), {T(3.0), T(-20.0), T(7.0)}, {T(-1.0), T(2.0), T(0.5)}};
-            inverse_dynamics(made.chain, inertias, q, angle, qd, qdd, g, wrench, tau);
+            inverse_dynamics(made.chain, inertias, {q, angle, qd, qdd}, g, wrench, tau);
             double scale[lanes];
             for (int lane = 0; lane < lanes; ++lane) {
                 const std::vector<double> exact =

@@ -219,7 +219,7 @@ def test_targets_agree() -> None:
             for link, rotor in zip(links, rotors_of(robot), strict=True)
         ]
         arm = module.Dynamics(chain, inertias)
-        results.append(arm.inverse_dynamics(q, qd, qdd, GRAVITY, None, 6, np.zeros(3)))
+        results.append(arm.inverse_dynamics(q, qd, qdd, GRAVITY))
     for other in results[1:]:
         np.testing.assert_allclose(other, results[0], rtol=0, atol=1e-13 * np.abs(results[0]).max())
 

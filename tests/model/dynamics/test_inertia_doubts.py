@@ -115,7 +115,7 @@ def test_no_two_mass_verdict_from_placeholders(tmp_path: Path) -> None:
     assert believed.impact_bounds is not None
     assert believed.impact_bounds.reduced_mass is not None
     fake = with_inertia(real, [2.0] * 6)
-    with pytest.raises(InputError, match=r"^contact\.arm: 'two_mass' needs an inertia that can be believed") as refused:
+    with pytest.raises(InputError, match=r"^contact\.arm: 'two_mass' needs a plausible inertia") as refused:
         bs.evaluate(impact(fake, tmp_path, "two_mass"))
     assert ".;" not in str(refused.value)
     driven = bs.evaluate(impact(fake, tmp_path, "position_driven"))
@@ -129,7 +129,7 @@ def test_a_link_without_mass_is_named(tmp_path: Path, key: str, arm: str) -> Non
     real = Robot.load("ur10e")
     unknown = replace(real, joints=(replace(real.joints[0], inertia=None), *real.joints[1:]), inertia_status="unknown")
     scenario = impact(unknown, tmp_path, "position_driven").with_values({key: arm})
-    objection = rf"'{arm}' needs an inertia that can be believed\. The inertia of \w+ is not known: no mass of"
+    objection = rf"'{arm}' needs a plausible inertia\. The inertia of \w+ is not known: no mass of"
     with pytest.raises(InputError, match=rf"^{re.escape(key)}: {objection} 'shoulder_link'"):
         bs.evaluate(scenario)
 

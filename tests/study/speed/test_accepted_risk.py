@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from bumpstop.arrays import FloatArray
-from bumpstop.collision import CollisionProblem, evaluate_batch, load_scenario
+from bumpstop.collision import BatchResult, CollisionProblem, evaluate_batch, load_scenario
+from bumpstop.study.pose_batch import PoseBatch
+from bumpstop.study.prediction import stopping_time_per_speed
 from bumpstop.study.requirement.risk import allowed_force
+from bumpstop.study.speed import speed_limit
 from bumpstop.study.speed.own_motion import own_speeds
 from bumpstop.study.speed.slowing import slow_down
 from bumpstop.study.speed.speed_limit import SpeedLimits, speed_limits
@@ -73,6 +77,34 @@ def test_of_the_worst_of_some_directions(share: float, met: bool) -> None:
     search = _Search(accepting(problem, risk * share), q, direction.copy(), found)
     search.settle(direction[:, None])
     assert bool(search.found.speed[0] == speed) is met
+
+
+@pytest.mark.parametrize(("share", "met"), SHARES)
+@pytest.mark.parametrize(("top", "between"), [(0.1, True), (0.1025, False)])
+def test_of_the_crests_below_a_speed(
+    top: float, between: bool, share: float, met: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The greatest risk below a speed lies between two of the values looked at first, or at one of them."""
+    changes = {"contact.offset_law": "fixed", "contact.offset_mm": 11.0, "detector.feedback_period_s": 0.012}
+    problem = CollisionProblem.from_scenario(load_scenario(LINE, changes))
+    q, direction = problem.q[None], (problem.velocity / np.linalg.norm(problem.velocity))[None]
+    gain = stopping_time_per_speed(problem, PoseBatch(problem, q, direction).joint_rates(q))
+    looked: list[float] = []
+
+    def noted(*args: Any, **settings: Any) -> BatchResult:
+        found = evaluate_batch(*args, **settings)
+        looked.append(float(found.exceedance[:, 0].max()))
+        return found
+
+    def below(risk: float) -> float:
+        asked, own = accepting(problem, risk), np.zeros(1)
+        return float(speed_limit._below_all_crests(asked, q, direction, np.array([top]), own, gain, 1)[0][0])
+
+    monkeypatch.setattr(speed_limit, "evaluate_batch", noted)
+    assert below(0.999999) == top
+    at_values, beside = looked
+    assert (beside > 1.06 * at_values) if between else (at_values > 1.06 * beside)
+    assert (below(max(looked) * share) == top) is met
 
 
 @pytest.mark.parametrize(

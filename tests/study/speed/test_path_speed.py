@@ -140,7 +140,7 @@ def test_slowed_between_few_waypoints_too(seed: int, tmp_path: Path) -> None:
 def test_slowed_where_the_limit_has_a_corner_between_two_rows(seed: int, tmp_path: Path) -> None:
     """Integrated distributions of straight lines at 3000 moments, most of which no row was near."""
     study, _ = wander(seed, tmp_path / "few.csv")
-    _, again = speed_limits_of_slowed(study, run(study)[0], tmp_path / "slow.csv")
+    _, again = speed_limits_of_slowed(study, run(study).rows, tmp_path / "slow.csv")
     times = np.linspace(0, again.given.duration, 3001)[1:-1]
     velocity = again._tip(times)
     moves = np.linalg.norm(velocity, axis=1) > 2e-3

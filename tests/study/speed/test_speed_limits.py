@@ -39,7 +39,7 @@ def pick() -> TrajectorySpeedLimits:
 
 @pytest.fixture(scope="module")
 def found(pick: TrajectorySpeedLimits) -> Any:
-    return run(pick)[0]
+    return run(pick).rows
 
 
 def test_limits_are_safe_and_a_little_more_is_not(pick: TrajectorySpeedLimits, found: Any) -> None:
@@ -57,7 +57,7 @@ def test_limits_are_tight_where_the_formula_expects_none() -> None:
     """Directions in which the formula misses the limit itself: distributions are met there all the same, far above its
     guess."""
     study = WorkspaceSpeedLimits(load_scenario(HAND), poses=40, seed=0, cone_deg=20.0)
-    rows = run(study)[0]
+    rows = run(study).rows
     rows = rows.filter(rows["limited_by"] == "risk")
     q = rows.select([f"q_{j}" for j in range(1, 8)]).to_numpy()
     direction = rows.select("direction_x", "direction_y", "direction_z").to_numpy()
@@ -108,7 +108,7 @@ def test_a_slowed_trajectory_is_over_no_limit_between_its_waypoints_either(
 def test_no_direction_of_the_cone_is_worse(path: Path, angle: float) -> None:
     """In many of these poses the formula expects no safe speed in several directions, and cannot rank them."""
     study = WorkspaceSpeedLimits(load_scenario(path), poses=8, cone_deg=angle, seed=2)
-    rows = run(study)[0].filter(pl.col("limit_mm_s") > 0)
+    rows = run(study).rows.filter(pl.col("limit_mm_s") > 0)
     assert rows.height >= 4
     axis = np.array(study.scenario.motion.velocity_mm_s)
     axis /= np.linalg.norm(axis)
@@ -227,8 +227,8 @@ def test_self_motion_keeps_the_tool_and_detects_no_less() -> None:
 
 def test_workspace_does_not_depend_on_threads() -> None:
     study = WorkspaceSpeedLimits(load_scenario(LINE), poses=6, cone_deg=0.0, seed=4)
-    assert run(study)[0].equals(run(study, threads=2)[0])
-    assert (run(study)[0]["limit_mm_s"] > 0).any()
+    assert run(study).rows.equals(run(study, threads=2).rows)
+    assert (run(study).rows["limit_mm_s"] > 0).any()
 
 
 GANTRY = """<robot name="gantry"><link name="l0"/>{}</robot>"""
@@ -259,7 +259,7 @@ def test_poses_lie_all_over_the_joints_ranges(tmp_path: Path) -> None:
             "reaction": {"kind": "stop", "joint_acceleration_rad_s2": 5.0},
         }
     )
-    q = run(WorkspaceSpeedLimits(scenario, poses=100, cone_deg=0.0))[0].select("q_1", "q_2", "q_3").to_numpy()
+    q = run(WorkspaceSpeedLimits(scenario, poses=100, cone_deg=0.0)).rows.select("q_1", "q_2", "q_3").to_numpy()
     assert q.min() >= 4
     assert q.max() <= 9
     # Of a hundred draws none in the lowest or the highest tenth has one chance in 37 000.

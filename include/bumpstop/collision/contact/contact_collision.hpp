@@ -22,7 +22,7 @@ class ContactReactions {
     const ContactDynamics<T>& dynamics() const { return dynamics_; }
 
     struct Outcome {
-        T peak, duration;  ///< [N], [s]
+        T peak, lasting, duration;  ///< greatest force, in all and after the transient phase [N]; in contact [s]
     };
 
     /// Detection at tick[lane]; `state` is that of the collision first[lane] steps later, from 0 up to the latency.
@@ -37,7 +37,7 @@ class ContactReactions {
             if (arrives || lane_of(state.touched, lane) > 0.5) longest = std::max(longest, path[lane].length());
         }
         if (longest > 0) follow(state, path, longest, offset);
-        return {state.peak, state.since};
+        return {state.peak, state.lasting, state.since};
     }
     /// Nothing reacts from step[lane] on: the motion goes on to its end, where the arm stands.
     Outcome undisturbed(State state, const int* step, T offset) const {
@@ -48,7 +48,7 @@ class ContactReactions {
             longest = std::max(longest, path[lane].length());
         }
         follow(state, path, longest, offset);
-        return {state.peak, state.since};
+        return {state.peak, state.lasting, state.since};
     }
 
   private:
@@ -63,8 +63,9 @@ class ContactReactions {
     /// Until all lanes have parted, or their arms have come to rest. A held body that the arm has left is met again only if
     /// the reference comes back to it: what the arm's oscillation brings about then is less than before.
     void follow(State& state, const PathAfter* path, int longest, T offset) const {
+        const int block = dynamics_.propagator().block_steps;
         T from = place(path, 0), active = 1.0;
-        int wait = 0;  // steps until a leap is tried again
+        int wait = 0;  // steps until a leap is tried
         for (int i = 0;; ++i, --wait) {
             allow_interruption();
             if (i >= longest) {
@@ -83,22 +84,34 @@ class ContactReactions {
                     set_lane(active, lane, 0.0);
             }
             if (all((active < T(0.5)) | (state.parted > T(0.5)))) return;
-            if (wait <= 0 && all((active < T(0.5)) | state.together())) {
-                T ahead[ContactBlock::steps + 1];
+            const bool ends = i < longest + swing_ && i + block > longest + swing_;
+            if (wait <= 0 && block > 0 && !ends && any((active > T(0.5)) & (state.touched > T(0.5)))) {
+                T ahead[ContactBlock::points + 1];
                 ahead[0] = from;
-                for (int n = 1; n <= ContactBlock::steps; ++n) ahead[n] = place(path, i + n);
-                if (dynamics_.leap(state, ahead, offset, active)) {
-                    from = ahead[ContactBlock::steps];
-                    i += ContactBlock::steps - 1;
+                for (int n = 1; n <= block; ++n) ahead[n] = place(path, i + n);
+                wait = dynamics_.leap(state, ahead, offset, active, steps_until_left(path, i, block, offset));
+                if (wait == 0) {
+                    from = ahead[block];
+                    i += block - 1;
                     continue;
                 }
-                // What is in the way of one leap, a peak, is in the way of the next ones.
-                wait = ContactBlock::steps / 2;
             }
             const T to = place(path, i + 1);
             if (any((active > T(0.5)) & state.meets(to, offset))) dynamics_.step(state, from, to, offset, active);
             from = to;
         }
+    }
+    /// Steps, up to `block`, after which a body that is not touched has been left behind for good.
+    static T steps_until_left(const PathAfter* path, int i, int block, T offset) {
+        T until = block;
+        for (int lane = 0; lane < lanes; ++lane) {
+            const double o = lane_of(offset, lane);
+            if (path[lane].later(i + block) > o) continue;
+            int n = block - 1;
+            while (n > 0 && path[lane].later(i + n) <= o) --n;
+            set_lane(until, lane, n + 1);
+        }
+        return until;
     }
     /// Arms that may come back by themselves to a body that is held.
     bool may_return(const State& state) const {

@@ -7,6 +7,9 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
+/// How long a collision is transient after the first touch: ISO/TS 15066, 5.5.5.3 [s].
+inline constexpr double transient_phase = 0.5;
+
 /// One collision in each lane.
 template <class T>
 struct ContactState {
@@ -16,6 +19,8 @@ struct ContactState {
     T parted = 0.0;   ///< 1 once a body that nothing holds has got away
     T force = 0.0;    ///< of the contact [N]
     T peak = 0.0;     ///< greatest force so far [N]
+    T lasting = 0.0;  ///< greatest force after the transient phase [N]
+    T elapsed = 0.0;  ///< since the first touch [s]
     T since = 0.0;    ///< time in contact [s]
     T begun = 0.0;    ///< 1 after the first step, before which the reference went on as in it
     T speed = 0.0;    ///< of the reference in the step before [m/s]
@@ -37,8 +42,23 @@ struct ContactState {
         for (int i = 0; i < states; ++i) set_lane(z[std::size_t(i)], lane, lane_of(other.z[std::size_t(i)], lane));
     }
 
+    /// Takes some lanes of the same collisions.
+    void take_lanes(const ContactState& other, MaskOf<T> lanes) {
+        if (all(lanes)) {
+            *this = other;
+            return;
+        }
+        for (auto member : values()) this->*member = select(lanes, other.*member, this->*member);
+        for (int i = 0; i < states; ++i) z[std::size_t(i)] = select(lanes, other.z[std::size_t(i)], z[std::size_t(i)]);
+    }
+
     /// Lanes in which arm and body push one another.
     MaskOf<T> together() const { return contact > T(0.5); }
+    /// Notes a force of some lanes, `later` after what has elapsed.
+    void meet(MaskOf<T> lanes, T found, T later) {
+        peak = select(lanes, max(peak, found), peak);
+        lasting = select(lanes & (elapsed + later >= T(transient_phase)), max(lasting, found), lasting);
+    }
     /// Lanes in which something goes on in a step that ends at `to`: the body has been touched, or is touched then.
     MaskOf<T> meets(T to, T offset) const {
         return (parted < T(0.5)) & ((touched > T(0.5)) | (to > offset - T(separation_tolerance)));
@@ -46,8 +66,9 @@ struct ContactState {
 
   private:
     static constexpr auto values() {
-        return std::array{&ContactState::touched, &ContactState::contact, &ContactState::parted, &ContactState::force,
-                          &ContactState::peak,    &ContactState::begun,   &ContactState::since,  &ContactState::speed};
+        return std::array{&ContactState::touched, &ContactState::contact, &ContactState::parted,  &ContactState::force,
+                          &ContactState::peak,    &ContactState::lasting, &ContactState::elapsed, &ContactState::begun,
+                          &ContactState::since,   &ContactState::speed};
     }
 };
 
@@ -78,39 +99,74 @@ class ContactDynamics {
             advance(at, from - offset + speed * (by_->piece * piece), speed, moves & (at.parted < T(0.5)));
     }
 
-    /// Goes on by a block of steps, whose begins and end are `place`, where the active lanes stay in contact and meet no new
-    /// peak; else nothing happens, and the answer is no.
-    bool leap(State& at, const T* place, T offset, T active) const {
-        constexpr int steps = ContactBlock::steps;
-        const auto moves = active > T(0.5);
-        if (!by_->leaps || any(moves & !at.together())) return false;
+    /// Goes on by a block of steps, whose begins and end are `place`, where no active lane meets or parts in it before its
+    /// step `until`; the answer is 0 then. Else nothing happens, and the answer is the number of steps up to the first in
+    /// which one does.
+    int leap(State& at, const T* place, T offset, T active, T until) const {
+        constexpr int points = ContactBlock::points;
+        const int steps = by_->block_steps;
+        const auto moves = (active > T(0.5)) & (at.parted < T(0.5));
         std::array<T, ContactBlock::max_columns> in;
-        std::array<T, ContactBlock::max_rows> out;
         std::copy_n(at.z.begin(), states_, in.begin());
         in[std::size_t(states_)] = place[0] - offset;
-        for (int i = 0; i < steps; ++i) in[std::size_t(states_ + 1 + i)] = (place[i + 1] - place[i]) * (1 / by_->step);
-        std::fill_n(out.begin(), states_ + 2 * steps, T(0.0));
-        by_->block(in.data(), out.data());
-        const T *force = &out[std::size_t(states_)], *rate = force + steps;
-        // A step's own peak is little above its ends.
-        constexpr double margin = 1 + ContactPropagator::max_turn * ContactPropagator::max_turn / 4;
-        const T rate0 = dot(by_->force[1], at, in[std::size_t(states_)], in[std::size_t(states_) + 1]);
-        T peak = at.peak, before = at.force;
-        auto broken = T(0.0) > T(1.0);
-        for (int i = 0; i < steps; ++i) {
-            const auto turns = ((i == 0 ? rate0 : rate[i - 1]) > T(0.0)) & (rate[i] < T(0.0));
-            broken = broken | (force[i] < T(0.0)) | (turns & (max(before, force[i]) * margin > peak));
-            peak = max(peak, force[i]);
-            before = force[i];
+        T* speed = &in[std::size_t(states_) + 1];
+        for (int i = 0; i < steps; ++i) speed[i + 1] = (place[i + 1] - place[i]) * (1 / by_->step);
+        speed[0] = select(at.begun > T(0.5), at.speed, speed[1]);
+        State next = at;
+        T broken = points;
+        std::array<T, ContactBlock::max_rows> out;
+        const auto go = [&](const ContactBlock& block, MaskOf<T> lanes) {
+            std::fill_n(out.begin(), block.rows(), T(0.0));
+            block(in.data(), out.data());
+            for (int i = 0; i < states_; ++i)
+                next.z[std::size_t(i)] = select(lanes, out[std::size_t(i)], next.z[std::size_t(i)]);
+            return &out[std::size_t(states_)];
+        };
+        const auto in_contact = moves & at.together(), loose = moves & !at.together();
+        if (any(in_contact)) {
+            const T* force = go(by_->block_together, in_contact);
+            for (int i = points; i-- > 0;) broken = select(in_contact & (force[i] < T(-by_->grazing)), T(i), broken);
+            const double piece = by_->piece, square = piece * piece;
+            const T* rate = force + points;
+            const T* bend = rate + points;
+            T value = dot(by_->force[0], at, in[std::size_t(states_)], speed[0]);
+            T slope = dot(by_->force[1], at, in[std::size_t(states_)], speed[0]);
+            T curvature = dot(by_->force[2], at, in[std::size_t(states_)], speed[0]);
+            for (int i = 0; i < points; ++i) {
+                if (i % by_->pieces == 0) {
+                    const T change = speed[i / by_->pieces + 1] - speed[i / by_->pieces];
+                    value += by_->by_speed[0] * change;
+                    slope += by_->by_speed[1] * change;
+                    curvature += by_->by_speed[2] * change;
+                }
+                next.meet(in_contact, force[i], T((i + 1) * piece));
+                const auto turns = in_contact & (slope > T(0.0)) & (rate[i] < T(0.0));
+                if (any(turns)) {
+                    const HermiteCourse<T> course(value, slope * piece, curvature * square, force[i], rate[i] * piece,
+                                                  bend[i] * square);
+                    next.meet(turns, course.summit(), T((i + 1) * piece));
+                }
+                value = force[i];
+                slope = rate[i];
+                curvature = bend[i];
+            }
+            next.force = select(in_contact, value, next.force);
+            next.since = select(in_contact, at.since + steps * by_->step, next.since);
         }
-        if (any(moves & broken)) return false;
-        for (int i = 0; i < states_; ++i)
-            at.z[std::size_t(i)] = select(moves, out[std::size_t(i)], at.z[std::size_t(i)]);
-        at.force = select(moves, force[steps - 1], at.force);
-        at.peak = select(moves, peak, at.peak);
-        at.since = select(moves, at.since + steps * by_->step, at.since);
-        at.speed = select(moves, in[std::size_t(states_ + steps)], at.speed);
-        return true;
+        if (any(loose)) {
+            const T* gap = go(by_->block_apart, loose);
+            for (int i = points; i-- > 0;)
+                broken = select(loose & (gap[i] > T(0.0)) & (T(i / by_->pieces) < until), T(i), broken);
+            next.force = select(loose, T(0.0), next.force);
+        }
+        int first = points;
+        for (int lane = 0; lane < Scalar<T>::lanes; ++lane) first = std::min(first, int(lane_of(broken, lane)));
+        if (first < points) return first / by_->pieces + 1;
+        next.elapsed = select(moves & (at.touched > T(0.5)), at.elapsed + steps * by_->step, at.elapsed);
+        next.speed = select(moves, speed[steps], at.speed);
+        next.begun = select(moves, T(1.0), at.begun);
+        at.take_lanes(next, moves);
+        return 0;
     }
 
     /// What a detector sees of a joint of an elastic arm [Nm].
@@ -132,6 +188,7 @@ class ContactDynamics {
         if (!lane_of(at.together(), lane) || by_->gets_away) return;
         set_lane(at.force, lane, std::max(0.0, lane_of(beyond, lane)) * by_->static_stiffness);
         set_lane(at.peak, lane, std::max(lane_of(at.peak, lane), lane_of(at.force, lane)));
+        set_lane(at.lasting, lane, std::max(lane_of(at.lasting, lane), lane_of(at.force, lane)));
         set_lane(at.since, lane, HUGE_VAL);
     }
 
@@ -225,7 +282,7 @@ class ContactDynamics {
                     highest = select(turns, max(highest, course.summit()), highest);
                     share = select(parts, course.root(), share);
                 }
-                next.peak = select(in_contact, max(at.peak, highest), next.peak);
+                next.meet(in_contact, highest, share * time);
                 next.since = select(in_contact, at.since + share * time, next.since);
             }
             if (any(loose)) {
@@ -250,23 +307,12 @@ class ContactDynamics {
             next.touched = select(meets, T(1.0), next.touched);
             if (by_->gets_away) next.parted = select(parts, T(1.0), next.parted);
             next.force = select(in_contact & !parts, force1, T(0.0));
-            take(at, next, open);
+            next.elapsed = select(at.touched > T(0.5), at.elapsed + share * time, next.elapsed);
+            at.take_lanes(next, open);
             r = select(cuts, r + speed * time * share, end);
             left = select(cuts, left * (1.0 - share), T(0.0));
             open = open & cuts & (at.parted < T(0.5)) & (left > T(0.0));
         }
-    }
-
-    static void take(State& to, const State& from, MaskOf<T> lanes) {
-        if (all(lanes)) {
-            to = from;
-            return;
-        }
-        for (auto member :
-             {&State::touched, &State::contact, &State::parted, &State::force, &State::peak, &State::since})
-            to.*member = select(lanes, from.*member, to.*member);
-        for (int i = 0; i < to.states; ++i)
-            to.z[std::size_t(i)] = select(lanes, from.z[std::size_t(i)], to.z[std::size_t(i)]);
     }
 
     const ContactPropagator* by_;

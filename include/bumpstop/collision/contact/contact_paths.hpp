@@ -168,18 +168,22 @@ class ReactionFamily {
         std::size_t longest = 0;
         for (int k : node_) longest = std::max(longest, paths.reaction[std::size_t(k)].size());
         const Interpolation interpolation(node_);
-        std::array<PathAfter, nodes> at_node;
-        for (std::size_t m = 0; m < nodes; ++m) at_node[m] = PathAfter(paths, node_[m], paths.latency);
+        // By step, the nodes' distances from where their reactions begin.
+        std::vector<double> at_node(longest * nodes);
+        for (std::size_t m = 0; m < nodes; ++m) {
+            const PathAfter known(paths, node_[m], paths.latency);
+            for (std::size_t i = 0; i < longest; ++i) at_node[i * nodes + m] = known.at(int(i)) - known.at(0);
+        }
         auto path_of = [&](int k) {
             double weight[nodes];
             interpolation.weights(k, weight);
-            // Distances from where the reaction begins.
             const double begin = paths.undisturbed(paths.reaction_step(k));
             allow_interruption();
-            std::vector<double> path(longest, begin);
-            for (std::size_t m = 0; m < nodes; ++m) {
-                const double from = at_node[m].at(0);
-                for (std::size_t i = 0; i < longest; ++i) path[i] += weight[m] * (at_node[m].at(int(i)) - from);
+            std::vector<double> path(longest);
+            for (std::size_t i = 0; i < longest; ++i) {
+                double sum = begin;
+                for (std::size_t m = 0; m < nodes; ++m) sum += weight[m] * at_node[i * nodes + m];
+                path[i] = sum;
             }
             return path;
         };

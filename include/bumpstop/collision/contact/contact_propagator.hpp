@@ -2,6 +2,8 @@
 /// How arm and body go on over a time, exactly.
 #pragma once
 
+#include <span>
+
 #include "bumpstop/collision/contact/contact_system.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -77,19 +79,24 @@ class Transitions {
     std::vector<std::vector<double>> by_halving_;  ///< [halving][column][row]
 };
 
-/// Several steps in contact at once, as long as nothing parts: what they make of the state, of the distance r at their begin
-/// and of the reference's speed in each, and the force and its rate after each.
+/// Several steps at once, as long as arm and body neither meet nor part: what they make of the state, of the distance r at
+/// their begin and of the reference's speed in each step, and what some rows tell after every piece of a step.
 class ContactBlock {
   public:
-    static constexpr int steps = 8;
-    static constexpr int max_rows = ContactSystem::max_states + 2 * steps, max_columns = max_rows;
+    static constexpr int points = 8, max_tells = 3;
+    /// State, r, the speed before and those of the steps; state and what is told.
+    static constexpr int max_columns = ContactSystem::max_states + 2 + points,
+                         max_rows = ContactSystem::max_states + max_tells * points;
 
     ContactBlock() = default;
-    /// `by`: transitions of which level `level` is one step, of `step` seconds.
-    ContactBlock(const Transitions& by, int level, double step, int states, const ContactSystem::Row& force,
-                 const ContactSystem::Row& rate)
-        : rows_(states + 2 * steps), columns_(states + 1 + steps), stride_((rows_ + 3) / 4 * 4) {
-        column_.assign(std::size_t(stride_ * columns_), 0.0);
+    /// `by`: transitions, the first of which is one piece of `piece` seconds; `pieces` of a step, at most `points` and a power
+    /// of two. `jump`: what a change of the reference's speed does to the state.
+    ContactBlock(const Transitions& by, int pieces, double piece, int states, const ContactSystem::Row& jump,
+                 std::span<const ContactSystem::Row> tells)
+        : rows_(states + int(tells.size()) * points),
+          columns_(states + 2 + points / pieces),
+          stride_((rows_ + 3) / 4 * 4),
+          column_(std::size_t(stride_ * columns_), 0.0) {
         using Native = Lanes<native_lanes>;  // a column each
         std::array<Native, ContactSystem::max_size> z, next;
         for (int first = 0; first < columns_; first += native_lanes) {
@@ -101,31 +108,41 @@ class ContactBlock {
                 for (int lane = 0; lane < count; ++lane)
                     column_[std::size_t((first + lane) * stride_ + row)] = value[lane];
             };
-            for (int i = 0; i < steps; ++i) {
-                // A speed is a pulse as long as its step.
+            // Column states + 1 + i is a speed that lasts for step i: before the first step, or a step of the block.
+            const auto speed_in = [&](int i) {
+                Native speed = 0.0;
+                for (int lane = 0; lane < count; ++lane)
+                    if (first + lane == states + 1 + i) speed.set(lane, 1);
+                return speed;
+            };
+            for (int point = 0; point < points; ++point) {
                 Native& speed = z[std::size_t(states) + 1];
-                for (int lane = 0; lane < count; ++lane) speed.set(lane, first + lane == states + 1 + i ? 1 : 0);
-                next = z;
-                by.add(level, z.data(), next.data(), states);
-                next[std::size_t(states)] += speed * step;
-                z = next;
-                Native f = 0.0, d = 0.0;
-                for (int j = 0; j < states + 2; ++j) {
-                    f += force[std::size_t(j)] * z[std::size_t(j)];
-                    d += rate[std::size_t(j)] * z[std::size_t(j)];
+                if (point % pieces == 0) {
+                    const int step = point / pieces + 1;
+                    speed = speed_in(step);
+                    const Native change = speed - speed_in(step - 1);
+                    for (int j = 0; j < states; ++j) z[std::size_t(j)] += jump[std::size_t(j)] * change;
                 }
-                keep(states + i, f);
-                keep(states + steps + i, d);
+                next = z;
+                by.add(0, z.data(), next.data(), states);
+                next[std::size_t(states)] += speed * piece;
+                z = next;
+                for (std::size_t t = 0; t < tells.size(); ++t) {
+                    Native told = 0.0;
+                    for (int j = 0; j < states + 2; ++j) told += tells[t][std::size_t(j)] * z[std::size_t(j)];
+                    keep(states + int(t) * points + point, told);
+                }
             }
             for (int j = 0; j < states; ++j) keep(j, z[std::size_t(j)]);
         }
     }
 
-    /// in: state, r, speeds (states + 1 + steps); out: state, forces, rates of force (states + 2 steps), zero before.
+    /// in: state, r, speeds (states + 2 + steps); out: state and what the rows tell at every point, zero before.
     template <class T>
     void operator()(const T* in, T* out) const {
         detail::multiply_add(column_.data(), stride_, rows_, columns_, in, out);
     }
+    int rows() const { return rows_; }
 
   private:
     int rows_ = 0, columns_ = 0, stride_ = 0;
@@ -144,7 +161,7 @@ struct ContactPropagator {
           elastic(system.arm().dof > 0),
           gets_away(system.body().gets_away()),
           step(step),
-          pieces(std::max(1, int(std::ceil(system.frequency() * step / max_turn)))),
+          pieces(pieces_of(system.frequency() * step / max_turn)),
           piece(step / pieces),
           grazing(system.body().stiffness * separation_tolerance),
           static_stiffness(system.static_stiffness()),
@@ -159,8 +176,15 @@ struct ContactPropagator {
         gap[1] = system.rate(gap[0], alone);
         jerks = elastic && !system.arm().feeds_all_forward();
         if (jerks) jump = system.jump();
-        leaps = pieces == 1 && !jerks;
-        if (leaps) block = ContactBlock(together, 0, step, states, force[0], force[1]);
+        for (std::size_t m = 0; m < force.size(); ++m) {
+            by_speed[m] = force[m][std::size_t(states) + 1];
+            for (int j = 0; j < states; ++j) by_speed[m] += force[m][std::size_t(j)] * jump[std::size_t(j)];
+        }
+        block_steps = pieces > ContactBlock::points ? 0 : ContactBlock::points / pieces;
+        if (block_steps > 0) {
+            block_together = ContactBlock(together, pieces, piece, states, jump, force);
+            block_apart = ContactBlock(apart, pieces, piece, states, jump, {gap.data(), 1});
+        }
         for (int j = 0; j < system.arm().dof; ++j) residual.push_back(system.residual(j));
     }
 
@@ -176,13 +200,22 @@ struct ContactPropagator {
     double static_stiffness;  ///< ContactSystem::static_stiffness [N/m]
     double half_oscillation;  ///< of contact [s]
     Transitions together, apart;
-    std::array<Row, 3> force;  ///< and its rates in contact
-    std::array<Row, 2> gap;    ///< and its rate apart
-    bool jerks;                ///< some acceleration of the reference is not fed forward:
-    Row jump{};                ///< what a change of its speed does
-    bool leaps;                ///< blocks of steps are known:
-    ContactBlock block;
-    std::vector<Row> residual;  ///< by joint, of an elastic arm
+    std::array<Row, 3> force;          ///< and its rates in contact
+    std::array<double, 3> by_speed{};  ///< what a change of the reference's speed does to them [N s/m, N/m, N/(m s)]
+    std::array<Row, 2> gap;            ///< and its rate apart
+    bool jerks;                        ///< some acceleration of the reference is not fed forward:
+    Row jump{};                        ///< what a change of its speed does
+    int block_steps;                   ///< of a block; 0: oscillations are too quick for blocks
+    ContactBlock block_together, block_apart;  ///< the force, its rate and bend are told; the gap
+    std::vector<Row> residual;                 ///< by joint, of an elastic arm
+
+  private:
+    /// Blocks want a power of two.
+    static int pieces_of(double turns) {
+        int pieces = 1;
+        while (pieces < turns && pieces < ContactBlock::points) pieces *= 2;
+        return pieces < turns ? int(std::ceil(turns)) : pieces;
+    }
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -10,20 +10,21 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// Quantities at the Gauss nodes of a density's panels: by slot of detection, and where nothing is detected.
 struct ContactNodes {
-    std::vector<double> peak_force, duration, force_at_detection;    ///< [slot][node] [N, s, N]
-    std::vector<double> undetected_peak_force, undetected_duration;  ///< [panel][node] [N, s]
+    std::vector<double> peak_force, lasting_force, duration, force_at_detection;  ///< [slot][node] [N, N, s, N]
+    /// [panel][node] [N, N, s]
+    std::vector<double> undetected_peak_force, undetected_lasting_force, undetected_duration;
 };
 
 /// False alarms whose reaction still reaches the body, in pieces of one tick: cells of offset, and the nodes of a
 /// quadrature over the same offsets.
 struct EarlyReactions {
     static constexpr int cells = 16, nodes = 12;
-    std::vector<int> tick;                          ///< [piece]
-    std::vector<double> mass;                       ///< [piece][cell]: probability
-    std::vector<double> edge_force, edge_duration;  ///< [piece][cell + 1] [N, s]
-    std::vector<double> node_mass;                  ///< [piece][node]
-    std::vector<double> node_force, node_duration;  ///< [piece][node] [N, s]
-    double total = 0;                               ///< probability of all pieces
+    std::vector<int> tick;                                        ///< [piece]
+    std::vector<double> mass;                                     ///< [piece][cell]: probability
+    std::vector<double> edge_force, edge_lasting, edge_duration;  ///< [piece][cell + 1] [N, N, s]
+    std::vector<double> node_mass;                                ///< [piece][node]
+    std::vector<double> node_force, node_lasting, node_duration;  ///< [piece][node] [N, N, s]
+    double total = 0;                                             ///< probability of all pieces
 
     std::size_t pieces() const { return tick.size(); }
 };
@@ -37,6 +38,7 @@ class DynamicContact {
     void begin(const OffsetPanel& panel, const T* offset) {
         int tick[lanes];
         std::fill(tick, tick + lanes, panel.tick);
+        one_offset_ = panel.low == panel.high;
         collision_.clear();
         for (int r = 0; r < registers; ++r) collision_.emplace_back(reactions_, tick, offset[r]);
     }
@@ -60,40 +62,57 @@ class DynamicContact {
         for (int r = 0; r < registers; ++r) {
             ContactCollision<T>& collision = collision_[std::size_t(r)];
             const std::size_t node = first + std::size_t(r * lanes);
+            std::vector<int> asked;
             for (int i = 0; i < panel.slots; ++i) {
                 const std::size_t at = (panel.first_slot + std::size_t(i)) * order + node;
-                if (!any(load<T>(&out.detected[at]) > T(0.0))) continue;
-                int since[lanes];
-                std::fill(since, since + lanes, i);
-                const auto outcome = collision.detected(since);
-                store(outcome.peak, &out.peak_force[at]);
-                store(outcome.duration, &out.duration[at]);
+                if (any(load<T>(&out.detected[at]) > T(0.0))) asked.push_back(i);
+            }
+            const auto keep = [&](int i, T peak, T lasting, T duration) {
+                const std::size_t at = (panel.first_slot + std::size_t(i)) * order + node;
+                store(peak, &out.peak_force[at]);
+                store(lasting, &out.lasting_force[at]);
+                store(duration, &out.duration[at]);
                 store(collision.force(i), &out.force_at_detection[at]);
+            };
+            // Where all lanes hold one offset, each takes a slot of its own.
+            const std::size_t group = one_offset_ ? std::size_t(lanes) : 1;
+            for (std::size_t n = 0; n < asked.size(); n += group) {
+                int since[lanes];
+                for (std::size_t lane = 0; lane < std::size_t(lanes); ++lane)
+                    since[lane] = asked[std::min(n + (one_offset_ ? lane : 0), asked.size() - 1)];
+                const auto outcome = collision.detected(since);
+                if (!one_offset_) keep(asked[n], outcome.peak, outcome.lasting, outcome.duration);
+                for (std::size_t m = n; one_offset_ && m < std::min(n + group, asked.size()); ++m)
+                    keep(asked[m], lane_of(outcome.peak, int(m - n)), lane_of(outcome.lasting, int(m - n)),
+                         lane_of(outcome.duration, int(m - n)));
             }
             const std::size_t at = panel.row * order + node;
             if (!any(load<T>(&out.survived[at]) > T(0.0))) continue;
             const auto outcome = collision.undetected();
             store(outcome.peak, &out.undetected_peak_force[at]);
+            store(outcome.lasting, &out.undetected_lasting_force[at]);
             store(outcome.duration, &out.undetected_duration[at]);
         }
     }
 
     static constexpr auto by_slot() {
-        return std::array{&DetectionProbabilities::peak_force, &DetectionProbabilities::duration,
-                          &DetectionProbabilities::force_at_detection};
+        return std::array{&DetectionProbabilities::peak_force, &DetectionProbabilities::lasting_force,
+                          &DetectionProbabilities::duration, &DetectionProbabilities::force_at_detection};
     }
     static constexpr auto by_panel() {
-        return std::array{&DetectionProbabilities::undetected_peak_force, &DetectionProbabilities::undetected_duration};
+        return std::array{&DetectionProbabilities::undetected_peak_force,
+                          &DetectionProbabilities::undetected_lasting_force,
+                          &DetectionProbabilities::undetected_duration};
     }
 
     /// Interpolated quantities, times the probability of meeting them, may be off by a share of the greatest: the arm's path
     /// is straight within a simulation step, which leaves kinks of this size.
     template <class Interpolated>
     bool agrees(const Interpolated& panels, std::size_t p, const DetectionProbabilities& known) const {
-        // Of the force, of the time in contact. An arm that gives way bounces: how long it touches in all is no smooth
+        // Of both forces, of the time in contact. An arm that gives way bounces: how long it touches in all is no smooth
         // function of the offset.
         const bool bounces = reactions_.dynamics().propagator().elastic;
-        const double tolerance[] = {bounces ? 1e-4 : 1e-5, bounces ? 0.1 : 5e-5};
+        const double of_force = bounces ? 1e-4 : 1e-5, tolerance[] = {of_force, of_force, bounces ? 0.1 : 5e-5};
         for (std::size_t q = 0; q < std::size(tolerance); ++q) {
             const std::vector<double>& values = known.*by_slot()[q];
             const std::vector<double>& never = known.*by_panel()[q];
@@ -117,6 +136,7 @@ class DynamicContact {
 
     const ContactReactions<T>& reactions_;
     std::vector<ContactCollision<T>> collision_;  ///< by register
+    bool one_offset_ = false;                     ///< the panel is a point
 };
 
 namespace detail {
@@ -166,8 +186,10 @@ void add_piece(const ContactReactions<T>& reactions, const OffsetDistribution& o
         out.mass.push_back(chance * share);
         out.total += chance * share;
     }
-    std::array<double, place.size()> force, duration;
-    for (std::size_t first = 0; first < place.size(); first += lanes) {
+    std::array<double, place.size()> force, lasting, duration;
+    // A body that stands at one place is struck once.
+    const std::size_t places = fixed ? 1 : place.size();
+    for (std::size_t first = 0; first < places; first += lanes) {
         T at;
         int tick[lanes], first_step[lanes];
         for (int lane = 0; lane < lanes; ++lane) {
@@ -176,15 +198,20 @@ void add_piece(const ContactReactions<T>& reactions, const OffsetDistribution& o
             first_step[lane] = 0;
         }
         const auto outcome = reactions(reactions.dynamics().begin(), tick, first_step, at);
-        for (std::size_t i = first; i < std::min(first + lanes, place.size()); ++i) {
+        for (std::size_t i = first; i < std::min(first + lanes, places); ++i) {
             force[i] = lane_of(outcome.peak, int(i - first));
+            lasting[i] = lane_of(outcome.lasting, int(i - first));
             duration[i] = lane_of(outcome.duration, int(i - first));
         }
     }
-    out.edge_force.insert(out.edge_force.end(), force.begin(), force.begin() + cells + 1);
-    out.edge_duration.insert(out.edge_duration.end(), duration.begin(), duration.begin() + cells + 1);
-    out.node_force.insert(out.node_force.end(), force.begin() + cells + 1, force.end());
-    out.node_duration.insert(out.node_duration.end(), duration.begin() + cells + 1, duration.end());
+    const auto keep = [&](auto& values, std::vector<double>& at_edge, std::vector<double>& at_node) {
+        if (fixed) std::fill(values.begin() + 1, values.end(), values[0]);
+        at_edge.insert(at_edge.end(), values.begin(), values.begin() + cells + 1);
+        at_node.insert(at_node.end(), values.begin() + cells + 1, values.end());
+    };
+    keep(force, out.edge_force, out.node_force);
+    keep(lasting, out.edge_lasting, out.node_lasting);
+    keep(duration, out.edge_duration, out.node_duration);
 }
 
 }  // namespace detail

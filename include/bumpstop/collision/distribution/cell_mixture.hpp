@@ -102,16 +102,24 @@ class CellMixture {
 /// What is asked of collisions in which something gives way.
 enum class ContactQuantity { peak_force, duration, force_at_detection };
 
+/// What newtons count for in the peak force: in the transient phase, and after it. The greater share counts.
+struct PhaseShares {
+    double transient = 1, lasting = 1;  ///< `lasting` is not less [1/N]
+};
+
 /// Its distribution: over all collisions the peak force, no contact being no force; over those in contact the duration;
 /// over detections in contact the force at detection. `never`: the value of collisions that are never detected, where it
-/// is not the one at the motion's end.
+/// is not the one at the motion's end. `phases`: of the peak force the greater share of both phases instead.
 template <class T>
 CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity quantity,
-                            std::optional<double> never = std::nullopt) {
+                            std::optional<double> never = std::nullopt,
+                            std::optional<PhaseShares> phases = std::nullopt) {
     constexpr int lanes = Scalar<T>::lanes;
     const PiecewiseDensity& density = law.density;
     const std::size_t order = std::size_t(density.order);
     const bool positive = quantity == ContactQuantity::duration;
+    // What is detected at a tick less probably than this is spread evenly over all it may come to.
+    constexpr double one_cell = 1e-14;
     // Cells of a panel. In a far tail probability falls steeply across a cell over which it is spread evenly, and with few
     // panels there is time for more.
     const std::size_t panels = density.panel.size();
@@ -177,13 +185,32 @@ CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity qu
                           : positive                              ? nodes.duration
                                                                   : nodes.force_at_detection;
     const auto& missed = positive ? nodes.undetected_duration : nodes.undetected_peak_force;
+    std::vector<double> share;
+    // Values from `first` on, or their shares. A force that lasts longer than the first phase is the peak in it at most.
+    const auto values_of = [&](const std::vector<double>& values, const std::vector<double>& lasting, std::size_t first,
+                               std::size_t count) {
+        const double* value = &values[first];
+        if (!phases) return value;
+        share.resize(count);
+        for (std::size_t i = 0; i < count; ++i)
+            share[i] = std::max(value[i] * phases->transient, lasting[first + i] * phases->lasting);
+        return static_cast<const double*>(share.data());
+    };
     const bool of_all = quantity != ContactQuantity::force_at_detection;
     for (std::size_t p = 0; p < panels; ++p) {
         const PiecewiseDensity::Panel& panel = density.panel[p];
-        for (int slot = 0; slot < panel.slots && !by_slot.empty(); ++slot)
-            add(density.series_of(panel, slot), &by_slot[(panel.first_slot + std::size_t(slot)) * order]);
+        for (int slot = 0; slot < panel.slots && !by_slot.empty(); ++slot) {
+            const std::size_t at = panel.first_slot + std::size_t(slot);
+            const double* value = values_of(by_slot, nodes.lasting_force, at * order, order);
+            if (density.mass[at] > one_cell) {
+                add(density.series_of(panel, slot), value);
+            } else {
+                const auto [low, high] = std::minmax_element(value, value + order);
+                if (!positive || *high > 0) out.add_cell(std::max(*low, 0.0), std::max(*high, 0.0), density.mass[at]);
+            }
+        }
         if (of_all && !never && !density.end_series.empty() && (p + 1) * order <= missed.size())
-            add(density.end_series_of(p), &missed[p * order]);
+            add(density.end_series_of(p), values_of(missed, nodes.undetected_lasting_force, p * order, order));
     }
     if (!of_all) return out;
     if (never && law.undetected > 0) {
@@ -195,12 +222,14 @@ CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity qu
     const std::vector<double>& at_node = positive ? early.node_duration : early.node_force;
     for (std::size_t i = 0; i < early.pieces(); ++i) {
         for (int c = 0; c < EarlyReactions::cells; ++c) {
-            const double* end = &at_edge[i * (EarlyReactions::cells + 1) + std::size_t(c)];
+            const double* end =
+                values_of(at_edge, early.edge_lasting, i * (EarlyReactions::cells + 1) + std::size_t(c), 2);
             if (!positive || std::max(end[0], end[1]) > 0)
                 out.add_cell(end[0], end[1], early.mass[i * EarlyReactions::cells + std::size_t(c)]);
         }
         for (std::size_t g = i * EarlyReactions::nodes; g < (i + 1) * EarlyReactions::nodes; ++g)
-            if (!positive || at_node[g] > 0) out.add_node(at_node[g], early.node_mass[g]);
+            if (!positive || at_node[g] > 0)
+                out.add_node(*values_of(at_node, early.node_lasting, g, 1), early.node_mass[g]);
     }
     if (!positive) {
         out.add_cell(0, 0, law.zero_force);

@@ -28,15 +28,18 @@ struct DetectionProbabilities {
     std::vector<double> survived;  ///< [row][node]: not detected by the end
     std::vector<double> trigger;   ///< [row][monitored joint, then several at once][node]
     /// Where something gives way, as `detected` and `survived`: greatest force [N], time in contact [s], force at detection [N].
-    std::vector<double> peak_force, duration, force_at_detection, undetected_peak_force, undetected_duration;
+    /// `lasting`: after the transient phase.
+    std::vector<double> peak_force, lasting_force, duration, force_at_detection, undetected_peak_force,
+        undetected_lasting_force, undetected_duration;
     std::vector<Run> run;
     std::vector<double> weight;
     std::size_t rows = 0;
 
     void begin(std::size_t panels) {
         panel.assign(panels, {});
-        for (std::vector<double>* values : {&detected, &survived, &trigger, &peak_force, &duration, &force_at_detection,
-                                            &undetected_peak_force, &undetected_duration, &weight})
+        for (std::vector<double>* values :
+             {&detected, &survived, &trigger, &peak_force, &lasting_force, &duration, &force_at_detection,
+              &undetected_peak_force, &undetected_lasting_force, &undetected_duration, &weight})
             values->clear();
         run.clear();
         rows = 0;

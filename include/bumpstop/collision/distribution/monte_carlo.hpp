@@ -31,7 +31,8 @@ struct MonteCarloRuns {
     std::vector<std::uint32_t> triggers;     ///< bit j: joint j over its threshold at that tick
     std::vector<double> noise;               ///< at that tick [Nm or N]; zero when never; empty where it is not kept
     std::vector<double> residual;            ///< noise and contact torque
-    std::vector<double> peak_force;          ///< where something gives way [N]; else empty, as are the next two
+    std::vector<double> peak_force;          ///< where something gives way [N]; else empty, as are the next three
+    std::vector<double> lasting_force;       ///< after the transient phase [N]
     std::vector<double> duration;            ///< [s]
     std::vector<double> force_at_detection;  ///< [N]; zero when never, or before contact
     int dof;
@@ -43,6 +44,7 @@ struct MonteCarloRuns {
           noise(settings.noise ? offset.size() * std::size_t(joints) : 0),
           residual(noise.size()),
           peak_force(gives_way ? offset.size() : 0),
+          lasting_force(peak_force.size()),
           duration(peak_force.size()),
           force_at_detection(peak_force.size()),
           dof(joints) {}
@@ -245,6 +247,7 @@ class MonteCarlo {
             const std::int64_t i = index[lane];
             const bool known = out.tick[i] >= 0;
             out.peak_force[i] = lane_of(known ? detected.peak : undetected.peak, lane);
+            out.lasting_force[i] = lane_of(known ? detected.lasting : undetected.lasting, lane);
             out.duration[i] = lane_of(known ? detected.duration : undetected.duration, lane);
             out.force_at_detection[i] = known ? lane_of(collision.force(since[lane]), lane) : 0.0;
         }

@@ -352,9 +352,11 @@ class OffsetQuadrature {
             }
         };
         keep(probabilities_.peak_force, to.peak_force);
+        keep(probabilities_.lasting_force, to.lasting_force);
         keep(probabilities_.duration, to.duration);
         keep(probabilities_.force_at_detection, to.force_at_detection);
         keep_one(probabilities_.undetected_peak_force, to.undetected_peak_force);
+        keep_one(probabilities_.undetected_lasting_force, to.undetected_lasting_force);
         keep_one(probabilities_.undetected_duration, to.undetected_duration);
     }
 

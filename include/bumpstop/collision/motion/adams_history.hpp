@@ -6,7 +6,7 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-inline constexpr int max_adams_order = 7;  ///< values a leap goes by
+inline constexpr int max_adams_order = 7;  ///< values that an Adams-Bashforth step goes by
 
 /// What the sums over the next `count` sub-steps are of the values known, newest first.
 template <class T, int order>
@@ -24,23 +24,23 @@ struct AdamsWeights {
 /// matter, the one without it: a short history is one of lower order.
 inline constexpr double never_age = 1e12;
 
-/// The changes of the rates at the last moments a lane looked at. The moments lie as far apart as its leaps were long,
-/// so no history is lost when a leap is made longer or shorter, and lanes need not agree.
+/// The changes of the rates at the last moments a lane looked at. The moments lie as far apart as its Adams steps were
+/// long, so no history is lost when a step is made longer or shorter, and lanes need not agree.
 ///
-/// The polynomial through the values is Lagrange's. It is summed over the sub-steps, not integrated, so a leap lands
+/// The polynomial through the values is Lagrange's. It is summed over the sub-steps, not integrated, so a step lands
 /// where the controller does.
 template <class T, int order>
 class AdamsHistory {
     static_assert(order <= max_adams_order);
 
   public:
-    void forget(int lane) {
+    void reset(int lane) {
         for (int j = 0; j < order; ++j) {
             set_lane(age_[j], lane, never_age * j);
             for (T& change : change_[j]) set_lane(change, lane, 0.0);
         }
     }
-    /// Where `taken`, the arm has gone `count` sub-steps and then finds this change.
+    /// Where `taken`, the arm has taken `count` sub-steps and then finds this change.
     void push(const MaskOf<T>& taken, const T& count, const T* change, int free_count) {
         for (int j = order - 1; j > 0; --j) {
             age_[j] = select(taken, age_[j - 1] + count, age_[j]);

@@ -37,7 +37,7 @@ class AdaptiveTickGrid {
     std::vector<int> requested;  ///< ticks to simulate before the next `take`
     std::size_t job = 0;         ///< the first of their jobs
 
-    /// Takes the jobs of the requested ticks, settles what can be settled and says what is requested next.
+    /// Takes the jobs of the requested ticks, accepts what is accurate enough and says what is requested next.
     void take(const ReactionJob* jobs) {
         std::vector<int> unsettled = std::move(too_short_);
         too_short_.clear();
@@ -54,9 +54,9 @@ class AdaptiveTickGrid {
             const int low = k - spacing_, high = std::min(k + spacing_, last_);
             // Where arms come back, which do hangs on little.
             auto rebounded = [&](int tick) { return rebounded_[std::size_t(tick - first_)] != 0; };
-            const bool erratic = middles_ && (rebounded(low) || rebounded(k) || rebounded(high));
+            const bool ill_conditioned = middles_ && (rebounded(low) || rebounded(k) || rebounded(high));
             // With half the distance between points the error falls by 2^6, or by 2^2 where a straight line must do.
-            if (middles_ && !(erratic && tolerance_.matters(low, high)) &&
+            if (middles_ && !(ill_conditioned && tolerance_.matters(low, high)) &&
                 (bent || spacing_ <= tolerance_.max_linear()) &&
                 std::fabs(difference) <= (bent ? 8 : 1) * tolerance_.of(low, high) && accept(low, high, bent))
                 continue;

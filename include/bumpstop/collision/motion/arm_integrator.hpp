@@ -1,5 +1,5 @@
 /// @file
-/// Arms that brake or follow a line, one in each lane, each with leaps of its own length.
+/// Arms that brake or follow a line, one in each lane, each with Adams steps of its own length.
 #pragma once
 
 #include "bumpstop/collision/motion/adams_history.hpp"
@@ -7,28 +7,29 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-inline constexpr int max_reaction_leap = 128, max_line_leap = 256;  ///< sub-steps
+inline constexpr int max_reaction_adams_step = 128, max_line_adams_step = 256;  ///< sub-steps
 
-/// Changes extrapolated over a leap and those found at its end may differ by this much, relative to the largest change,
-/// for the leap to stand; the difference then corrects the leap, which is some thirty times better. Roundings decide
-/// about the length of leaps, and instruction sets, which round differently, must still agree to 1e-12: with 1e-10 they
-/// differ by 2e-12 where the arm is fast.
+/// Changes extrapolated over an Adams step and those found at its end may differ by this much, relative to the largest
+/// change, for the Adams step to stand; the difference then corrects the Adams step, which is some thirty times better.
+/// Roundings decide about the length of Adams steps, and instruction sets, which round differently, must still agree to
+/// 1e-12: with 1e-10 they differ by 2e-12 where the arm is fast.
 inline constexpr double exact_tolerance = 1e-11;
 /// The same in batches, and where a reaction matters little, for nothing is gained by more. `make validate` (batches)
-/// tells how right laws are with them.
+/// tells how accurate distributions are with them.
 inline constexpr double batch_tolerance = 1e-4;
 inline constexpr double max_batch_tolerance = 1e-3;
 
-/// Of reactions that met a singularity, which would enlarge the error of a looser leap.
+/// Of reactions that met a singularity, which would enlarge the error of a looser Adams step.
 inline constexpr double near_singular_tolerance = 1e-8;
 
 /// A singularity is near where the sine of some row of the Jacobian is this small.
 inline constexpr double near_singular_sine = 1e-2;
-/// Near enough for an arm that traces to ask at every step whether it is met. Farther off no leap gets past it: the
-/// rates asked for would have grown by more than a leap may extrapolate.
+/// Near enough for an arm that traces to ask at every step whether it is met. Farther off no Adams step gets past it:
+/// the rates asked for would have grown by more than an Adams step may extrapolate.
 inline constexpr double line_near_singular_sine = 1e-3;
 
-/// Values that leaps go by, and that those judged loosely do: of these, one more costs more than it spares leaps.
+/// Values that Adams steps go by, and that those judged loosely do: of these, one more costs more than it spares Adams
+/// steps.
 inline constexpr int exact_order = 7, batch_order = 6;
 
 /// Of an arm that follows its line: while it lags behind, and while it has the rates asked for, relative to the
@@ -37,15 +38,15 @@ inline constexpr double batch_lag_tolerance = 3e-7;
 inline constexpr double batch_rate_tolerance = 3e-8;
 
 /// Arms that change their rates as fast as they may: they brake, or lag behind a line. While the same joint limits the
-/// acceleration the changes of the rates are smooth, and many sub-steps are a leap; where they are not, the
-/// controller's sub-steps are taken. An arm that follows its line leaps by the rates themselves. `order`: values a leap
-/// goes by.
+/// acceleration the changes of the rates are smooth, and many sub-steps are one Adams step; where they are not, the
+/// controller's sub-steps are taken. An arm that follows its line extrapolates the rates themselves. `order`: values an
+/// Adams step goes by.
 template <class T, int order>
 class ArmIntegrator {
   public:
     enum class Kind {
         brake,  ///< no velocity at all is asked for, so no rates need resolving; over once it stands
-        track,  ///< leaps with the rates reached, too
+        track,  ///< extrapolates with the rates reached, too
         trace,  ///< likewise, and tells singularities
     };
 
@@ -67,7 +68,7 @@ class ArmIntegrator {
         set_lane(rate_tolerance_, lane, rate_tolerance);
         set_lane(tolerance_scale_, lane, 1.0);
         restarted_ = true;
-        history_.forget(lane);
+        history_.reset(lane);
         for (int f = 0; f < motion_.free_count; ++f) {
             set_lane(from_[f], lane, lane_of(state.q[motion_.free_joint[f]], lane));
             set_lane(travelled_[f], lane, 0.0);
@@ -90,7 +91,7 @@ class ArmIntegrator {
     }
     /// From here on changes need to be known so many times less well.
     void relax(const MaskOf<T>& lanes, double times) { tolerance_scale_ = select(lanes, T(times), tolerance_scale_); }
-    /// These lanes go on from where another arm stands, on the way that they have gone since they began.
+    /// These lanes go on from where another arm stands, on the way since they began.
     void copy_lanes(const MaskOf<T>& lanes, const ArmIntegrator& other) {
         const auto take = [&](auto& own, const auto& theirs) { own = select(lanes, theirs, own); };
         for (int f = 0; f < motion_.free_count; ++f) {
@@ -112,15 +113,15 @@ class ArmIntegrator {
     }
     /// The rates asked for were reached in the last sub-step.
     MaskOf<T> reached() const { return reached_; }
-    /// A singularity was near at an end of the last leap.
+    /// A singularity was near at an end of the last Adams step.
     MaskOf<T> near_singular() const { return near_singular_; }
     /// Where the lane is, the rates asked for are at a singularity (of arms that trace), or slowed by a velocity limit.
     bool singular(int lane) const { return lane_of(singular_, lane); }
     bool limited(int lane) const { return lane_of(limited_, lane); }
-    /// Over its last leap the lane had the rates asked for, and they were smooth.
+    /// Over its last Adams step the lane had the rates asked for, and they were smooth.
     bool smooth(int lane) const { return lane_of(reaches_, lane) && lane_of(known_, lane) > 1; }
 
-    /// Where a lane was, by free joint, `back` sub-steps before it got here: within its last leap.
+    /// Where a lane was, by free joint, `back` sub-steps before it got here: within its last Adams step.
     void before(int lane, const T& back, T* q, T* qd) const {
         const int n = motion_.free_count;
         const AdamsHistory<T, order> own = history_.broadcast(lane, n);
@@ -139,9 +140,9 @@ class ArmIntegrator {
     }
 
     /// Takes every lane over `max_step` sub-steps or fewer, and returns over how many: 0 where the lane only looked or
-    /// its leap was undone. `look()` is called once the state, angles too, is that at the ends of the leaps. Of leaps
-    /// over more than one sub-step, `rejected(which, sub-steps)` says which are to be undone; the state means nothing
-    /// then until the next call.
+    /// its Adams step was undone. `look()` is called once the state, angles too, is that at the ends of the Adams
+    /// steps. Of Adams steps over more than one sub-step, `rejected(which, sub-steps)` says which are to be undone; the
+    /// state means nothing then until the next call.
     template <class Look, class Rejected>
     T step(const T& max_step, Look look, Rejected rejected) {
         const int n = motion_.free_count;
@@ -188,16 +189,16 @@ class ArmIntegrator {
             follows ? select(reaches, largest_rate * rate_tolerance_, largest * tolerance_) : largest * tolerance_;
         const T error = off / max(allowed * tolerance_scale_, T(1e-300));
         look();
-        // Where nothing was gone there is nothing to learn about the length of leaps.
+        // Where no sub-step was taken there is nothing to learn about the length of steps.
         const T roughness = error / max(history_.error_growth(count, known), T(1e-300));
-        const MaskOf<T> goes = count > T(0.0), leaps = count > T(1.0), single = !leaps,
+        const MaskOf<T> goes = count > T(0.0), long_steps = count > T(1.0), single = !long_steps,
                         limited = wanted.velocity_limited;
         // Where one regime ends and another begins is found by single sub-steps.
         const MaskOf<T> met = differ(reaches, reaches_), capped = differ(limited, limited_);
         const MaskOf<T> changes = follows ? met | capped : reaches;
         const MaskOf<T> good = single | ((error <= T(1.0)) & !changes);
-        const MaskOf<T> accepted = (goes | !begun) & good & !rejected(leaps & good, count), moved = accepted & goes,
-                        first = accepted & !goes;
+        const MaskOf<T> accepted = (goes | !begun) & good & !rejected(long_steps & good, count),
+                        moved = accepted & goes, first = accepted & !goes;
         reached_ = select(accepted, single & goes & reaches_, reached_);
         reaches_ = select(accepted, reaches, reaches_);
         limited_ = select(accepted, limited, limited_);
@@ -221,9 +222,9 @@ class ArmIntegrator {
             state.q[j] = from_[f] + travelled_[f];
             state.qd[j] = select(moved, state.qd[j] + to_rate * correction[f], qd_before[f]);
         }
-        // Next leaps go by the changes that belong to the corrected rates. The nearer the arm is to the rates asked
-        // for, the more an error of its own bends the change: with `saturation` sub-steps to go, changes of the rates
-        // before the correction make extrapolations unstable that are longer than some twentieth of them.
+        // Next Adams steps go by the changes that belong to the corrected rates. The nearer the arm is to the rates
+        // asked for, the more an error of its own bends the change: with `saturation` sub-steps to go, changes of the
+        // rates before the correction make extrapolations unstable that are longer than some twentieth of them.
         const MaskOf<T> lags = accepted & !(has_rates | reaches);
         T corrected[max_joints], corrected_saturation[max_joints];
         find_change(wanted.free, count, corrected, corrected_saturation);
@@ -233,23 +234,24 @@ class ArmIntegrator {
         }
         history_.push(moved, count, change, n);
         if (any(switches)) history_.keep_newest(switches);
-        // The longest next leap whose error will do, by what its error grows with, but none over a switching point.
+        // The longest next Adams step whose error will do, by what its error grows with, but none over a switching
+        // point.
         T next = count * min_ratio;
         for (double factor : ratio_factors) {
             const T longer = next * factor;
             next = select(roughness * history_.error_growth(longer, known) <= T(target_error), longer, next);
         }
         const T switching_point = count * distance_to_switch(saturation, wanted.velocity_saturation);
-        // A leap undone may have failed for another reason than the switching point foretold, so it is halved at least.
-        // It is where a switching point lies on its very end, too, or beyond, as roundings may have it: what is undone
-        // must be shorter next time, down to a single sub-step, which always stands.
+        // An Adams step undone may have failed for another reason than the predicted switching point, so it is halved
+        // at least. It is where a switching point lies on its very end, too, or beyond, as roundings may have it: what
+        // is undone must be shorter next time, down to a single sub-step, which always stands.
         const T shorter = select(changes, 0.5 * count, count - 1.0);
         next = select(accepted, min(next, switching_point - count),
                       min(select(switching_point < count, min(switching_point, 0.5 * count), next), shorter));
         for (int f = 0; f < n; ++f) saturation_[f] = select(accepted, saturation[f], saturation_[f]);
         velocity_saturation_ = select(accepted, wanted.velocity_saturation, velocity_saturation_);
-        // A point that goes round with the joints may pass a top and a bottom inside one leap, which its ends do not
-        // tell.
+        // A point that goes round with the joints may pass a top and a bottom inside one Adams step, which its ends do
+        // not tell.
         T turning = 0.0;
         for (int f = 0; f < n; ++f) turning += abs(state.qd[motion_.free_joint[f]]);
         next = min(next, (max_turn / motion_.substep()) / max(turning, T(1e-200)));
@@ -273,7 +275,7 @@ class ArmIntegrator {
         restarted_ = false;
     }
 
-    /// As limited_change, in the sub-step that begins `count` after the last leap's end.
+    /// As limited_change, in the sub-step that begins `count` after the last Adams step's end.
     MaskOf<T> find_change(const T* wanted, const T& count, T* change, T* saturation) const {
         if (!shaped_) return limited_change(motion_, full_, wanted, state, change, saturation);
         const int n = motion_.free_count;
@@ -296,13 +298,13 @@ class ArmIntegrator {
         return over <= T(1.0);
     }
 
-    /// Sub-steps that a leap may take: what the limits grow to, and where they jump, a single one crosses.
+    /// Sub-steps that an Adams step may take: what the limits grow to, and where they jump, a single one crosses.
     T before_switch() const {
         // The first sub-steps of which the limits no longer grow, and no longer are those of the stop.
         const T full = -floor(0.5 - ramp_), after = -floor(-slowing_);
-        T allowed = double(max_line_leap) * 16;
-        for (const T& kink : {full, after})
-            allowed = select(elapsed_ < kink, min(allowed, max(kink - 1.0 - elapsed_, T(1.0))), allowed);
+        T allowed = double(max_line_adams_step) * 16;
+        for (const T& switching : {full, after})
+            allowed = select(elapsed_ < switching, min(allowed, max(switching - 1.0 - elapsed_, T(1.0))), allowed);
         return allowed;
     }
 
@@ -320,18 +322,18 @@ class ArmIntegrator {
         return still;
     }
 
-    /// How much of the last leap lay before the next switching point, as far as the loads at its ends can tell: more
-    /// than all of it where the switching point is still to come. Kinks are where another joint limits the
+    /// How much of the last Adams step lay before the next switching point, as far as the loads at its ends can tell:
+    /// more than all of it where the switching point is still to come. Kinks are where another joint limits the
     /// acceleration, where the rates asked for are reached or left, where a velocity limit begins or ends to matter,
     /// and singularities.
     T distance_to_switch(const T* saturation, const T& velocity_saturation) const {
         const T never = 1e9;
-        T max_step = saturation_[0], later = saturation[0], most_later = saturation[0];
+        T max_step = saturation_[0], later = saturation[0], max_later = saturation[0];
         for (int f = 1; f < motion_.free_count; ++f) {
             const auto greater = saturation_[f] > max_step;
             max_step = select(greater, saturation_[f], max_step);
             later = select(greater, saturation[f], later);
-            most_later = max(most_later, saturation[f]);
+            max_later = max(max_later, saturation[f]);
         }
         T share = never;
         auto cross = [&](const T& before, const T& after) {
@@ -350,24 +352,25 @@ class ArmIntegrator {
                           select(saturation_[f] > T(1.0), saturation[f] - 1.0, T(0.0)));
         }
         const T sign = select(lags, T(1.0), T(-1.0)), way = select(velocity_saturation_ > T(1.0), T(1.0), T(-1.0));
-        cross(sign * (max_step - 1.0), sign * (most_later - 1.0));
+        cross(sign * (max_step - 1.0), sign * (max_later - 1.0));
         cross(way * (velocity_saturation_ - 1.0), way * (velocity_saturation - 1.0));
         // Rates asked for that grow past all bounds point the other way beyond the singularity ahead, and those that
-        // were slowed to a velocity limit show it only there: a leap over two of them in a row would not be noticed.
-        cross(1.0 / max(max_step, T(1.0)), 1.0 / max(most_later, T(1.0)));
+        // were slowed to a velocity limit show it only there: an Adams step over two of them in a row would not be
+        // detected.
+        cross(1.0 / max(max_step, T(1.0)), 1.0 / max(max_later, T(1.0)));
         cross(1.0 / max(velocity_saturation_, T(1.0)), 1.0 / max(velocity_saturation, T(1.0)));
         return share;
     }
 
     static constexpr int lanes = Scalar<T>::lanes;
     static MaskOf<T> none() { return T(0.0) > T(1.0); }
-    /// Of a leap, relative to what is allowed. Where little is at stake, more leaps may fail.
+    /// Of an Adams step, relative to what is allowed. Where little is at stake, more Adams steps may fail.
     static constexpr double target_error = order < exact_order ? 0.5 : 0.25;
-    /// The next leap is this much shorter than the last at max_step, or any product of some of the factors longer than
-    /// that.
+    /// The next Adams step is this much shorter than the last at max_step, or any product of some of the factors longer
+    /// than that.
     static constexpr double min_ratio = 0.125,
                             ratio_factors[] = {8.0, 2.8284271247461903, 1.6817928305074290, 1.2968395546510096};
-    /// Sum of what the joints turn, or go, in a leap at max_step [rad or m].
+    /// Sum of what the joints turn, or go, in an Adams step at max_step [rad or m].
     static constexpr double max_turn = 0.5;
     static constexpr double switch_jump = 10;  ///< of the error of a single sub-step
 
@@ -384,8 +387,8 @@ class ArmIntegrator {
     AdamsHistory<T, order> history_;
     T saturation_[max_joints], velocity_saturation_ = 0.0;  ///< as of the last look that counted
     T known_ = 0.0;                                         ///< moments of the history, at max_step order
-    T next_step_ = 1.0;                                     ///< length of the next leap
-    T error_ = 0.0;                                         ///< of the last leap that accepted
+    T next_step_ = 1.0;                                     ///< length of the next Adams step
+    T error_ = 0.0;                                         ///< of the last Adams step that accepted
     bool shaped_ = false, independent_ = false;             ///< as of `brake`
     T inverse_scale_[max_joints];                           ///< of the limits while the lane slows down
     T slowing_ = 0.0, ramp_ = 0.0;                          ///< as of BrakeProfile [sub-steps]

@@ -19,7 +19,7 @@ void brake_by_law(const Chain& chain, const MotionSettings& motion, Rate qd, dou
     double rate[max_joints] = {};
     for (int f = 0; f < n; ++f) rate[f] = qd(motion.free_joint[f]);
     const BrakeProfile profile = brake_profile(chain, motion, there, rate, false);
-    const int longest = longest_reaction(profile.stop_time, path_steps, motion.step, motion.substeps);
+    const int longest = max_reaction_steps(profile.stop_time, path_steps, motion.step, motion.substeps);
     double substep = 0;
     for (int i = 0; i < longest && std::any_of(rate, rate + n, [](double r) { return r != 0; }); ++i) {
         for (int sub = 0; sub < motion.substeps; ++sub, ++substep) {
@@ -74,7 +74,7 @@ void cut_line(const CollisionSetup& setup, PathEnd why, int met_step, Q q, Rate 
     const double load = stop_time / motion.substep();  // sub-steps
     const double braking = std::floor(load);           // in the sub-step after these the rates are zero
     const double steps = std::min(std::ceil(braking / motion.substeps),
-                                  double(longest_reaction(stop_time, path.s.size(), motion.step, motion.substeps)));
+                                  double(max_reaction_steps(stop_time, path.s.size(), motion.step, motion.substeps)));
     for (int i = 1; i <= int(steps); ++i) {
         const double n = std::min(double(i) * motion.substeps, braking);
         const double travel = motion.substep() * (n - n * (n + 1) / (2 * load));  // per rate

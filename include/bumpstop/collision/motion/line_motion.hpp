@@ -81,8 +81,8 @@ Rates<T> resolved_rates(const Chain& chain, const MotionSettings& motion, const 
             moving += dot(linear, linear) * (1.0 / 3);
         }
         T target[6] = {T(0.0), T(0.0), T(0.0), velocity.x, velocity.y, velocity.z};
-        const T least_length[6] = {turning, turning, turning, moving, moving, moving};
-        rates.conditioning = damped_min_norm<6>(row, n, target, motion.damping, rates.free, least_length);
+        const T min_length[6] = {turning, turning, turning, moving, moving, moving};
+        rates.conditioning = damped_min_norm<6>(row, n, target, motion.damping, rates.free, min_length);
     } else {
         T row[3][max_columns];
         for (int f = 0; f < n; ++f) {
@@ -93,8 +93,8 @@ Rates<T> resolved_rates(const Chain& chain, const MotionSettings& motion, const 
             moving += dot(linear, linear) * (1.0 / 3);
         }
         T target[3] = {velocity.x, velocity.y, velocity.z};
-        const T least_length[3] = {moving, moving, moving};
-        rates.conditioning = damped_min_norm<3>(row, n, target, motion.damping, rates.free, least_length);
+        const T min_length[3] = {moving, moving, moving};
+        rates.conditioning = damped_min_norm<3>(row, n, target, motion.damping, rates.free, min_length);
     }
     // Damping bounds the rates, however small it is.
     if (motion.damping > 0) rates.conditioning.singular = T(0.0) > T(1.0);

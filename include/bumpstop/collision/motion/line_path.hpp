@@ -13,7 +13,7 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// The arm stops following the line when ... At a joint limit and a singularity it brakes.
 enum class PathEnd { motion_end, joint_limit, singularity, all_detected };
 
-/// One pose's path, all that the force law needs of it.
+/// One pose's path, all that the force distribution needs of it.
 struct LinePath {
     /// Ticks before the first, from -1 down, whose reactions would begin after it; that of the earliest begins in step 1.
     static int early_ticks(const Timing& timing) { return (timing.latency + timing.period - 1) / timing.period; }
@@ -40,7 +40,7 @@ struct LinePath {
     bool met_singularity = false;   ///< of a path traced loosely: one was near somewhere on its way
     bool singular_start = false;    ///< the rates of the start mean nothing, and so does the path
 
-    /// The arm has come to rest where the path ends: what nobody noticed presses no harder after that.
+    /// The arm has come to rest where the path ends: an undetected contact presses no harder after that.
     bool rests() const { return end == PathEnd::joint_limit || end == PathEnd::singularity; }
     /// The farthest that the undisturbed motion gets by step `last`, or by its end, braking included [m].
     double greatest(std::size_t last) const {

@@ -13,6 +13,10 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 struct LineRequest {
     const double* q = nullptr;  ///< joint positions it starts in [rad or m]
     Vector3 velocity{};         ///< of the tool, base frame [m/s]
+
+    double speed() const {
+        return std::sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2]);
+    }
 };
 
 /// Some of them in the lanes of a register; those beyond the last hold it once more.
@@ -41,12 +45,12 @@ struct NoCriterion {
 
 /// How exactly lines are traced.
 enum class Tracing {
-    exact,  ///< as the controller's own sub-steps to 1e-11, for single laws: every step is kept
+    exact,  ///< as the controller's own sub-steps to 1e-11, for single distributions: every step is kept
     fast,   ///< for batches: distances between the ticks are interpolated
 };
 
-/// Traces lines, one in each lane; a lane takes the next line as soon as it is done with one. Positions inside a leap
-/// are read from its polynomial, a register of moments of one lane at a time.
+/// Traces lines, one in each lane; a lane takes the next line as soon as it is done with one. Positions inside an Adams
+/// step are read from its polynomial, a register of moments of one lane at a time.
 ///
 /// `Criterion` tells when a line needs no further tick. `observe(s, torque_per_N)` is given moments of the line, one in
 /// each lane, with their distances along the normal [m] and contact torques by joint [Nm/N or 1]. For each of them that
@@ -96,8 +100,8 @@ class LineTracer {
 
   private:
     static constexpr int lanes = Scalar<T>::lanes;
-    /// Tolerances of leaps, as of the arm. Over a second at 1 rad/s the positions stay within 1e-10 rad of those of the
-    /// controller's sub-steps.
+    /// Tolerances of Adams steps, as of the arm. Over a second at 1 rad/s the positions stay within 1e-10 rad of those
+    /// of the controller's sub-steps.
     static constexpr int min_smooth_strides = 3;
     static constexpr double exact_lag_tolerance = 1e-10, exact_rate_tolerance = 1e-11;
 
@@ -161,7 +165,7 @@ class LineTracer {
         if (at.path == nullptr) return 0;
         // Whether a singularity is met is asked where a step ends.
         if (lane_of(arm_.near_singular(), lane)) return motion_.substeps - at.taken % motion_.substeps;
-        return std::min(max_line_leap, at.last_step * motion_.substeps - at.taken);
+        return std::min(max_line_adams_step, at.last_step * motion_.substeps - at.taken);
     }
 
     /// The next step that a lane keeps, if it is none after `last`: the end of its next stride, where the distances
@@ -170,7 +174,7 @@ class LineTracer {
         const int step = at.next_step;
         if (at.keep_every_step || step <= 1 + 2 * stride_) return step;
         if constexpr (tracing == Tracing::exact) {
-            // What lies in a stride is known while the arm's last leap is.
+            // What lies in a stride is known while the arm's last Adams step is.
             const bool begins = (step - 2) % stride_ == 0, ends = step - 1 + stride_ <= last;
             return begins && ends && step - 1 - 2 * stride_ >= at.smooth_from ? step - 1 + stride_ : step;
         } else {
@@ -183,18 +187,18 @@ class LineTracer {
     }
 
     /// Keeps the moments a lane has passed, and writes them as soon as there are enough. False when its path is over.
-    bool record_step(int lane, int gone, double margin) {
+    bool record_step(int lane, int taken, double margin) {
         Lane& at = lane_[lane];
         LinePath& path = *at.path;
-        at.taken += gone;
+        at.taken += taken;
         path.velocity_limited = path.velocity_limited || arm_.limited(lane);
         path.met_singularity = path.met_singularity || lane_of(arm_.near_singular(), lane);
         const bool singular = at.taken % motion_.substeps == 0 && arm_.singular(lane);
         const int last = at.taken / motion_.substeps;
         // Where it will end is found step by step, and so that no step lies far behind, from well before on.
         at.keep_every_step = at.keep_every_step || lane_of(arm_.near_singular(), lane) || margin < 0.05;
-        // A stride is shorter than a leap where a cubic is enough for its inside.
-        if (!arm_.smooth(lane) || gone < min_smooth_strides * stride_ * motion_.substeps) at.smooth_from = last + 1;
+        // A stride is shorter than an Adams step where a cubic is enough for its inside.
+        if (!arm_.smooth(lane) || taken < min_smooth_strides * stride_ * motion_.substeps) at.smooth_from = last + 1;
         int wanted[lanes], known = 0;
         for (int step = next_kept(at, last); step <= last; step = next_kept(at, last)) {
             wanted[known++] = step;
@@ -215,11 +219,11 @@ class LineTracer {
         return at.path != nullptr;
     }
 
-    /// Where a lane was at these steps of its last leap, in order.
+    /// Where a lane was at these steps of its last Adams step, in order.
     void record(int lane, const int* steps, int count) {
         Lane& at = lane_[lane];
         if (count == 1 && steps[0] * motion_.substeps == at.taken) {
-            // The end of the leap, where the arm is.
+            // The end of the Adams step, where the arm is.
             const int to = at.pending++;
             at.step[to] = steps[0];
             for (int f = 0; f < motion_.free_count; ++f) {

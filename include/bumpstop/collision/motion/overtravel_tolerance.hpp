@@ -8,22 +8,23 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Interpolated ticks may be wrong by this much at the ticks that are checked [m]. 1e-9 m is what a force law
-/// can feel.
+/// Interpolated ticks may be wrong by this much at the ticks that are checked [m]. 1e-9 m is the
+/// accuracy that a force distribution asks for.
 inline constexpr double min_overtravel_tolerance = 5e-10;
-/// Where a law says how probable a detection at a tick is at most, this divided by that is enough, if it is more, and
-/// never more than `max_overtravel_tolerance` [m]. `make validate` (batches) tells how right laws are with it.
+/// Where a distribution says how probable a detection at a tick is at most, this divided by that is enough, if it is
+/// more, and never more than `max_overtravel_tolerance` [m]. `make validate` (batches) tells how accurate distributions
+/// are with it.
 inline constexpr double negligible_overtravel = 1e-10;
 inline constexpr double max_overtravel_tolerance = 1e-3;
 /// A tick less probable than this need not be simulated because a switching point is near: the grid finds what matters
 /// of it.
 inline constexpr double switch_probability = 1e-5;
 
-/// An arm that reacts to a tick less probable than this is not followed home. A path has some 1000 ticks: what they
-/// could change of an exceedance is 1e-5 at most.
+/// An arm that reacts to a tick less probable than this is not followed to its retreat. A path has some 1000 ticks:
+/// what they could change of an exceedance is 1e-5 at most.
 inline constexpr double negligible_detection_probability = 1e-8;
 
-/// Near a singularity what a leap leaves out grows by orders of magnitude, and a loose leap may miss that the arm
+/// Near a singularity the error of an Adams step grows by orders of magnitude, and a loose one may miss that the arm
 /// swings forward again: so reactions to ticks more probable than this are followed closely there.
 inline constexpr double singular_probability = 1e-5;
 

@@ -9,9 +9,9 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace detail {
 
-/// What the slowest joint needs to stop [s]. The source counts from the detection on, with the rates the joints had
-/// then.
-inline double longest_stop_time(const CollisionSetup& setup, const LinePath& path, int tick) {
+/// What the slowest joint needs to stop [s]. Schroeder (2013) counts from the detection on, with the rates the joints
+/// had then.
+inline double max_stop_time(const CollisionSetup& setup, const LinePath& path, int tick) {
     const MotionSettings& motion = setup.motion;
     const Timing& timing = setup.timing;
     const int n = motion.free_count;
@@ -42,7 +42,7 @@ void set_lane_of_point(Point3<T>& point, int lane, const Vector3& value, double 
     set_lane(point.z, lane, scale * value[2]);
 }
 
-/// As of simulate_reactions, by leaps that go by so many values.
+/// As of simulate_reactions, by Adams steps of this order.
 template <int order, class T>
 void follow_reactions(const CollisionSetup& setup, ReactionJob* jobs, int count, ReactionDetail detail) {
     constexpr int lanes = Scalar<T>::lanes;
@@ -63,7 +63,7 @@ void follow_reactions(const CollisionSetup& setup, ReactionJob* jobs, int count,
         set_lane_of_point(normal, lane, path.normal);
         set_lane_of_point(start, lane, path.start);
         arm.begin(lane, job.tolerance);
-        double stop_time = longest_stop_time(setup, path, job.tick);
+        double stop_time = max_stop_time(setup, path, job.tick);
         if (!motion.deceleration.constant()) {
             double there[max_joints] = {};
             for (int j = 0; j < chain.dof; ++j) there[j] = lane_of(arm.state.q[j], lane);
@@ -86,14 +86,16 @@ void follow_reactions(const CollisionSetup& setup, ReactionJob* jobs, int count,
         speed = dot(point.velocity, normal);
         distance = dot(point.position - start, normal);
     };
-    // As they were where lanes turned home.
+    // As they were where lanes began to retreat.
     Arm arm_at_retreat = arm;
     ReactionBatch<T> running_at_retreat = running;
-    auto rejected = [&](const MaskOf<T>& leaps, const T& over) { return running.rejected(leaps, over, speed); };
+    auto rejected = [&](const MaskOf<T>& long_steps, const T& over) {
+        return running.rejected(long_steps, over, speed);
+    };
     while (!running.all_done()) {
         allow_interruption();
-        const T gone = arm.step(running.max_steps(), look, rejected);
-        const ReactionEvents<T> events = running.update({gone, distance, speed, arm.near_singular(), arm.reached()});
+        const T taken = arm.step(running.max_steps(), look, rejected);
+        const ReactionEvents<T> events = running.update({taken, distance, speed, arm.near_singular(), arm.reached()});
         if (any(events.retreating)) {
             arm_at_retreat.copy_lanes(events.retreating, arm);
             running_at_retreat.copy_lanes(events.retreating, running);

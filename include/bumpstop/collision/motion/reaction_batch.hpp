@@ -1,5 +1,5 @@
 /// @file
-/// Reactions while they are simulated: how far the points have got, and when it may be believed that they get no
+/// Reactions while they are simulated: how far the points have got, and when it may be taken as certain that they get no
 /// farther.
 #pragma once
 
@@ -10,10 +10,10 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// The steps about the farthest point tell where between two steps it lies.
 inline constexpr int steps_past_peak = 3;
 
-/// Where a look finds the arms, `gone` controller sub-steps after the last one.
+/// Where a look finds the arms, `taken` controller sub-steps after the last one.
 template <class T>
 struct ReactionSample {
-    T gone;
+    T taken;
     T distance, speed;        ///< along the normal [m, m/s]
     MaskOf<T> near_singular;  ///< a singularity is near
     MaskOf<T> reached;        ///< the arm has the rates asked for
@@ -23,7 +23,7 @@ struct ReactionSample {
 template <class T>
 struct ReactionEvents {
     MaskOf<T> retreating;  ///< from here on they may be followed loosely
-    MaskOf<T> restart;     ///< they must be followed once more from where they turned home, with care
+    MaskOf<T> restart;     ///< they must be followed once more from where they began to retreat, at full accuracy
     MaskOf<T> finished;
 };
 
@@ -38,7 +38,7 @@ struct ReactionRules {
 template <class T>
 class ReactionBatch {
   public:
-    /// An arm on its way home is followed so many times less exactly.
+    /// The tolerance of a retreat is this many times wider.
     static constexpr double retreat_tolerance_scale = 1e4;
 
     explicit ReactionBatch(const ReactionRules& rules) : rules_(rules) {}
@@ -47,7 +47,7 @@ class ReactionBatch {
     /// stop [s].
     void begin(int lane, ReactionJob& job, double here, double stop_time) {
         const double step = rules_.substeps * rules_.substep;
-        const int longest = longest_reaction(stop_time, job.path->s.size(), step, rules_.substeps);
+        const int longest = max_reaction_steps(stop_time, job.path->s.size(), step, rules_.substeps);
         const int min_time = int(std::min((0.05 + 1.5 * stop_time) / step + 1e-9, longest - 1.0)) + 1;
         job_[lane] = &job;
         job.distance.assign(1, here);
@@ -93,12 +93,12 @@ class ReactionBatch {
 
     bool all_done() const { return !any(busy_); }
 
-    /// How far next leaps may go, in sub-steps. The steps about the farthest point are gone one by one.
+    /// How far the next Adams steps may go, in sub-steps. The steps about the farthest point are gone one by one.
     T max_steps() const {
         const T to_step = substeps() - into_step_;
         T longest = to_step;
         if (rules_.only_peak) {
-            const T far = double(max_reaction_leap);
+            const T far = double(max_reaction_adams_step);
             // The last step that ends a whole step before the top.
             const T landing = (whole_steps(floor(taken_ + min(top_, 2.0 * far))) - 1.0) * substeps() - taken_;
             const T forward = select(top_ < 2.0 * far, max(landing, to_step), far);
@@ -114,23 +114,23 @@ class ReactionBatch {
         return select(busy_, longest, T(0.0));
     }
 
-    /// Where leaps over `count` sub-steps, after which the speeds are `after`, went over the top: the speeds at their
-    /// ends say where that was.
-    MaskOf<T> rejected(const MaskOf<T>& leaps, const T& count, const T& after) {
+    /// Where Adams steps over `count` sub-steps, after which the speeds are `after`, went over the top: the speeds at
+    /// their ends say where that was.
+    MaskOf<T> rejected(const MaskOf<T>& long_steps, const T& count, const T& after) {
         if (!rules_.only_peak) return none();
         const MaskOf<T> over_top =
-            leaps & (speed_ > T(0.0)) & (after <= T(0.0)) & (!relaxed_) & (count > substeps() - into_step_);
+            long_steps & (speed_ > T(0.0)) & (after <= T(0.0)) & (!relaxed_) & (count > substeps() - into_step_);
         top_ = select(over_top, count * speed_ / (speed_ - after), top_);
         return over_top;
     }
 
     /// First looks tell whether arms follow their lines; any other one is written into its job.
     ReactionEvents<T> update(const ReactionSample<T>& sample) {
-        const MaskOf<T> moves = busy_ & started_ & (sample.gone > T(0.0)), first = busy_ & !started_;
+        const MaskOf<T> moves = busy_ & started_ & (sample.taken > T(0.0)), first = busy_ & !started_;
         const MaskOf<T> off = abs(sample.speed - approach_) > following_share * approach_;
         off_path_ = off_path_ | (first & (sample.near_singular | off) & !accept_first_peak_);
         started_ = started_ | first;
-        const T went = speed_ * sample.gone * rules_.substep;
+        const T went = speed_ * sample.taken * rules_.substep;
         move(moves, sample);
         speed_ = select(first, sample.speed, speed_);
 
@@ -172,7 +172,7 @@ class ReactionBatch {
     static constexpr int max_retreat_leap = 1024;  ///< sub-steps
     /// An arm follows its line where the point's speed is off by no more than this share of it.
     static constexpr double following_share = 0.1;
-    /// An arm on its way home comes back where it is within this share of its retreat, or this distance, of its peak.
+    /// A retreating arm comes back where it is within this share of its retreat, or this distance, of its peak.
     static constexpr double rebound_share = 0.1, rebound_distance = 1e-5;
 
     static MaskOf<T> none() { return T(0.0) > T(1.0); }
@@ -181,15 +181,16 @@ class ReactionBatch {
     T whole_steps(const T& count) const { return floor((count + 0.5) * (1.0 / rules_.substeps)); }
 
     void move(const MaskOf<T>& moves, const ReactionSample<T>& sample) {
-        const T gone = select(moves, sample.gone, T(0.0)), into = into_step_ + gone, whole = whole_steps(into);
-        taken_ += gone;
+        const T taken = select(moves, sample.taken, T(0.0)), into = into_step_ + taken, whole = whole_steps(into);
+        taken_ += taken;
         steps_ += whole;
         into_step_ = into - whole * substeps();
         const T slowed = speed_ - sample.speed;
-        const T top = select(slowed > T(0.0), gone * sample.speed / slowed, T(std::numeric_limits<double>::infinity()));
+        const T top =
+            select(slowed > T(0.0), taken * sample.speed / slowed, T(std::numeric_limits<double>::infinity()));
         top_ = select(moves, top, top_);
         speed_ = select(moves, sample.speed, speed_);
-        retreating_ = select(moves, select(sample.distance < here_, retreating_ + gone, T(0.0)), retreating_);
+        retreating_ = select(moves, select(sample.distance < here_, retreating_ + taken, T(0.0)), retreating_);
         here_ = select(moves, sample.distance, here_);
     }
 
@@ -210,7 +211,7 @@ class ReactionBatch {
 
     const ReactionRules rules_;
     ReactionJob* job_[lanes] = {};  ///< null: the lane is idle
-    T min_time_ = 0.0;              ///< controller sub-steps after which the retreat of an arm off its path is believed
+    T min_time_ = 0.0;              ///< controller sub-steps after which the retreat of an arm off its path is accepted
     T longest_ = 0.0;               ///< controller sub-steps after which it is left where it is
     T max_distance_ = 0.0, return_to_ = 0.0;  ///< as of the job [m]
     T approach_ = 0.0;                        ///< speed of the line [m/s]
@@ -220,7 +221,7 @@ class ReactionBatch {
     T here_ = 0.0;                            ///< distance along the normal [m]
     T speed_ = 0.0;                           ///< along the normal [m/s]
     T top_ = 0.0;                             ///< sub-steps to the farthest point, as far as one can tell
-    T peak_ = 0.0, lowest_ = 0.0;             ///< the farthest so far, and the nearest since it goes home [m]
+    T peak_ = 0.0, lowest_ = 0.0;             ///< the farthest so far, and the nearest of its retreat [m]
     MaskOf<T> busy_ = none();
     MaskOf<T> started_ = none();   ///< the first look has been taken
     MaskOf<T> off_path_ = none();  ///< a singularity was near, or the arm did not follow its line when it began

@@ -39,14 +39,14 @@ inline double max_distance_on_line(const LinePath& path, std::vector<double>::co
 }
 
 /// Reactions before that to the first tick that are looked at, of those a latency leaves room for.
-inline constexpr int most_early_reactions = 16;
+inline constexpr int max_early_reactions = 16;
 
 /// The ticks before the first, from -1 down, whose reactions are looked at: a few evenly spaced, the earliest among
 /// them.
 inline std::vector<int> early_ticks(const CollisionSetup& setup, const LinePath& path) {
     const int lead = LinePath::early_ticks(setup.timing);
     const int known = int(path.early_state.size() / (2 * std::size_t(setup.motion.free_count)));
-    const int spacing = std::max(1, (known + most_early_reactions - 1) / most_early_reactions);
+    const int spacing = std::max(1, (known + max_early_reactions - 1) / max_early_reactions);
     std::vector<int> ticks;
     for (int i = 0; i < known; i += spacing) ticks.push_back(i - lead);
     if (known > 0 && ticks.back() != known - 1 - lead) ticks.push_back(known - 1 - lead);
@@ -68,9 +68,9 @@ inline bool grows_with_latency(const Reach& reach, const StoppingCurve& curve) {
 }
 
 /// A latency is the longest that an arm takes to react: it may begin at any time up to then, and what takes it farthest
-/// counts. Near a singularity that may be to react sooner. So more latency makes no collision milder. Where the line
-/// ends before the reaction is due, the arm brakes as it does without one. `reach`: of reactions to ticks below 0, or
-/// where `every_step` of those that begin in every step.
+/// counts. Near a singularity that may be to react sooner. So more latency makes no collision less severe. Where the
+/// line ends before the reaction is due, the arm brakes as it does without one. `reach`: of reactions to ticks below 0,
+/// or where `every_step` of those that begin in every step.
 inline void widen_by_latency(const CollisionSetup& setup, Reach reach, bool every_step, StoppingCurve& curve) {
     const Timing& timing = setup.timing;
     if (timing.latency == 0) return;
@@ -151,7 +151,7 @@ Reach reach_of_every_step(const CollisionSetup& setup, const LinePath& path);
 template <class T, class Tolerance>
 void complete_curves(const CollisionSetup& setup, StoppingCurve* curves, int count, Tolerance tolerance) {
     const Timing& timing = setup.timing;
-    constexpr int nodes = 6, fewest_ticks = 9, lanes = Scalar<T>::lanes;
+    constexpr int nodes = 6, min_ticks = 9, lanes = Scalar<T>::lanes;
     std::vector<detail::TickRange> pending;
     std::vector<detail::AdaptiveTickGrid> rough;
     for (int c = 0; c < count; ++c) {
@@ -183,14 +183,14 @@ void complete_curves(const CollisionSetup& setup, StoppingCurve* curves, int cou
 
     for (detail::TickRange& range : pending) {
         range.job = jobs.size();
-        const bool every_tick = range.contains_switch || range.ticks() < fewest_ticks;
+        const bool every_tick = range.contains_switch || range.ticks() < min_ticks;
         const int wanted = every_tick ? range.ticks() : nodes;
         for (int k : interpolation_nodes(range.first, range.last, wanted)) add(range.curve, k);
     }
     simulate();
     for (const detail::TickRange& range : pending) {
         const ReactionJob* own = &jobs[range.job];
-        if (range.contains_switch || range.ticks() < fewest_ticks) {
+        if (range.contains_switch || range.ticks() < min_ticks) {
             for (int i = 0; i < range.ticks(); ++i)
                 place(range.curve, range.first + i, detail::overtravel(own[i].distance));
             continue;

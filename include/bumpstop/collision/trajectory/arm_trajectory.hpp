@@ -19,9 +19,9 @@ struct PathReaction {
 
 /// Acceleration along the path, du/dt' <= 0, that brakes hardest while no joint passes its limit:
 /// |first_j w + second_j v^2| <= limit_j. Where the path's own curvature passes a limit at this speed, the one that passes
-/// it least; `excess` then is by how much (1: not at all).
-inline double hardest_braking(int dof, const double* first, const double* second, const double* limit, double v,
-                              double& excess) {
+/// it least; `acceleration_overload` then is by how much (1: not at all).
+inline double max_deceleration(int dof, const double* first, const double* second, const double* limit, double v,
+                               double& acceleration_overload) {
     constexpr double at_once = 1e12;  // an arm that stands still needs no time
     auto lowest = [&](double level, double& low) {
         double high = 0;
@@ -39,9 +39,9 @@ inline double hardest_braking(int dof, const double* first, const double* second
         return low <= high;
     };
     double w;
-    excess = 1;
+    acceleration_overload = 1;
     if (lowest(1, w)) return w;
-    // At constant speed the excess is that of the curvature alone, so the least lies below.
+    // At constant speed the acceleration_overload is that of the curvature alone, so the least lies below.
     double allowed = 0, below = 1;
     for (int j = 0; j < dof; ++j) allowed = std::max(allowed, std::fabs(second[j]) * v * v / limit[j]);
     allowed *= 1 + 1e-12;
@@ -49,7 +49,7 @@ inline double hardest_braking(int dof, const double* first, const double* second
         const double middle = 0.5 * (below + allowed);
         (lowest(middle, w) ? allowed : below) = middle;
     }
-    excess = allowed;
+    acceleration_overload = allowed;
     return lowest(allowed, w) ? std::min(w, 0.0) : 0.0;
 }
 
@@ -78,8 +78,8 @@ class ArmTrajectory {
                                      : linear_column(setup_.chain, posture, point_.back(), j));
             }
         }
-        stop_time = std::max(stop_time, longest_stop(stop_time));
-        longest_ = longest_reaction(stop_time, point_.size(), step(), setup_.motion.substeps);
+        stop_time = std::max(stop_time, max_stop_time(stop_time));
+        longest_ = max_reaction_steps(stop_time, point_.size(), step(), setup_.motion.substeps);
         for (int k = 0; k < ticks_; ++k) reaction_.push_back(react(k));
     }
 
@@ -87,7 +87,7 @@ class ArmTrajectory {
     int steps() const { return steps_; }
     int ticks() const { return ticks_; }
     double step() const { return setup_.motion.step; }
-    double excess() const { return excess_; }
+    double acceleration_overload() const { return acceleration_overload_; }
     const CollisionSetup& setup() const { return setup_; }
     const std::vector<Point3<double>>& points() const { return point_; }
     const PathReaction& reaction(int tick) const { return reaction_[std::size_t(tick)]; }
@@ -124,8 +124,8 @@ class ArmTrajectory {
 
     /// The stopping curve of a contact that begins at time `begin` on a plane across `normal`, from the trajectory's start
     /// on. Distances are those along the normal from the place of contact; none is above zero before it. With a detector
-    /// the curve ends where contact has been noticed for certain, or a tick after a body of a mass above zero [kg] has got
-    /// away.
+    /// the curve ends where contact has been detected for certain, or a tick after a body of a mass above zero [kg] has
+    /// got away.
     StoppingCurve curve(double begin, const Point3<double>& normal, const GaussianThresholds* detector,
                         const Contact& contact, const ContactPropagator* by = nullptr) const {
         StoppingCurve curve;
@@ -217,15 +217,16 @@ class ArmTrajectory {
         return paths;
     }
 
-    /// Greatest distances in the first `first` seconds of contact, and after them, of the contact that is noticed at a tick.
+    /// Greatest distances in the first `first` seconds of contact, and after them, of the contact that is detected at a
+    /// tick.
     std::array<double, 2> phases(int tick, double begin, const Point3<double>& normal, double first) const {
         const Point3<double> origin = point_at(begin);
-        std::array<double, 2> deepest{0, 0};
-        if (!(reaction_[std::size_t(tick)].reach > begin)) return deepest;
+        std::array<double, 2> phase_max{0, 0};
+        if (!(reaction_[std::size_t(tick)].reach > begin)) return phase_max;
         const int turn = int(std::ceil((touch_time(tick, begin) + first) / step() - 1e-9));
         const int reacts = first_step(tick) + setup_.timing.latency;
         auto meet = [&](int i, double distance) {
-            double& most = deepest[i < turn ? 0 : 1];
+            double& most = phase_max[i < turn ? 0 : 1];
             most = std::max(most, distance);
         };
         for (int i = 0; i < std::min(reacts, steps_ + 1); ++i)
@@ -234,7 +235,7 @@ class ArmTrajectory {
         for (std::size_t i = 0; i < distance.size(); ++i) meet(reacts + int(i), distance[i]);
         // An arm that has stopped in contact stays there.
         if (setup_.reaction == ReactionKind::stop) meet(std::numeric_limits<int>::max(), distance.back());
-        return deepest;
+        return phase_max;
     }
 
     /// From touch until the reversing arm is back where contact began [s]; NaN where it never arrives there.
@@ -258,8 +259,8 @@ class ArmTrajectory {
 
     double reaction_time(int tick) const { return (first_step(tick) + setup_.timing.latency) * step(); }
 
-    /// When contact begins in the case that is noticed at a tick, and whose path arrives [s]: an arm that has slowed down
-    /// before arrives later.
+    /// When contact begins in the case that is detected at a tick, and whose path arrives [s]: an arm that has slowed
+    /// down before arrives later.
     double touch_time(int tick, double begin) const {
         const std::vector<double>& u = reaction_[std::size_t(tick)].u;
         for (std::size_t i = 1; begin > u[0] && i < u.size(); ++i) {
@@ -305,9 +306,10 @@ class ArmTrajectory {
             double w = 0;
             // A law that says how long the stop takes asks no joint.
             if (!(braking.slowdown > 0 && substep + motion.substeps <= braking.slowing)) {
-                double excess = 1;
-                w = hardest_braking(setup_.chain.dof, state.qd, second, motion.acceleration_limit.data(), v, excess);
-                excess_ = std::max(excess_, excess);
+                double acceleration_overload = 1;
+                w = max_deceleration(setup_.chain.dof, state.qd, second, motion.acceleration_limit.data(), v,
+                                     acceleration_overload);
+                acceleration_overload_ = std::max(acceleration_overload_, acceleration_overload);
             }
             for (int sub = 0; sub < motion.substeps; ++sub) {
                 v = std::max(target, v + motion.substep() * braking.at(substep + sub, w));
@@ -322,11 +324,11 @@ class ArmTrajectory {
         double ramp = 0;      ///< sub-steps in which the acceleration along the path grows from nothing
         double slowdown = 0;  ///< of u' while it slows down, where the law says it [1/s]
 
-        /// Acceleration of u in a sub-step, where the limits allow `hardest`.
-        double at(double substep, double hardest) const {
-            if (!(substep < slowing)) return hardest;
+        /// Acceleration of u in a sub-step, where the limits allow `allowed`.
+        double at(double substep, double allowed) const {
+            if (!(substep < slowing)) return allowed;
             if (slowdown > 0) return -slowdown;
-            return ramp > 0 ? hardest * std::min(1.0, (substep + 0.5) / ramp) : hardest;
+            return ramp > 0 ? allowed * std::min(1.0, (substep + 0.5) / ramp) : allowed;
         }
     };
 
@@ -351,7 +353,7 @@ class ArmTrajectory {
     }
 
     /// The longest that a stop may take whose joints would need `limit_time` at their limits [s].
-    double longest_stop(double limit_time) const {
+    double max_stop_time(double limit_time) const {
         const Deceleration& deceleration = setup_.motion.deceleration;
         double longest = deceleration.time_to_stop(limit_time);
         for (double time : deceleration.times.time) longest = std::max(longest, 2 * time);
@@ -376,7 +378,7 @@ class ArmTrajectory {
     JointSpline spline_;
     int steps_ = 0, ticks_ = 0;
     int longest_ = 0;                    ///< steps after which a reaction is left where it is
-    double excess_ = 1;                  ///< of the path's own acceleration over the limits while braking
+    double acceleration_overload_ = 1;   ///< of the path's own acceleration over the limits while braking
     std::vector<Point3<double>> point_;  ///< by step
     std::vector<Point3<double>> lever_;  ///< [tick][joint]: linear column of the Jacobian at the contact point
     std::vector<PathReaction> reaction_;

@@ -22,8 +22,8 @@ struct OnsetDistribution {
     };
     std::vector<Detection> detection;
     double false_alarm, undetected, no_contact, several;
-    double zero_force;  ///< false alarms whose stopping path does not arrive, and no contact
-    double greatest;    ///< distance of the undisturbed motion from contact to its end
+    double zero_force;           ///< false alarms whose stopping path does not arrive, and no contact
+    double undetected_distance;  ///< distance of the undisturbed motion from contact to its end
     double undetected_peak = 0, undetected_duration = 0;  ///< where something gives way [N, s]
     std::array<double, max_joints> trigger;
 };
@@ -59,7 +59,7 @@ OnsetDistribution integrate_onset(const ArmTrajectory& trajectory, double begin,
     out.no_contact = found.no_contact;
     out.several = found.several;
     out.zero_force = found.zero_force;
-    out.greatest = std::max(0.0, *std::max_element(curve.path.s.begin(), curve.path.s.end()));
+    out.undetected_distance = std::max(0.0, *std::max_element(curve.path.s.begin(), curve.path.s.end()));
     std::copy(found.trigger, found.trigger + max_joints, out.trigger.begin());
     const PiecewiseDensity& density = found.density;
     const ContactNodes& nodes = found.nodes;

@@ -12,64 +12,65 @@ struct OnsetRuns : MonteCarloRuns {
     std::vector<double> max_distance;  ///< the farthest the arm gets once it reacts; zero when never detected
     std::vector<double>
         distance;  ///< at the tick of detection, 0 behind the contact; negative: never, or before contact
-    std::vector<double> greatest;  ///< of the undisturbed motion, from contact to its end
+    std::vector<double> undetected_distance;  ///< of the undisturbed motion, from contact to its end
 
     OnsetRuns(const MonteCarloSettings& settings, int dof, bool gives_way)
         : MonteCarloRuns(settings, dof, gives_way),
           max_distance(offset.size()),
           distance(offset.size()),
-          greatest(offset.size()) {}
+          undetected_distance(offset.size()) {}
 };
 
-namespace detail {
+/// Single collisions of a trajectory: run i begins at onset i. `record`: measured noise instead of Gaussian.
+struct OnsetSampler {
+    const ArmTrajectory& trajectory;
+    const Onsets& onsets;
+    const GaussianThresholds& detector;
+    const Contact& contact;
+    const MonteCarloSettings& settings;
+    const ResidualRecord* record = nullptr;
 
-/// Run i.
-inline void sample_onset(const ArmTrajectory& trajectory, const Onsets& onsets, const GaussianThresholds& detector,
-                         const Contact& contact, const ContactPropagator* by, const MonteCarloSettings& settings,
-                         const ResidualRecord* record, std::size_t i, OnsetRuns& out) {
-    const double begin = onsets.time[i];
-    const Point3<double> normal = onsets.normal_of(i);
-    const CollisionSetup& setup = trajectory.setup();
-    // Of measured residuals no tick is certain to alarm by what a Gaussian of their spread would do.
-    const GaussianThresholds* certain = record != nullptr && by == nullptr ? nullptr : &detector;
-    const StoppingCurve curve = trajectory.curve(begin, normal, certain, contact, by);
-    // When the body is noticed does not depend on the reactions; of these one is needed.
-    ContactPaths paths;
-    if (by != nullptr) paths = trajectory.contact_paths(curve, begin, normal, trajectory.ticks());
-    MonteCarlo<double>(setup, curve, detector, contact.at_body(), settings, record, by != nullptr ? &paths : nullptr,
-                       by)
-        .run(std::int64_t(i), std::int64_t(i) + 1, out);
-    const int k = out.tick[i], period = setup.timing.period;
-    out.max_distance[i] = k < 0 ? 0 : curve.max_distance[std::size_t(k)];
-    int first = 0;
-    while (first < curve.path.ticks && !(curve.path.at_tick(first, period) > 0)) ++first;
-    out.distance[i] = k < 0 ? -1 : compression_at(curve.path, k, period, first);
-    out.greatest[i] = std::max(0.0, *std::max_element(curve.path.s.begin(), curve.path.s.end()));
-    if (by == nullptr || k < 0) return;
-    paths = trajectory.contact_paths(curve, begin, normal, k);
-    const ContactReactions<double> reactions(paths, *by);
-    const int since = k - first;
-    const auto outcome = ContactCollision<double>(reactions, &first, 0.0).detected(&since);
-    out.peak_force[i] = outcome.peak;
-    out.duration[i] = outcome.duration;
-}
+    void run(std::size_t i, OnsetRuns& out) const {
+        const double begin = onsets.time[i];
+        const Point3<double> normal = onsets.normal_of(i);
+        const CollisionSetup& setup = trajectory.setup();
+        const auto propagator = trajectory.propagator(begin, normal, contact);
+        const ContactPropagator* by = propagator ? &*propagator : nullptr;
+        // Of measured residuals no tick is certain to alarm by what a Gaussian of their spread would do.
+        const GaussianThresholds* certain = record != nullptr && by == nullptr ? nullptr : &detector;
+        const StoppingCurve curve = trajectory.curve(begin, normal, certain, contact, by);
+        // When the body is detected does not depend on the reactions; of these one is needed.
+        ContactPaths paths;
+        if (by != nullptr) paths = trajectory.contact_paths(curve, begin, normal, trajectory.ticks());
+        MonteCarlo<double>(setup, curve, detector, contact.at_body(), settings, record,
+                           by != nullptr ? &paths : nullptr, by)
+            .run(std::int64_t(i), std::int64_t(i) + 1, out);
+        const int k = out.tick[i], period = setup.timing.period;
+        out.max_distance[i] = k < 0 ? 0 : curve.max_distance[std::size_t(k)];
+        int first = 0;
+        while (first < curve.path.ticks && !(curve.path.at_tick(first, period) > 0)) ++first;
+        out.distance[i] = k < 0 ? -1 : compression_at(curve.path, k, period, first);
+        out.undetected_distance[i] = std::max(0.0, *std::max_element(curve.path.s.begin(), curve.path.s.end()));
+        if (by == nullptr || k < 0) return;
+        paths = trajectory.contact_paths(curve, begin, normal, k);
+        const ContactReactions<double> reactions(paths, *by);
+        const int since = k - first;
+        const auto outcome = ContactCollision<double>(reactions, &first, 0.0).detected(&since);
+        out.peak_force[i] = outcome.peak;
+        out.duration[i] = outcome.duration;
+    }
+};
 
-}  // namespace detail
-
-/// One collision for each onset, of which there are as many as runs. `record`: measured noise instead of Gaussian.
-inline OnsetRuns monte_carlo_onsets(const ArmTrajectory& trajectory, const Onsets& onsets,
-                                    const GaussianThresholds& detector, const Contact& contact,
-                                    const MonteCarloSettings& settings, const ResidualRecord* record = nullptr) {
-    OnsetRuns out(settings, trajectory.dof(), trajectory.setup().arm || contact.propagator(1.0));
+/// One collision for each onset, of which there are as many as runs.
+inline OnsetRuns monte_carlo_onsets(const OnsetSampler& sampler) {
+    OnsetRuns out(sampler.settings, sampler.trajectory.dof(),
+                  sampler.trajectory.setup().arm || sampler.contact.propagator(1.0));
     constexpr std::size_t block = 256;
     std::atomic<std::size_t> next{0};
-    work_in_threads(settings.threads, [&] {
-        for (std::size_t first = block * next++; first < onsets.count; first = block * next++)
-            for (std::size_t i = first; i < std::min(onsets.count, first + block); ++i) {
-                const auto by = trajectory.propagator(onsets.time[i], onsets.normal_of(i), contact);
-                detail::sample_onset(trajectory, onsets, detector, contact, by ? &*by : nullptr, settings, record, i,
-                                     out);
-            }
+    const std::size_t count = sampler.onsets.count;
+    work_in_threads(sampler.settings.threads, [&] {
+        for (std::size_t first = block * next++; first < count; first = block * next++)
+            for (std::size_t i = first; i < std::min(count, first + block); ++i) sampler.run(i, out);
     });
     return out;
 }

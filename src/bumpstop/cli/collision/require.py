@@ -56,12 +56,9 @@ def require(
         if as_json:
             typer.echo(json.dumps(to_jsonable(found.to_json()), allow_nan=False, indent=2))
         else:
-            bound = "at most" if found.worse == "higher" else "at least"
-            typer.echo(f"{name}: " + ("no value" if found.value is None else f"{bound} {found.value:g} {found.unit}"))
+            typer.echo(str(found))
             if name == "detector.thresholds" and found.value is not None:
-                typer.echo(f"the lowest; by joint {_thresholds(checked, found.value)}")
-            typer.echo(found.reason)
-            typer.echo(f"risk there {found.risk_at_value:.3g}, accepted {found.risk:g}; integrated distribution")
+                typer.echo(f"that is the lowest threshold; by joint {_thresholds(checked, found.value)}")
         return NOT_ACCEPTABLE if found.value is None or not found.false_alarm_ok else 0
     if "=" not in vary[1]:
         raise InputError("--vary", f"{vary[1]!r} has no range", f"wanted {vary[1]}=LOW:HIGH")

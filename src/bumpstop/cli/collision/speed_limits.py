@@ -83,7 +83,7 @@ def speed_limits(
 
             return "Safe speed over the workspace", [WorkspaceSpeedLimitsPart(rows, summary)], _NOTES
 
-        execute(study, out=out, as_json=as_json, threads=threads, report=report, lines=_workspace_lines)
+        execute(study, out=out, as_json=as_json, threads=threads, report=report)
         return 0
     if poses is not None:
         raise InputError("--poses", "has no meaning with a trajectory", "leave it out")
@@ -134,47 +134,10 @@ def _along(study: TrajectorySpeedLimits, null_space: bool, out: Path | None, as_
             parts.append(SuggestionPart(waypoints, suggestions))
         return "Safe speed along a trajectory", parts, _NOTES
 
-    summary = execute(study, out=out, as_json=as_json, threads=threads, report=report, lines=_trajectory_lines)
+    summary = execute(study, out=out, as_json=as_json, threads=threads, report=report)
     if files and not as_json:
         typer.echo(f"files: {', '.join(str(out / name) for name in files if out is not None)}")
     return 0 if summary["acceptable"] else NOT_ACCEPTABLE
-
-
-def _trajectory_lines(summary: dict[str, Any]) -> list[str]:
-    none, places = summary["none_safe"], summary["waypoints"] + summary["moments_between"]
-    over, moments, singular = summary["over_between"], summary["moments_between"], summary["singular"]
-    lines = [
-        f"as given, {summary['duration_s']:.4g} s: {verdict_words(summary['verdict'])}",
-        f"{summary['over']} of {summary['waypoints']} waypoints are passed faster than is safe there",
-    ]
-    if moments:
-        lines.append(f"between them the arm is faster than is safe at {over} of {moments} moments")
-    if singular:
-        lines.append(
-            f"at {singular} of {places} places, at or near a singularity, no straight line can be followed: their "
-            "limits come from the trajectory's own force distribution"
-        )
-    if none:
-        lines.append(f"at {none} of {places} places no speed is safe")
-    lines.append(
-        f"lowest limit: {summary['lowest_limit_mm_s']:.4g} mm/s at waypoint {summary['lowest_at_waypoint']} "
-        f"({summary['lowest_at_s']:.4g} s)"
-    )
-    lines.append(f"directions: {summary['directions']}")
-    if summary["retimed_duration_s"] is None:
-        lines.append(f"there is no slower trajectory: {summary['not_retimed_because']}")
-    else:
-        lines.append(
-            f"slowed down, {summary['retimed_duration_s']:.4g} s instead of {summary['duration_s']:.4g} s: "
-            f"{verdict_words(summary['retimed_verdict'])}"
-        )
-    return lines
-
-
-def verdict_words(verdict: dict[str, Any]) -> str:
-    """A verdict of the summary in a sentence."""
-    word = {True: "ACCEPTABLE", False: "NOT ACCEPTABLE", None: "NO VERDICT"}[verdict["acceptable"]]
-    return f"{word}. {verdict['reason']}"
 
 
 def _speeds(study: TrajectorySpeedLimits, retimed: Retimed | None, rows: pl.DataFrame) -> Any:
@@ -201,9 +164,3 @@ def _suggest(study: TrajectorySpeedLimits, rows: pl.DataFrame) -> pl.DataFrame:
     return pl.DataFrame(
         {"waypoint": rows["waypoint"], **columns, "undetectable_N": found.undetectable, "gain": found.gain}
     )
-
-
-def _workspace_lines(summary: dict[str, Any]) -> list[str]:
-    from bumpstop.study.speed.workspace_speed_limits import safe_poses
-
-    return [*safe_poses(summary).split("; "), f"directions: {summary['directions']}"]

@@ -5,17 +5,15 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from bumpstop.cli.folders import check_file, check_folder
 from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
+from bumpstop.terminal import terminal
 from bumpstop.text_files import list_items, write_text
-
-if TYPE_CHECKING:
-    from bumpstop.collision.stopping import StoppingFit
 
 
 def command(
@@ -69,7 +67,7 @@ def command(
     if as_json:
         typer.echo(json.dumps(fit.to_json(), allow_nan=False, indent=2))
         return
-    _print(fit)
+    fit.show(terminal())
     for what, path in (("reaction", file), ("report", page)):
         if path is not None:
             typer.echo(f"{what}: {path}")
@@ -83,33 +81,3 @@ def _number(text: str) -> float:
     if not 0 < value < math.inf:
         raise InputError("--full-speed-deg-s", f"{text!r} cannot be used", "wanted numbers above zero")
     return value
-
-
-def _print(fit: StoppingFit) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    from bumpstop.report.collision.stopping import numbers_by_joint
-
-    console = Console(highlight=False, markup=False)
-    one = fit.fits[fit.law]
-    console.print(f"{fit.law}: {one.law.formula}", soft_wrap=True)
-    laws = Table(box=None, pad_edge=False)
-    for heading in ("law", "median error", "worst"):
-        laws.add_column(heading, justify="left" if heading == "law" else "right")
-    for name, each in fit.fits.items():
-        laws.add_row(name, *(f"{100 * error:.2g} %" for error in (each.median_error, each.worst_error)))
-    console.print(laws)
-    headings, rows = numbers_by_joint(fit)
-    numbers = Table(box=None, pad_edge=False)
-    for heading in headings:
-        numbers.add_column(heading, justify="right" if heading else "left")
-    for row in rows:
-        numbers.add_row(*row)
-    console.print(numbers)
-    for note in fit.notes:
-        console.print(f"note: {note}", soft_wrap=True)
-    try:
-        console.print(fit.reaction_toml, end="", soft_wrap=True)
-    except InputError as error:
-        console.print(f"no [reaction]: {error}", soft_wrap=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -64,7 +63,6 @@ def execute(
     as_json: bool,
     threads: int,
     report: Callable[[pl.DataFrame, dict[str, Any]], tuple[str, Sequence[Part], Sequence[str]]],
-    lines: Callable[[dict[str, Any]], Sequence[str]],
 ) -> dict[str, Any]:
     """Run a study, write its files and print what it found.
 
@@ -74,7 +72,6 @@ def execute(
         as_json: print the summary as JSON and nothing else on stdout.
         threads: of this process.
         report: title of the page, its parts and its notes, from rows and summary.
-        lines: what a person reads on the terminal, from the summary.
 
     Returns:
         The summary.
@@ -84,10 +81,11 @@ def execute(
 
     begin = time.perf_counter()
     with progress(study.title) as share:
-        rows, summary = run(
+        found = run(
             study, out, threads=threads, progress=lambda done, total: share(done / total), command=running_command()
         )
     seconds = time.perf_counter() - begin
+    rows, summary = found.rows, found.summary
     page = None
     if out is not None:
         from bumpstop.report.studies.study import write_study_report
@@ -97,8 +95,7 @@ def execute(
     if as_json:
         typer.echo(json.dumps(to_jsonable(summary) | {"seconds": round(seconds, 3)}, allow_nan=False, indent=2))
         return summary
-    for line in lines(summary):
-        typer.echo(line)
+    typer.echo(str(found))
     typer.echo(f"{rows.height} rows in {seconds:.1f} s")
     if page is not None:
         typer.echo(f"report: {page}")
@@ -136,7 +133,7 @@ def parameters(
 
         return pages_of(study, rows, summary)
 
-    execute(study, out=out, as_json=as_json, threads=threads, report=report, lines=_parameter_lines)
+    execute(study, out=out, as_json=as_json, threads=threads, report=report)
 
 
 @app.command("effectiveness")
@@ -170,7 +167,7 @@ def effectiveness(
 
         return pages_of(study, rows, summary)
 
-    execute(study, out=out, as_json=as_json, threads=threads, report=report, lines=_effectiveness_lines)
+    execute(study, out=out, as_json=as_json, threads=threads, report=report)
 
 
 @app.command("workspace")
@@ -240,76 +237,4 @@ def workspace(
 
         return pages_of(study, rows, summary)
 
-    execute(study, out=out, as_json=as_json, threads=threads, report=report, lines=_workspace_lines)
-
-
-def _parameter_lines(summary: dict[str, Any]) -> list[str]:
-    from bumpstop.study.variable import per
-
-    lines = [
-        f"peak force of the scenario: mean {summary['control']['mean_N']:.4g} N, sd {summary['control']['sd_N']:.3g} N"
-    ]
-    for each in summary["parameters"]:
-        name = each.get("better_law") or each.get("source_law")
-        fit = next((fit for fit in each["fits"] if fit["name"] == name), None)
-        shape = f"{name}, R2 {fit['r2']:.4f}: {fit['formula']}" if fit else "no fit"
-        lines.append(f"{each['key']} {each['low']:g} to {each['high']:g} {each['unit']}: {each['direction']}; {shape}")
-        unit = per("N", each["unit"])
-        lines.append(f"  dF/dx at {each['control']:g}: {each['derivative']['mean']:.4g} {unit}")
-    guide = summary.get("guide")
-    if guide:
-        plan = guide["combined"]
-        if plan is None or not guide["single_change"]:
-            lines.append(guide["reason"])
-        if plan is not None and guide["single_change"]:
-            values = ", ".join(f"{key} = {value:.6g}" for key, value in plan["values"].items())
-            lines.append(f"cheapest way to meet the limits, at a cost of {plan['cost']:.4g}: {values}")
-    return lines
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.1f} %" if math.isfinite(share) else "none"
-
-
-def _effectiveness_lines(summary: dict[str, Any]) -> list[str]:
-    lines = [f"highest safe speed, mm/s (P(over a limit) at most {summary['risk']:g})"]
-    for each in summary["safe_speeds"]:
-        speed = each["safe_speed_mm_s"]
-        found = each["reason"]
-        if speed is not None:
-            binding = each["binding"].replace("_", " ")
-            found = f"{speed:g} or more" if binding == "none" else f"{speed:g}, bound by {binding}"
-        lines.append(f"  {each['table']} {each['body']} {each['direction']} {each['area_cm2']:g} cm²: {found}")
-    return lines
-
-
-def _workspace_lines(summary: dict[str, Any]) -> list[str]:
-    from bumpstop.report.formatting import correlation
-
-    lines = [
-        f"{summary['laws']} distributions; {summary['singular_starts']} poses start at a singularity and have none"
-    ]
-    if not summary["laws"]:
-        return lines
-    if summary["never_touch"]:
-        of = summary["laws"]
-        lines.append(f"{summary['never_touch']} of {of} motions never touch anything: they say nothing about safety")
-    for name, limit in zip(("force", "pressure"), summary["limits"].values(), strict=False):
-        share = summary[f"p_over_{name}"]
-        lines.append(
-            f"P(over the {name} limit, {limit:g} N): {share['mean']:.4f}, standard error {share['standard_error']:.4f}"
-        )
-        touching = summary[f"p_over_{name}_of_touching"]
-        if summary["never_touch"] and touching:
-            lines.append(f"  of the motions that touch: {touching['mean']:.4f}")
-    for name, found in summary.get("predictors", {}).items():
-        missed, refused = _percent(found["unsafe_missed"]), _percent(found["safe_refused"])
-        rank = f"rank correlation {correlation(found['rank_correlation'])}"
-        lines.append(f"{name.replace('_', ' ')}: {rank}, misses {missed} of unsafe poses, rejects {refused} of safe")
-    low, high = summary["distribution"]["mode_of_collisions_N"]
-    lines.append(f"most common peak force: {low:g} to {high:g} N")
-    ends = ", ".join(f"{end.replace('_', ' ')} {count}" for end, count in summary["ends"].items() if count)
-    lines.append(f"undetected: {summary['undetected']['mean']:.4f}; motions end by: {ends}")
-    if summary["self_collisions"]["looked_for"]:
-        lines.append(f"poses discarded for self-collision: {summary['self_collisions']['poses_discarded']}")
-    return lines
+    execute(study, out=out, as_json=as_json, threads=threads, report=report)

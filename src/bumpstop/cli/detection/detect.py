@@ -23,9 +23,10 @@ from bumpstop.cli.folders import check_folder, writing
 from bumpstop.cli.option_names import as_options
 from bumpstop.cli.progress import progress
 from bumpstop.errors import InputError
+from bumpstop.terminal import terminal
 
 if TYPE_CHECKING:
-    from bumpstop.detection import DetectionRun, DetectorSettings, Event, Thresholds
+    from bumpstop.detection import DetectionRun, DetectorSettings, Thresholds
     from bumpstop.model import Robot
 
 Limits = Annotated[
@@ -105,7 +106,7 @@ def detect(
     if as_json:
         typer.echo(text)
         return status
-    _print(run, arm, settings)
+    run.show(terminal())
     for one in stretches or ():
         typer.echo(
             f"from {one.start_s:.4f} to {one.end_s:.4f} s up to {one.largest_N:.4g} N could stay undetected"
@@ -141,6 +142,7 @@ def detector(
     """Write robot, joint model and thresholds as one file for the control loop (detector_description.hpp)."""
     from bumpstop.detection import Detector, save_detector
     from bumpstop.detection.detector import window_notes
+    from bumpstop.detection.events import settings_text
     from bumpstop.identification import DynamicsModel
 
     given, arm = residual_source.parts
@@ -157,7 +159,7 @@ def detector(
     save_detector(made, file)
     typer.echo(f"detector: {file}")
     summary = made.summary(settings.period_s)
-    typer.echo(f"settings: {', '.join(f'{name} {_said(value)}' for name, value in summary.items())}")
+    typer.echo(f"settings: {settings_text(summary)}")
     differs = law.differences(settings)
     for note in differs:
         typer.echo(f"warning: {note}", err=True)
@@ -187,91 +189,10 @@ def _settings(
     )
 
 
-def _said(value: object) -> str:
-    if value is None:
-        return "never"
-    return f"{value:g}" if isinstance(value, float) else str(value).lower()
-
-
-def _units(arm: Robot) -> tuple[str, ...]:
-    from bumpstop.model import unit_of
-
-    return tuple(unit_of(joint) for joint in arm.joints)
-
-
-def _print(run: DetectionRun, arm: Robot, settings: DetectorSettings) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    from bumpstop.report.detection.events import conclusion
-
-    console = Console(highlight=False, markup=False, soft_wrap=True)
-    console.print(conclusion(run))
-    if run.events:
-        table = Table(box=None, pad_edge=False)
-        for heading in (
-            "begin, s",
-            "end, s",
-            "joints",
-            "residual",
-            "largest",
-            "force, N",
-            "likeliest link",
-            "possible links",
-        ):
-            table.add_column(
-                heading, justify="right" if heading in ("begin, s", "end, s", "force, N") else "left", overflow="fold"
-            )
-        units = _units(arm)
-        for event in run.events:
-            joints = sorted({*event.joints, *event.fast_joints})
-            residuals = ", ".join(f"{event.residual[j]:.3g} {units[j]}" for j in joints)
-            at = event.largest_joint
-            table.add_row(
-                f"{event.t:.4f}",
-                f"{event.end:.4f}",
-                ", ".join(str(j + 1) for j in joints),
-                residuals,
-                "-" if at is None else f"{event.largest_residual[at]:.3g} {units[at]} (joint {at + 1})",
-                _force(event),
-                event.link or "-",
-                ", ".join(event.possible_links) or "none",
-            )
-        console.print(table)
-        for event in run.events:
-            if event.standing:
-                held = ", ".join(f"{j + 1} up to {event.hidden[j]:.3g} {units[j]}" for j in event.standing)
-                console.print(f"at {event.t:.4f} s joints stood still, and friction may hide of joint {held}")
-        console.print(
-            f"force at {settings.link or arm.tip_name} along {list(settings.direction)}, of the arm on the body"
-        )
-    why = ", ".join(f"{name} {rows}" for name, rows in run.no_data_rows().items())
-    console.print(f"no data: {run.no_data_s:.4g} s" + (f" ({why})" if why else ""))
-    console.print(f"settings: {', '.join(f'{name} {_said(value)}' for name, value in run.settings.items())}")
-    if run.arming_s:
-        console.print(
-            f"arming: {run.arming_s:.4g} s; over a threshold meanwhile: {int(run.masked_while_arming.sum())} rows"
-        )
-    if run.late.any():
-        console.print(f"late: {int(run.late.sum())} rows came after lost ones")
-    if run.payload_changed.any():
-        first = float(run.t[int(run.payload_changed.argmax())])
-        console.print(f"payload changed: recognised from {first:.4f} s on")
-    for note in run.notes:
-        console.print(f"note: {note}")
-
-
-def _force(event: Event) -> str:
-    """Along the direction, with two standard deviations; nothing where no joint tells anything of it."""
-    if not math.isfinite(event.force_along_sd):
-        return "not detectable"
-    return f"{event.force_along:.3g} +- {2 * event.force_along_sd:.2g}"
-
-
 def _write(run: DetectionRun, arm: Robot, events: str, folder: Path, asked: dict[str, str], name: str) -> None:
     from bumpstop.report.detection.events import write_events
 
-    write_events(run, arm, _units(arm), folder, asked=asked, name=name)
+    write_events(run, arm, folder, asked=asked, name=name)
     with writing(folder):
         (folder / "events.json").write_text(events + "\n", encoding="utf-8")
         # Those of an earlier run are none of this one.

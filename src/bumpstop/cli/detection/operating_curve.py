@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 # Of the wanted rate.
 _TIMES = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)
-_SAMPLES = 20_000  # runs of a law with measured noise
+_SAMPLES = 20_000  # runs of a distribution with measured noise
 
 
 @dataclass(frozen=True, eq=False)

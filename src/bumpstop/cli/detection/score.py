@@ -25,7 +25,7 @@ from bumpstop.text_files import read_text
 
 if TYPE_CHECKING:
     from bumpstop.detection import Label, ResidualSeries, Roc, Score, Tolerance
-    from bumpstop.detection.scoring.scoring import Interval
+    from bumpstop.detection.scoring.score import Interval
     from bumpstop.recording import Recording
 
 _MAX_BYTES = 100_000_000  # of events
@@ -99,7 +99,7 @@ def command(
                 "arming delay, s": f"{arming_delay:g}",
                 "early, s": f"{early:g}",
                 "late, s": f"{late:g}",
-                "quiet time between events, s": f"{rearm:g}",
+                "time below the thresholds between events, s": f"{rearm:g}",
                 **residual_source.reading,
             },
             detector=detector_settings(residual_source, thresholds) if recorded else {},

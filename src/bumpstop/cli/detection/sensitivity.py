@@ -56,6 +56,7 @@ def command(
     import numpy as np
 
     from bumpstop.model.pose_limits import check_pose
+    from bumpstop.study import to_jsonable
 
     arm = load_robot(robot, base, tip)
     for name, value in (("--stiffness", stiffness), ("--speed-mm-s", speed_mm_s), ("--period", period), ("--z", z)):
@@ -84,7 +85,7 @@ def command(
     )
     found |= {"standing": None if hidden is None else _standing(arm, q, limits, hidden, along, about)}
     if as_json:
-        typer.echo(json.dumps(_finite(found), allow_nan=False, indent=2))
+        typer.echo(json.dumps(to_jsonable(found), allow_nan=False, indent=2))
     else:
         _print(found, arm)
 
@@ -232,14 +233,6 @@ def _found(
 
 def _ratio(values: list[float]) -> float:
     return values[0] / values[-1] if values[-1] > 1e-12 * values[0] else math.inf
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _print(found: dict[str, Any], arm: Robot) -> None:

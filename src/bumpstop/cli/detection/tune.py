@@ -15,16 +15,16 @@ from bumpstop.cli.detection.residuals import holds_residuals, joint_numbers, loa
 from bumpstop.cli.folders import check_file, check_folder
 from bumpstop.cli.progress import progress
 from bumpstop.errors import InputError, near_matches
+from bumpstop.terminal import table, terminal
 from bumpstop.text_files import list_items, toml_value, write_text
 
 if TYPE_CHECKING:
     from bumpstop.cli.detection.operating_curve import OperatingPoint
     from bumpstop.detection import ResidualSeries, Tuning
-    from bumpstop.detection.tuning.tuning import Term
+    from bumpstop.detection.tuning.result import Term
 
 THRESHOLD_KEYS = ("thresholds_Nm", "per_speed_Nm_s", "per_acceleration_Nm_s2", "fast_Nm")
 """Of a file of thresholds, as far as they are tuned."""
-_MIN_RATE, _MANY = 1e-3, 1e3  # an hour: nobody waits for rarer ones, and rates are told without powers of ten
 
 
 @takes_residual_source
@@ -146,21 +146,14 @@ def _hold_for(series: list[ResidualSeries], residual_source: ResidualSource | No
     return held
 
 
-def _rates(low: float, high: float) -> str:
-    """An interval of false alarms an hour, without powers of ten."""
-    least = "less than 0.001" if low < _MIN_RATE <= high else f"{low:.3g}"
-    return f"{least} to {f'{high:.3g}' if high < _MANY else f'{high:.0f}'}"
-
-
 def _save(tuning: Tuning, series: list[ResidualSeries], path: Path, residual_source: ResidualSource | None) -> None:
     import bumpstop
-    from bumpstop.detection.durations import hours_in_words
+    from bumpstop.detection.durations import hours_in_words, rates_in_words
 
-    low, high = tuning.per_hour_interval()
     times = tuning.extrapolation()
     told = [
         f"bumpstop {bumpstop.__version__} tune, {tuning.target:.4g} false alarms an hour wanted",
-        f"rate {100 * tuning.confidence:g} % interval: {_rates(low, high)} an hour",
+        f"rate {100 * tuning.confidence:g} % interval: {rates_in_words(*tuning.per_hour_interval())} an hour",
         f"from {hours_in_words(tuning.tail.hours)}; one alarm is expected in {times:.4g} times that",
         *(f"recording: {json.dumps(one.source)}" for one in series),
         *tuning.notes,
@@ -179,7 +172,7 @@ def _save(tuning: Tuning, series: list[ResidualSeries], path: Path, residual_sou
 def _terms(text: str | None) -> tuple[Term, ...]:
     from typing import get_args
 
-    from bumpstop.detection.tuning.tuning import Term
+    from bumpstop.detection.tuning.result import Term
 
     known = get_args(Term)
     names = [] if text is None else list_items(text)
@@ -203,42 +196,25 @@ def _trimmed(series: ResidualSeries, start_s: float, end_s: float) -> ResidualSe
 
 
 def _print(tuning: Tuning, points: list[OperatingPoint], names: list[str]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    console = Console(highlight=False, markup=False)
-    low, high = tuning.per_hour_interval()
-    percent = f"{100 * tuning.confidence:g} %"
-    console.print(f"{tuning.target:.4g} false alarms an hour; {percent} interval {_rates(low, high)}")
-    table = Table(box=None, pad_edge=False)
-    more = tuning.columns()
-    for heading in ("joint", "threshold", f"{percent} interval", *more):
-        table.add_column(heading, justify="left" if heading == "joint" and names else "right")
-    ends = tuning.thresholds_interval()
-    for j, (value, below, above) in enumerate(zip(tuning.thresholds(), *ends, strict=True), start=1):
-        cells = [f"{value:.4g}", f"{below:.4g} to {above:.4g}"] if math.isfinite(value) else ["not monitored", ""]
-        cells += [f"{column[j - 1]:.4g}" if math.isfinite(value) else "" for column in more.values()]
-        table.add_row(" ".join((str(j), *names[j - 1 : j])), *cells)
-    console.print(table)
+    console = terminal()
+    tuning.show(console, names)
     if points:
         console.print(_operating_curve_table(points))
     for note in tuning.notes:
-        console.print(f"note: {note}", soft_wrap=True)
+        console.print(f"note: {note}")
 
 
 def _operating_curve_table(points: list[OperatingPoint]) -> Any:
-    from rich.table import Table
-
     from bumpstop.report.formatting import acceptable
 
-    table = Table(box=None, pad_edge=False)
-    for heading in ("alarms an hour", "scenario", "peak N p50", "p95", "p99.9", "undetectable N", "acceptable"):
-        table.add_column(heading, justify="left" if heading == "scenario" else "right")
+    headings = ("alarms an hour", "scenario", "peak N p50", "p95", "p99.9", "undetectable N", "acceptable")
+    rows = []
     for point in points:
         rate = f"{point.per_hour:.4g}" + (" *" if point.extrapolated else "")
         for name, forces in point.forces.items():
             cells = ("-" if forces[k] is None else f"{forces[k]:.4g}" for k in ("p50", "p95", "p999", "anywhere"))
-            table.add_row(rate, Path(name).stem, *cells, acceptable(forces, "-"))
+            rows.append((rate, Path(name).stem, *cells, acceptable(forces, "-")))
+    made = table(headings, rows, left=("scenario",))
     if any(point.extrapolated for point in points):
-        table.caption = "* more than 100 times what was recorded"
-    return table
+        made.caption = "* more than 100 times what was recorded"
+    return made

@@ -19,9 +19,7 @@ NOT_USABLE = 3
 
 def print_verdict(verdict: FitVerdict) -> None:
     """One line, and a line for every reason."""
-    typer.echo(verdict.line())
-    for reason in verdict.reasons():
-        typer.echo(reason)
+    typer.echo(str(verdict))
 
 
 def exit_status(verdict: FitVerdict) -> int:

@@ -50,7 +50,7 @@ def identify_drive_train_of(
     if as_json:
         typer.echo(json.dumps(_json(found), allow_nan=False, indent=2))
     else:
-        _print(found)
+        typer.echo(str(found))
         print_reading(list(logs))
         if file is not None and found.identified:
             typer.echo(f"drive train: {file}")
@@ -76,20 +76,3 @@ def _json(found: DriveTrainFit) -> dict[str, Any]:
 
 def _numbers(values: JointValues, numbers: Any) -> list[float | None]:
     return [float(x) if told else None for x, told in zip(numbers, values.identified, strict=True)]
-
-
-def _print(found: DriveTrainFit) -> None:
-    from bumpstop.model import unit_of
-    from bumpstop.model.drive_train.drive_train import QUANTITIES
-
-    for name, values in found.found.items():
-        typer.echo(f"{name.replace('_', ' ')}:")
-        turning, sliding = QUANTITIES[name]
-        for j, (joint, reason) in enumerate(zip(found.robot.joints, values.reasons, strict=True)):
-            unit = unit_of(joint, turning=turning, sliding=sliding)
-            figure = f"{values.values[j]:.4g} +- {values.errors[j]:.2g}" + ("" if unit == "1" else f" {unit}")
-            typer.echo(f"  {joint.name}: {f'not identified: {reason}' if reason else figure}")
-    for name, reason in found.reasons.items():
-        typer.echo(f"{name.replace('_', ' ')}: not looked for: {reason}")
-    if not found.identified:
-        typer.echo("NOT USABLE  Nothing of the drive train was identified.")

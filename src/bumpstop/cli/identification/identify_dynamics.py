@@ -7,10 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import typer
 
-from bumpstop.cli.collision.shares import or_null, share_text
+from bumpstop.arrays import finite_or_none
 from bumpstop.cli.identification.arm_recordings import carried_of, known_of
 from bumpstop.cli.identification.consistent_inertia import inertias_json, print_inertias
 from bumpstop.cli.identification.fit_verdict import exit_status, print_reading, print_verdict
@@ -90,19 +89,7 @@ def identify_dynamics_of(
         return exit_status(verdict)
     print_verdict(verdict)
     _print_scores(scores, fit.model.cutoff_hz, "on the rows of the fit")
-    _print_gains(fit)
-    if fit.held_out:
-        tried = ", ".join(f"{cutoff:g} Hz {100 * share:.3g} %" for cutoff, share in fit.held_out.items())
-        typer.echo(f"5-fold cross-validation error, by cut-off: {tried}")
-    whole = "" if fit.rows_whole <= fit.rows_used else f" of {fit.rows_whole}, in blocks spread over the time"
-    typer.echo(f"{len(fit.model.values)} base parameters from {fit.rows_used} rows{whole}")
-    _print_left(fit.rows_left, fit.rows_beside_gaps, fit.model.cutoff_hz)
-    for name, value, error in zip(fit.names, fit.model.values, fit.errors, strict=True):
-        weak = "" if abs(value) >= 2 * error else "  (not distinguishable from zero)"
-        typer.echo(f"  {value:12.4g} +- {error:.2g}  {name}{weak}")
-    _print_laws(fit)
-    if fit.unobservable:
-        typer.echo(f"not visible in this motion: {', '.join(fit.unobservable)}")
+    typer.echo(str(fit))
     if bodies is not None:
         print_inertias(bodies)
     print_reading(logs)
@@ -130,6 +117,7 @@ def validate_dynamics(
     ``load`` reads the recordings of the model's robot.
     """
     from bumpstop.identification import DynamicsFit, judge_predictions
+    from bumpstop.identification.dynamics.dynamics_fit import left_out_notes
 
     fit = DynamicsFit.load(model)
     logs = load(fit.model.robot)
@@ -158,37 +146,14 @@ def validate_dynamics(
         return exit_status(verdict)
     print_verdict(verdict)
     _print_scores(scores, filter_hz or fit.model.cutoff_hz, where)
-    _print_left(rows.rows_left, rows.rows_beside_gaps, fit.model.cutoff_hz)
+    for note in left_out_notes(rows.rows_left, rows.rows_beside_gaps, fit.model.cutoff_hz):
+        typer.echo(note)
     if contact:
         typer.echo(contact)
     print_reading(logs)
     if out is not None:
         typer.echo(f"report: {out / 'report.html'}")
     return exit_status(verdict)
-
-
-def _print_left(rows_left: int, beside_gaps: int, cutoff_hz: float) -> None:
-    if rows_left:
-        typer.echo(f"note: {rows_left} rows lie in segments between gaps too short to use")
-    if beside_gaps:
-        typer.echo(f"note: {beside_gaps} rows within {1 / cutoff_hz:.2g} s of gaps are left away")
-
-
-def _print_laws(fit: DynamicsFit) -> None:
-    """Joints whose friction is more than Coulomb's and viscous, and what was left out of the fit."""
-    bent = (
-        []
-        if fit.model.top_speed is None
-        else np.flatnonzero(np.isfinite(fit.model.top_speed[: fit.model.robot.dof])).tolist()
-    )
-    for what, joints in (("bends with the speed", bent), ("grows with the load", list(fit.model.loaded))):
-        if joints:
-            typer.echo(f"friction {what}: {', '.join(fit.model.robot.joints[j].name for j in joints)}")
-    if fit.rows_at_ends:
-        typer.echo(f"note: {fit.rows_at_ends} rows at the ends of recordings are left away")
-    for joint, rows in zip(fit.model.robot.joints, () if fit.rows_at_rest is None else fit.rows_at_rest, strict=False):
-        if rows:
-            typer.echo(f"note: {joint.name} rests in {rows} of the {fit.rows_used} rows; they stay out of its fit")
 
 
 def _identified(fit: DynamicsFit, scores: tuple[JointScore, ...], logs: Sequence[Recording]) -> dict[str, Any]:
@@ -205,7 +170,7 @@ def _identified(fit: DynamicsFit, scores: tuple[JointScore, ...], logs: Sequence
                 "name": score.name,
                 "observable": bool(own) and not score.free_gain,
                 "parameters": own,
-                "r2": or_null(score.r2),
+                "r2": finite_or_none(score.r2),
                 "rmse_Nm": None if score.free_gain else score.rmse,
             }
         )
@@ -227,7 +192,11 @@ def _identified(fit: DynamicsFit, scores: tuple[JointScore, ...], logs: Sequence
 
 
 def _score_json(score: JointScore) -> dict[str, Any]:
-    shares = {"r2": or_null(score.r2), "r2_raw": or_null(score.r2_raw)}
+    shares = {
+        "r2": finite_or_none(score.r2),
+        "r2_raw": finite_or_none(score.r2_raw),
+        "rest_share": score.rest_share,
+    }
     return {"name": score.name, **shares, "mean": score.mean, "sd": score.sd, "rmse": score.rmse, "unit": score.unit}
 
 
@@ -243,24 +212,12 @@ def _known_gains(given: Sequence[str] | None) -> dict[str, float]:
     return found
 
 
-def _print_gains(fit: DynamicsFit) -> None:
-    if fit.model.gains is None:
-        return
-    typer.echo("gains, torque per motor current:")
-    for j, joint in enumerate(fit.model.robot.joints, start=1):
-        (gain, unit), error = fit.parameters[f"gain_{j}"], fit.standard_errors[f"gain_{j}"]
-        if gain is None:
-            typer.echo(f"  {joint.name}: not identifiable, the scale of its torque means nothing")
-        else:
-            how = f"+- {error:.2g}" if error else "(given)"
-            typer.echo(f"  {joint.name}: {gain:.4g} {how} {unit}")
-
-
 def _print_scores(scores: Sequence[JointScore], cutoff_hz: float, where: str) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from bumpstop.report.formatting import number
+    from bumpstop.identification.comparison import rest_words
+    from bumpstop.terminal import number, share
 
     table = Table(box=None, pad_edge=False)
     for heading in ("joint", "R2", "R2 unfiltered", "mean error", "sd", "rmse"):
@@ -268,9 +225,11 @@ def _print_scores(scores: Sequence[JointScore], cutoff_hz: float, where: str) ->
     for score in scores:
         unit = f" {score.unit}" if score.free_gain else ""
         errors = (f"{number(error)}{unit}" for error in (score.mean, score.sd, score.rmse))
-        table.add_row(score.name, *map(share_text, (score.r2, score.r2_raw)), *errors)
+        table.add_row(score.name, *(share(x, rests=score.rests) for x in (score.r2, score.r2_raw)), *errors)
     console = Console(highlight=False, markup=False)
     console.print(f"predicted torque {where}, compared at {cutoff_hz:g} Hz, errors unfiltered")
     console.print(table)
+    if words := rest_words(scores):
+        typer.echo(f"note: {words}")
     if hidden := [score.name for score in scores if score.free_gain]:
         typer.echo(f"note: R2 of {', '.join(hidden)} is that up to a free gain, errors are of the current [A]")

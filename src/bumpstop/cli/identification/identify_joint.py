@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from bumpstop.cli.collision.shares import or_null, share_text
+from bumpstop.arrays import finite_or_none
 from bumpstop.cli.folders import writing
 from bumpstop.cli.identification.arm_recordings import known_of
 from bumpstop.cli.identification.fit_verdict import exit_status, print_reading, print_verdict
 from bumpstop.cli.identification.model_report import joint_model_report
 from bumpstop.cli.progress import progress
 from bumpstop.errors import InputError
+from bumpstop.terminal import terminal
 
 if TYPE_CHECKING:
     from bumpstop.identification import CurrentComparison, JointFit, JointModelFit, JointScore
@@ -74,7 +75,7 @@ def identify_joint(
         typer.echo(json.dumps({"verdict": verdict.to_json()} | _identified(fit, logs), allow_nan=False, indent=2))
         return exit_status(verdict)
     print_verdict(verdict)
-    _print_fit(fit, uncertainty)
+    fit.show(terminal())
     _print_left(fit.rows)
     print_reading(logs)
     if model_file is not None:
@@ -157,7 +158,7 @@ def _joint(joint: JointFit) -> dict[str, Any]:
         },
         "gain_errors": dict(joint.gain_errors),
         "unobservable": dict(joint.unobservable),
-        "r2": or_null(joint.r2),
+        "r2": finite_or_none(joint.r2),
         "rmse_A": joint.rmse,
         "current_range": None if own.current_range is None else list(own.current_range),
         "speed_range": None if own.speed_range is None else list(own.speed_range),
@@ -186,54 +187,16 @@ def _validated(
 
 
 def _score(score: JointScore | None, unit: str) -> dict[str, Any]:
-    names = ("r2", "r2_raw", "mean", "sd", "rmse")
-    return {name: None if score is None else or_null(getattr(score, name)) for name in names} | {"unit": unit}
-
-
-def _print_fit(fit: JointModelFit, inertia_uncertainty: float) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    unit = fit.model.unit
-    typer.echo(f"joint model from {fit.rows_used} rows, filtered at {fit.cutoff_hz:g} Hz, Huber's loss")
-    if fit.held_out:
-        tried = ", ".join(f"{cutoff:g} Hz {100 * share:.3g} %" for cutoff, share in fit.held_out.items())
-        typer.echo(f"5-fold cross-validation error, by cut-off: {tried}")
-    table = Table(box=None, pad_edge=False)
-    for heading in ("joint", "R2", f"rmse, {unit}", "map", "friction"):
-        table.add_column(heading, justify="right" if heading[0] in "Rr" else "left")
-    for joint in fit.joints:
-        own = joint.parameters
-        table.add_row(joint.name, share_text(joint.r2), f"{joint.rmse:.4g}", own.map, own.friction)
-    Console(highlight=False, markup=False).print(table)
-    typer.echo("parameters, with their standard errors:")
-    for joint in fit.joints:
-        figures = (
-            f"{name} {found.value:.4g}" + ("" if found.standard_error is None else f" +- {found.standard_error:.2g}")
-            for name, found in joint.parameters.parameters.items()
-            if found is not None
-        )
-        typer.echo(f"  {joint.name}: {', '.join(figures) or 'none seen'}")
-    typer.echo(
-        f"standard errors know of noise, of an inertia known to {100 * inertia_uncertainty:g} % and, of B, of the "
-        "choice of the model"
-    )
-    typer.echo(f"5-fold cross-validation error, rms {unit}, by current-to-torque model and friction:")
-    for joint in fit.joints:
-        errors = (
-            f"{tried.map}/{tried.friction} " + (f"{tried.held_out:.4g}" if tried.held_out is not None else "refused")
-            for tried in joint.candidates
-        )
-        typer.echo(f"  {joint.name}: {', '.join(errors) or 'none tried'}")
-    for warning in fit.warnings:
-        typer.echo(f"warning: {warning}")
+    names = ("r2", "r2_raw", "rest_share", "mean", "sd", "rmse")
+    return {name: None if score is None else finite_or_none(getattr(score, name)) for name in names} | {"unit": unit}
 
 
 def _print_scores(found: CurrentComparison, scores: Sequence[JointScore | None], title: str) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from bumpstop.report.formatting import number
+    from bumpstop.identification.comparison import rest_words
+    from bumpstop.terminal import number, share
 
     table = Table(box=None, pad_edge=False)
     for heading in ("joint", "R2", "R2 unfiltered", "mean error", "sd", "rmse"):
@@ -244,9 +207,12 @@ def _print_scores(found: CurrentComparison, scores: Sequence[JointScore | None],
             table.add_row(joint.name, *["unknown gain"], *[""] * 4)
             continue
         errors = (score.mean, score.sd, score.rmse)
-        table.add_row(score.name, share_text(score.r2), share_text(score.r2_raw), *map(number, errors))
+        shares = (share(x, rests=score.rests) for x in (score.r2, score.r2_raw))
+        table.add_row(score.name, *shares, *map(number, errors))
     console = Console(highlight=False, markup=False)
     console.print(title)
     console.print(table)
+    if words := rest_words([score for score in scores if score is not None]):
+        typer.echo(f"note: {words}")
     if hidden:
         typer.echo(f"note: R2 of {', '.join(hidden)} is that up to a free gain: the gain is not known")

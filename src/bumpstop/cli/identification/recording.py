@@ -120,20 +120,21 @@ def _print(recording: Recording, robot: Robot | None, console: Console) -> None:
     console.print(f"{recording.source}: {recording.t.size} rows, {recording.dof} {joints}{arm}")
     steps = 1e3 * np.diff(recording.t)
     console.print(
-        f"time: {recording.t[0]:.6g} to {recording.t[-1]:.6g} s ({recording.duration:.6g} s), median rate "
+        f"time: {_seconds(recording.t[0])} to {_seconds(recording.t[-1])} s ({recording.duration:.4g} s), median rate "
         f"{recording.rate_hz:.4g} Hz, intervals {steps.min():.4g} to {steps.max():.4g} ms"
     )
     if recording.t[0] != 0:
         console.print(
-            f"--from and --until count from its beginning: 0 to {recording.duration:.6g} s are {recording.t[0]:.6g} to "
-            f"{recording.t[-1]:.6g} s here"
+            f"--from and --until count from its beginning: 0 to {recording.duration:.4g} s are "
+            f"{_seconds(recording.t[0])} to {_seconds(recording.t[-1])} s here"
         )
     _print_table(recording, robot, console)
     if recording.wrench is not None:
         force, torque = (np.linalg.norm(recording.wrench[:, part], axis=1).max() for part in (slice(3), slice(3, 6)))
         console.print(f"wrench: up to {force:.4g} N and {torque:.4g} Nm")
     longest = sorted(report.gaps, key=lambda gap: -gap[1])[:_MAX_GAPS]
-    where = ": " + ", ".join(f"{1e3 * length:.4g} ms at {start:.6g} s" for start, length in longest) if longest else ""
+    places = ", ".join(f"{1e3 * length:.4g} ms at {_seconds(start)} s" for start, length in longest)
+    where = f": {places}" if places else ""
     console.print(f"gaps: {len(report.gaps)}{where}" + (" ..." if len(report.gaps) > _MAX_GAPS else ""))
     console.print(f"bad rows: {report.rows_dropped} of {report.rows_read}" + _counts(report.counts))
     for row, reason in report.dropped:
@@ -146,6 +147,11 @@ def _print(recording: Recording, robot: Robot | None, console: Console) -> None:
         console.print(f"fault: {fault}")
     for note in report.notes:
         console.print(f"note: {note}")
+
+
+def _seconds(t: float) -> str:
+    """A time of a recording [s]: four digits, to a tenth of a second where it counts from long before."""
+    return f"{t:.1f}" if abs(t) >= 1e4 else f"{t:.4g}"
 
 
 def _counts(counts: Mapping[str, int]) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from bumpstop.cli.collision.shares import or_null
+from bumpstop.arrays import finite_or_none
 from bumpstop.cli.folders import writing
 from bumpstop.cli.identification.fit_verdict import exit_status, print_reading, print_verdict
 from bumpstop.errors import InputError
@@ -92,7 +92,7 @@ def protocol_json(fit: ProtocolFit, beside: FitComparison, logs: Sequence[Record
                 "parameters": {name: _parameter(value) for name, value in one.parameters.items()},
                 "map": one.map,
                 "friction": one.friction.law,
-                "friction_held_out_A": {name: or_null(error) for name, error in one.friction_held_out.items()},
+                "friction_held_out_A": {name: finite_or_none(error) for name, error in one.friction_held_out.items()},
                 "held_out_rmse_Nm": one.held_out,
                 "friction_sd": one.friction_sd,
                 "strokes": len(one.strokes),

@@ -33,7 +33,7 @@ def keys_without_effect(scenario: Scenario) -> dict[str, str]:
 
 
 def given_without_effect(scenario: Scenario) -> dict[str, str]:
-    """Those of them that somebody wrote, perhaps in the belief that they count."""
+    """Those of them that the scenario gives."""
     return {key: why for key, why in keys_without_effect(scenario).items() if _is_given(scenario, key)}
 
 

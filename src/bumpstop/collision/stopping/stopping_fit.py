@@ -5,14 +5,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop.arrays import FloatArray
+from bumpstop.arrays import FloatArray, finite_or_none
 from bumpstop.collision.stopping.deceleration_laws import LAWS, DecelerationLaw
 from bumpstop.collision.stopping.stopping_table import StoppingTable
 from bumpstop.errors import InputError, near_matches
+from bumpstop.terminal import number, table, text_of
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 SCENARIO_LAWS = ("constant_time", "constant", "ramp")
 """Laws that a scenario takes by numbers."""
@@ -72,6 +76,41 @@ class StoppingFit:
     fits: dict[str, DecelerationFit]
     law: str
     notes: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return text_of(self.show)
+
+    def show(self, console: Console) -> None:
+        """Print what ``bumpstop stopping`` prints: the law, its errors beside others', its numbers and [reaction]."""
+        console.print(f"{self.law}: {self.fits[self.law].law.formula}")
+        errors = [
+            (name, *(f"{100 * error:.2g} %" for error in (each.median_error, each.worst_error)))
+            for name, each in self.fits.items()
+        ]
+        console.print(table(("law", "median error", "worst"), errors, left=("law",)))
+        headings, rows = self.numbers_by_joint()
+        console.print(table(headings, rows, left=("",)))
+        for note in self.notes:
+            console.print(f"note: {note}")
+        try:
+            console.print(self.reaction_toml, end="")
+        except InputError as error:
+            console.print(f"no [reaction]: {error}")
+
+    def numbers_by_joint(self) -> tuple[list[str], list[tuple[str, ...]]]:
+        """Headings and rows of the chosen law's numbers, joint by joint."""
+        one = self.fits[self.law]
+        name, unit = one.law.scale
+        unit = unit.replace("rad", "m") if self.table.linear else unit
+        headings = ["", f"{name}, {unit}", "least", "most"]
+        headings += [f"{shape}, {shape_unit}" for shape, shape_unit in one.law.shape] + ["exponent"]
+        rows = []
+        for k in range(len(self.table.joints)):
+            scale = one.scale[k]
+            cells = [number(float(value)) for value in (np.exp(np.log(scale).mean()), scale.min(), scale.max())]
+            cells += [number(float(value)) for value in one.shape[k]]
+            rows.append((self.table.joint_name(k), *cells, f"{self.exponent[k]:.3f}"))
+        return headings, rows
 
     @property
     def exponent(self) -> FloatArray:
@@ -156,8 +195,8 @@ class StoppingFit:
             "exponent": dict(zip(names, self.exponent.tolist(), strict=True)),
             "fits": {
                 name: {
-                    "median_error": _finite(fit.median_error),
-                    "worst_error": _finite(fit.worst_error),
+                    "median_error": finite_or_none(fit.median_error),
+                    "worst_error": finite_or_none(fit.worst_error),
                     "joints": {
                         joint: {"scale": float(np.exp(np.log(fit.scale[k]).mean())), "shape": fit.shape[k].tolist()}
                         for k, joint in enumerate(names)
@@ -309,7 +348,3 @@ def _fit_ramp(
 def _up(value: float) -> float:
     """Rounded up to a ten-thousandth: a stop that is written must not be shorter than the one that was found."""
     return math.ceil(value * 1e4 - 1e-6) / 1e4
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -34,7 +34,7 @@ class OnsetQuadrature:
 
     Attributes:
         begin: (nodes,) [s].
-        weight: (nodes,) of the law of each; they sum to one.
+        weight: (nodes,) of the distribution of each; they sum to one.
         normal: (nodes, 3) unit vectors, base frame.
         low, high: (nodes,) the times each node stands for [s]; equal where the time is given.
         order: nodes in a panel; panels follow one another.
@@ -123,7 +123,7 @@ def _panels(problem: CollisionProblem, trajectory: Trajectory, order: int) -> Fl
     monitored = np.isfinite(problem.thresholds)
     with np.errstate(divide="ignore", invalid="ignore"):
         growth = np.abs(np.einsum("nij,ni->nj", jacobian, normal))[:, monitored] / problem.noise_sd[monitored]
-    # A joint that feels nothing of the contact has no need of any panel, even without noise.
+    # A joint that contact does not load needs no panel, even without noise.
     growth = np.nan_to_num(growth, nan=0.0, posinf=1e6).max(axis=1, initial=0.0) * problem.stiffness
     wanted = np.maximum(np.ceil(growth * np.maximum(speed, 0.0) * width / _GROWTH), 1.0)
     # Where there would be too many nodes, the panels with the most parts get fewer.

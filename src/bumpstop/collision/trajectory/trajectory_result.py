@@ -1,4 +1,4 @@
-"""The law of a collision that begins at any time of a joint trajectory: a mixture over the time of contact."""
+"""The distribution of a collision that begins at any time of a joint trajectory: a mixture over the time of contact."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ _CONTACTS_AT_ONCE = 500
 class TrajectoryCollisionResult(CollisionResult):
     """The distribution of one collision over the time of contact and sensor noise.
 
-    ``curve`` is the stopping curve of the contact that is hardest on average, or of the hardest run; ``kernel`` is the
-    compiled trajectory. Runs have ``contact_duration`` [s].
+    ``curve`` is the stopping curve of the onset with the greatest mean force, or of the run with the greatest force;
+    ``kernel`` is the compiled trajectory. Runs have ``contact_duration`` [s].
 
     Attributes:
         times: when contact may begin.
@@ -65,7 +65,7 @@ class TrajectoryCollisionResult(CollisionResult):
 
     @cached_property
     def contact_duration(self) -> Distribution | None:
-        """From contact until arm and body have parted [s], given that; None where the arm stops in clamped contact."""
+        """From contact until arm and body separate [s], given that; None where the arm stops in clamped contact."""
         return self.contact_durations
 
     @cached_property
@@ -115,9 +115,10 @@ class TrajectoryCollisionResult(CollisionResult):
     def end_notes(self) -> list[str]:
         """How the motion ends, and what braking cannot keep."""
         notes = []
-        if self.kernel.excess > 1 + 1e-6:
+        if self.kernel.acceleration_overload > 1 + 1e-6:
             notes.append(
-                f"The trajectory's own joint accelerations are up to {self.kernel.excess:.3g} times those of the "
+                "The trajectory's own joint accelerations are up to "
+                f"{self.kernel.acceleration_overload:.3g} times those of the "
                 "reaction: there the arm brakes as far as it can with the least excess."
             )
         if stops_short(trajectory_of(self.problem)):
@@ -197,7 +198,7 @@ def integrate_trajectory(problem: CollisionProblem, *, refinement: int = 1) -> T
     free = problem.gives_way
     mass = weight[contact] * probability
     peak, undetected_peak = (
-        (out["peak"], out["undetected_peak"]) if free else (K * out["max_distance"], K * out["greatest"])
+        (out["peak"], out["undetected_peak"]) if free else (K * out["max_distance"], K * out["undetected_distance"])
     )
     after = out["distance"] >= 0
     never = weight * out["undetected"]
@@ -264,7 +265,7 @@ def integrate_trajectory(problem: CollisionProblem, *, refinement: int = 1) -> T
 
 # Of onsets, then of their detections.
 _COLUMNS = (
-    *("false_alarm", "undetected", "no_contact", "several", "zero_force", "greatest", "trigger"),
+    *("false_alarm", "undetected", "no_contact", "several", "zero_force", "undetected_distance", "trigger"),
     *("undetected_peak", "undetected_duration"),
     *("tick", "probability", "max_distance", "distance", "peak", "duration", "force"),
 )
@@ -304,8 +305,8 @@ def monte_carlo_trajectory(
     runs = kernel.monte_carlo(problem.detector, problem.contact, begin, normal, settings, problem.residual_record)
     K, tick = problem.stiffness, runs.tick
     detected = tick >= 0
-    undetected = ~detected & (runs.greatest > 0)
-    peak = K * np.where(detected, runs.max_distance, runs.greatest)
+    undetected = ~detected & (runs.undetected_distance > 0)
+    peak = K * np.where(detected, runs.max_distance, runs.undetected_distance)
     tick_time = (tick * problem.period_steps + 1) * problem.scenario.simulation.step_s
     # From the first tick in contact on, also where the point falls back from the body again.
     after_contact = detected & (runs.distance >= 0)

@@ -7,9 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bumpstop import _native
+from bumpstop.collision.arm.pressing_limit import undetected_force
+from bumpstop.collision.distribution.contact_distribution import ContactDistribution
 from bumpstop.collision.distribution.contact_duration import ReleaseTimes, exact_cells
 from bumpstop.collision.distribution.distribution import Distribution, SampledDistribution
 from bumpstop.collision.distribution.mixture import MixtureDistribution
+from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -17,7 +21,7 @@ if TYPE_CHECKING:
     from bumpstop.contact import ContactLimits
 
 # How long the transient limit holds after contact: ISO/TS 15066, 5.5.5.3, through the facts of the limit table [s].
-FIRST_PHASE_S = 0.5
+FIRST_PHASE_S = _native.transient_phase_s
 # Into how many parts a cell is cut that holds the limit: far out, its probability falls by a multiple across it.
 _PARTS_AT_LIMIT = 32
 
@@ -59,6 +63,8 @@ class TwoPhaseUse:
 
 def phase_shares(result: CollisionResult, first: float, later: float) -> tuple[Distribution, float]:
     """Of a distribution on a line; see :meth:`bumpstop.CollisionResult.phase_shares`."""
+    if result.problem.gives_way:
+        return _shares_that_give_way(result, first, later), 1.0
     stiffness = result.problem.stiffness
 
     def share(spans: ReleaseTimes, tick: int, offset: FloatArray) -> FloatArray:
@@ -97,6 +103,28 @@ def phase_shares(result: CollisionResult, first: float, later: float) -> tuple[D
             parts.append((low.ravel(), high.ravel(), mass.ravel(), nothing, nothing))
     joined = MixtureDistribution.of_cells(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
     return joined, joined.total
+
+
+def _shares_that_give_way(result: CollisionResult, first: float, later: float) -> Distribution:
+    """Of all collisions. Of those never detected the force lasts, without a bound where it has none.
+
+    The peak of all times stands for that of the first phase: where what lasts is greater, its limit, which is not the
+    higher one, decides.
+    """
+    if later < first:
+        raise InputError(
+            "verdict.clamped_limit",
+            "'two_phase' needs a limit for what lasts that is not above the transient one, where arm or body give way",
+            "valid: 'quasi_static'",
+        )
+    if result.runs is not None:
+        return SampledDistribution(np.maximum(result.runs["peak_force"] * first, result.runs["lasting_force"] * later))
+    quantity = _native.ContactQuantity.peak_force
+    never = undetected_force(result.problem, result.curve)
+    shares = _native.PhaseShares(first, later)
+    return ContactDistribution(
+        _native.contact_mixture(result.integral, quantity, None if never is None else never * later, shares)
+    )
 
 
 def _between(ends: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -185,8 +185,8 @@ def _thresholds(result: CollisionResult) -> list[str]:
     """A residual without noise never alarms by itself, which no detector does."""
     problem = result.problem
     monitored = np.isfinite(problem.thresholds)
-    silent = [str(j + 1) for j in np.flatnonzero(monitored & (problem.noise_sd <= 0))]
-    if not silent:
+    noiseless = [str(j + 1) for j in np.flatnonzero(monitored & (problem.noise_sd <= 0))]
+    if not noiseless:
         return []
-    joints = f"joint {silent[0]}" if len(silent) == 1 else f"joints {', '.join(silent)}"
+    joints = f"joint {noiseless[0]}" if len(noiseless) == 1 else f"joints {', '.join(noiseless)}"
     return [f"detector.noise_sd_Nm is 0 at {joints}: no false alarm is counted there, and none delays a detection."]

@@ -200,7 +200,7 @@ class _Words:
         faults = []
 
         def listed(over: float | None) -> bool:
-            """Too probable, and not for those alone of which the sentence says that nobody detects them."""
+            """Whether a limit is exceeded too often even without the undetected collisions."""
             if over is None or not over > settings.accepted_probability:
                 return False
             return not missed > settings.accepted_probability or over - missed > settings.accepted_probability

@@ -41,7 +41,7 @@ def verdict_notes(result: CollisionResult) -> list[str]:
 
 
 def _assumed_arm_note(result: CollisionResult) -> list[str]:
-    """Gears and servos that nobody measured decide the force."""
+    """Assumed gears and servos decide the force."""
     if not result.problem.elastic:
         return []
     assumed = [name.replace("_", " ") for name in result.problem.drive_train.assumed if name != "torque_limit"]

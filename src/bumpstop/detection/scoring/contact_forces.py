@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from bumpstop.arrays import FloatArray, as_float_array
+from bumpstop.arrays import FloatArray, as_float_array, finite_or_none
 from bumpstop.detection.scoring.labels import Label
 
 # What the sensor shows without contact, of the tool's weight or its offset, is its median over so long before a
@@ -20,7 +20,7 @@ _BEFORE_S, _AHEAD_S = 0.5, 0.05
 
 @dataclass(frozen=True, eq=False)
 class ContactForces:
-    """Of each label, the size of the force less what the sensor showed before [N]; NaN: not measured.
+    """Of each label, the size of the force minus what the sensor showed before [N]; NaN: not measured.
 
     Attributes:
         at_detection: (labels,) at the first event; NaN for a missed one, too.
@@ -42,7 +42,7 @@ class ContactForces:
             "at_detection_N": summary,
             "largest_missed_N": float(missed.max()) if missed.size else None,
             "contacts": [
-                {"at_detection_N": _finite(now), "largest_N": _finite(most)}
+                {"at_detection_N": finite_or_none(now), "largest_N": finite_or_none(most)}
                 for now, most in zip(self.at_detection, self.largest, strict=True)
             ],
         }
@@ -80,7 +80,3 @@ def contact_forces(
             row = int(np.searchsorted(times, label.start_s + delay + 1e-9, side="right")) - 1
             now[number] = np.linalg.norm(force[row] - before)
     return ContactForces(now, most)
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

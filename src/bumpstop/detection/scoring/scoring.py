@@ -6,19 +6,16 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from bumpstop.arrays import FloatArray, as_float_array, as_number
-from bumpstop.detection.scoring.contact_forces import ContactForces
+from bumpstop.arrays import FloatArray, as_float_array, as_number, finite_or_none
 from bumpstop.detection.scoring.labels import Label, checked_labels, time_text
+from bumpstop.detection.scoring.score import Interval, Score
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.detection.tuning.residual_file import ResidualSeries
 from bumpstop.errors import InputError
-
-Interval = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -37,93 +34,6 @@ class Tolerance:
         for name in ("early_s", "late_s"):
             if not as_number(getattr(self, name), name) >= 0:
                 raise InputError(name, f"is {getattr(self, name)}", "wanted zero or more")
-
-
-@dataclass(frozen=True, eq=False)
-class Score:
-    """Events against labels.
-
-    Attributes:
-        labels: contacts inside the time monitored, in order.
-        delay_s: (labels,) from a label's start to its first event [s], negative for an event before it; NaN: missed.
-        no_data: (labels,) whether the detector had no data during the whole of the label; such a label is missed.
-        false_alarms: times of events that belong to no label [s].
-        repeated: events after the first of a label; they count as nothing.
-        hours: monitored without contact: the time in which an event would be false [h].
-        no_data_s: time in which the detector had no data [s].
-        outside: labels that lie outside the time monitored and are left out.
-        forces: of a sensor at the labels; None: there was none.
-    """
-
-    labels: tuple[Label, ...]
-    delay_s: FloatArray
-    no_data: npt.NDArray[np.bool_]
-    false_alarms: FloatArray
-    repeated: int
-    hours: float
-    no_data_s: float
-    outside: int
-    forces: ContactForces | None = None
-
-    def __str__(self) -> str:
-        from bumpstop.detection.scoring.score_text import score_text
-
-        return score_text(self)
-
-    @property
-    def detected(self) -> int:
-        """Labels with an event."""
-        return int(np.isfinite(self.delay_s).sum())
-
-    @property
-    def missed(self) -> int:
-        """Labels without one."""
-        return len(self.labels) - self.detected
-
-    @property
-    def false_alarms_per_hour(self) -> float:
-        """Infinite without any time in which there could be one; NaN where there was none either."""
-        if self.hours > 0:
-            return self.false_alarms.size / self.hours
-        return math.inf if self.false_alarms.size else math.nan
-
-    def false_alarms_per_hour_interval(self, confidence: float = 0.95) -> Interval:
-        """Exact Poisson interval of the rate."""
-        from scipy.stats import chi2
-
-        n, tail = self.false_alarms.size, (1 - confidence) / 2
-        if not self.hours > 0:
-            return 0.0, math.inf
-        low = float(chi2.ppf(tail, 2 * n)) / 2 if n else 0.0
-        return low / self.hours, float(chi2.ppf(1 - tail, 2 * n + 2)) / 2 / self.hours
-
-    def to_json(self) -> dict[str, Any]:
-        """What ``bumpstop score --json`` prints: no NaN, no infinity."""
-        delays = np.sort(self.delay_s[np.isfinite(self.delay_s)])
-        delay: dict[str, float | None] = dict.fromkeys(("mean", "p50", "p95", "max"))
-        if delays.size:
-            # The quantile that is one of the delays: the smallest that so many do not exceed.
-            p50, p95 = (float(delays[math.ceil(p * delays.size) - 1]) for p in (0.5, 0.95))
-            delay = {"mean": float(delays.mean()), "p50": p50, "p95": p95, "max": float(delays[-1])}
-        kinds: dict[str, dict[str, int]] = {}
-        for label, late in zip(self.labels, self.delay_s, strict=True):
-            count = kinds.setdefault(label.kind or "unnamed", {"detected": 0, "missed": 0})
-            count["detected" if math.isfinite(late) else "missed"] += 1
-        return {
-            "detected": self.detected,
-            "missed": self.missed,
-            "missed_without_data": int(self.no_data.sum()),
-            "false_alarms": int(self.false_alarms.size),
-            "false_alarm_times_s": self.false_alarms.tolist(),
-            "repeated": self.repeated,
-            "hours": self.hours,
-            "false_alarms_per_hour": _finite(self.false_alarms_per_hour),
-            "false_alarms_per_hour_interval": [_finite(x) for x in self.false_alarms_per_hour_interval()],
-            "no_data_s": self.no_data_s,
-            "labels_outside": self.outside,
-            "delay_s": delay,
-            "kinds": kinds,
-        } | ({} if self.forces is None else {"forces": self.forces.to_json()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,8 +62,8 @@ class Roc:
                 "factor": float(factor),
                 "detected": int(detected),
                 "missed": self.labels - int(detected),
-                "false_alarms_per_hour": _finite(float(rate)),
-                "median_delay_s": _finite(float(delay)),
+                "false_alarms_per_hour": finite_or_none(float(rate)),
+                "median_delay_s": finite_or_none(float(delay)),
             }
             for factor, detected, rate, delay in columns
         ]
@@ -247,7 +157,7 @@ def roc(
         thresholds: (dof,) [Nm or N]; infinite: not monitored.
         labels: contacts.
         factors: (M,) positive.
-        rearm_s: quiet time after which there may be another event [s].
+        rearm_s: time without a row over a threshold after which there may be another event [s].
         tolerance: as of :func:`score`.
         monitored: first and last time of the recording, where not all its rows are residuals; default: theirs [s].
         no_data: times from and to when there are no residuals; default: the gaps between them [s].
@@ -294,19 +204,19 @@ def scaled_residual(series: ResidualSeries, thresholds: npt.ArrayLike) -> FloatA
 def event_times(series: ResidualSeries, scaled: FloatArray, factor: float, rearm_s: float) -> FloatArray:
     """Times of events: the first row over ``factor`` after ``rearm_s`` without one, as a detector's run has them.
 
-    An event that has not ended at a gap goes on behind it, and quiet counts anew there.
+    An event that has not ended at a gap goes on behind it, and the time below the thresholds counts anew there.
 
     Args:
         series: residuals.
         scaled: (N,) of :func:`scaled_residual`.
         factor: on all thresholds.
-        rearm_s: quiet time after which there may be another event [s].
+        rearm_s: time without a row over a threshold after which there may be another event [s].
 
     Returns:
         (events,) [s].
 
     Raises:
-        InputError: a quiet time below zero, or none that is finite.
+        InputError: a rearm_s below zero, or one that is not finite.
     """
     if as_number(rearm_s, "rearm_s") < 0:
         raise InputError("rearm_s", f"is {rearm_s}", "wanted zero or more")
@@ -358,7 +268,3 @@ def _merged(intervals: Sequence[Interval], begin: float, end: float) -> list[Int
         else:
             merged.append((low, high))
     return merged
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -21,7 +21,7 @@ _REACH = 20.0
 
 
 def block_rows(segments: Sequence[FloatArray]) -> int:
-    """Rows in a block: the memory of the joint that remembers longest, in the longest segment.
+    """Rows in a block: the longest correlation time of any joint, in the longest segment.
 
     Args:
         segments: parts without gaps, each (n, dof), zero or more.

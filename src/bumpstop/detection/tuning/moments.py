@@ -109,14 +109,14 @@ def _candidates(segments: Sequence[Segment], dof: int) -> Iterator[tuple[str, fl
 
 
 def _largest(segments: Sequence[Segment], rows: Rows, joint: int) -> tuple[int, int]:
-    """Stretch and row of a joint's largest residual among some rows."""
+    """Segment and row of a joint's largest residual among some rows."""
     sizes = [np.where(of, np.abs(part.residual[:, joint]), -1.0) for part, of in zip(segments, rows, strict=True)]
     k = int(np.argmax([size.max() for size in sizes]))
     return k, int(np.argmax(sizes[k]))
 
 
 def _left(segments: Sequence[Segment], rows: Rows) -> list[Segment]:
-    """The other rows, parted where some were left away; runs are counted anew."""
+    """The other rows, split where some were left away; runs are counted anew."""
     found = []
     for part, of in zip(segments, rows, strict=True):
         kept = np.flatnonzero(~of)

@@ -27,7 +27,7 @@ class Segment:
         run: number of the run they are of, from 0.
         t: (n,) times [s].
         residual: (n, dof) [Nm or N].
-        fast: (n, dof) of the fast channel; None: it is not tuned.
+        fast: (n, dof) of the band-pass channel; None: it is not tuned.
         speed, acceleration: (n, dof) sizes of the joints' own; None: thresholds do not grow with them.
     """
 
@@ -56,7 +56,7 @@ class Proportions:
         constant: (dof,) [Nm or N].
         speed: (dof,) [Nm s/rad or N s/m]; zero where thresholds do not grow with it.
         acceleration: (dof,) [Nm s2/rad or N s2/m], likewise.
-        fast: (dof,) of the fast channel [Nm or N]; infinite where it is not tuned.
+        fast: (dof,) of the band-pass channel [Nm or N]; infinite where it is not tuned.
     """
 
     constant: FloatArray

@@ -14,7 +14,7 @@ from bumpstop.signal import correlation_time
 from bumpstop.text_files import as_path
 
 # A row is a tick, wherever in its period it was taken. An interval this far from the feedback period, as a share of
-# it, is a lost tick or one too many: over it the noise forgets what it would have remembered, so that correlations are
+# it, is a lost tick or one too many: across it the noise loses its correlation, so that correlations are
 # told too small by at most the share of such intervals.
 _UNEVEN = 0.5
 _MAX_UNEVEN_SHARE = 0.05  # share of the intervals

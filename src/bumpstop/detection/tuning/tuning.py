@@ -4,149 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
-from typing import Any, Literal, get_args
+from typing import get_args
 
 import numpy as np
 
 from bumpstop.arrays import FloatArray, as_number
 from bumpstop.detection.band_pass_channel import band_pass_channel
 from bumpstop.detection.durations import hours_in_words
-from bumpstop.detection.thresholds import Thresholds
 from bumpstop.detection.tuning.extreme_values import MIN_ROWS, PeaksOverThreshold
 from bumpstop.detection.tuning.joint_scales import block_rows, too_few
 from bumpstop.detection.tuning.moments import ruling_moments
 from bumpstop.detection.tuning.proportions import Proportions, Segment, largest_held_out, proportions
 from bumpstop.detection.tuning.residual_file import ResidualSeries
+from bumpstop.detection.tuning.result import MAX_EXTRAPOLATION, Term, Tuning
 from bumpstop.detection.tuning.run_spread import RunSpread
 from bumpstop.errors import InputError, near_matches
 
-MAX_EXTRAPOLATION = 100
-"""Rates below one in so many times the recorded hours are flagged as extrapolated."""
-Term = Literal["fast", "speed", "acceleration"]
-"""What may be tuned beside constant thresholds."""
 # What is asked for where no rate is given: so many an hour, or one alarm in so many times the recordings' length.
 _DEFAULT_PER_HOUR, _DEFAULT_REACH = 1.0, 10.0
 _BIASED = 0.3  # of a threshold
-_KEYS = {"fast": "fast_Nm", "per speed": "per_speed_Nm_s", "per acceleration": "per_acceleration_Nm_s2"}
 _APART = 0.1  # spread of runs from which it is told
-
-
-@dataclass(frozen=True, eq=False)
-class Tuning:
-    """Thresholds, the rate of false alarms they stand for, and how well both are known.
-
-    Attributes:
-        shares: (dof,) constant thresholds at factor 1 [Nm or N]; infinite: that joint is not monitored.
-        growth: (2, dof) what a joint's speed and acceleration add to them at factor 1 [Nm s/rad, Nm s2/rad].
-        fast_shares: (dof,) thresholds of the fast channel at factor 1 [Nm or N]; infinite: not tuned.
-        tail: of the largest residual of any joint in units of its threshold at factor 1.
-        spread: of a new run's residuals against these runs'.
-        target: wanted false alarms an hour.
-        confidence: of the intervals.
-        period_s: between rows [s].
-        terms: what was tuned beside constant thresholds.
-        notes: what a person should know.
-    """
-
-    shares: FloatArray
-    growth: FloatArray
-    fast_shares: FloatArray
-    tail: PeaksOverThreshold
-    spread: RunSpread
-    target: float
-    confidence: float
-    period_s: float
-    terms: tuple[Term, ...] = ()
-    notes: tuple[str, ...] = ()
-
-    def thresholds(self, per_hour: float | None = None) -> FloatArray:
-        """Constant thresholds (dof,) for a rate, default the target [Nm or N]; all keep their proportion."""
-        return self.shares * self.tail.level_of(self._checked(per_hour))
-
-    def law(self, per_hour: float | None = None) -> Thresholds:
-        """All thresholds for a rate, default the target, with what they were found at."""
-        rate = self._checked(per_hour)
-        factor = self.tail.level_of(rate)
-        return Thresholds(
-            factor * self.shares,
-            speed=factor * self.growth[0],
-            acceleration=factor * self.growth[1],
-            fast=factor * self.fast_shares,
-            period_s=float(f"{self.period_s:.12g}"),
-            per_hour=rate,
-        )
-
-    def thresholds_interval(self, per_hour: float | None = None) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper ends (dof,) of the constant thresholds that give the rate in a new run [Nm or N]."""
-        rate = self._checked(per_hour)
-        level = self.tail.level_of(rate)
-        low, high = self.tail.level_interval(rate, self.confidence)
-        run = self.spread.half_width(self.confidence)
-        below, above = math.hypot(math.log(level / low), run), math.hypot(math.log(high / level), run)
-        return self.shares * level * math.exp(-below), self.shares * level * math.exp(above)
-
-    def per_hour_interval(self, per_hour: float | None = None) -> tuple[float, float]:
-        """Interval of the rate that ``thresholds(per_hour)`` have in a new run; of a single run, in more of it."""
-        rate = self._checked(per_hour)
-        level = self.tail.level_of(rate)
-        low, high = self.tail.per_hour_interval(level, self.confidence)
-        run = self.spread.half_width(self.confidence)
-        if not run > 0:
-            return low, high
-        least, most = (self.tail.per_hour(level * math.exp(side * run)) for side in (1, -1))
-        below = math.hypot(math.log(rate / low), math.log(rate / least)) if low > 0 and least > 0 else math.inf
-        above = math.hypot(math.log(high / rate), math.log(most / rate))
-        # More often than a cluster is long there is no alarm.
-        return rate * math.exp(-below), min(rate * math.exp(above), 3600 / (self.cluster_rows * self.period_s))
-
-    def extrapolation(self, per_hour: float | None = None) -> float:
-        """Time between two alarms over time recorded: above 1 nothing like it was recorded even once."""
-        return 1 / (self._checked(per_hour) * self.tail.hours)
-
-    def columns(self, per_hour: float | None = None) -> dict[str, FloatArray]:
-        """What was tuned beside constant thresholds, in words: each (dof,) [Nm or N; Nm s/rad; Nm s2/rad]."""
-        law = self.law(per_hour)
-        found = {"fast": law.fast, "per speed": law.speed, "per acceleration": law.acceleration}
-        return {
-            name: values
-            for name, values in found.items()
-            if values is not None and name.removeprefix("per ") in self.terms
-        }
-
-    @property
-    def cluster_rows(self) -> int:
-        """Rows from one alarm to another that count as one."""
-        return self.tail.cluster_rows
-
-    def to_json(self) -> dict[str, Any]:
-        """What ``bumpstop tune --json`` prints: no NaN, no infinity."""
-        low, high = self.thresholds_interval()
-        times = self.extrapolation()
-        return {
-            "thresholds_Nm": _finite(self.thresholds()),
-            **{_KEYS[name]: _finite(values) for name, values in self.columns().items()},
-            "thresholds_interval_Nm": [list(pair) for pair in zip(_finite(low), _finite(high), strict=True)],
-            "per_hour": self.target,
-            "per_hour_interval": list(self.per_hour_interval()),
-            "confidence": self.confidence,
-            "runs": self.spread.runs,
-            "run_spread": self.spread.sd,
-            "extrapolation": times,
-            "extrapolated_too_far": times > MAX_EXTRAPOLATION,
-            "hours": self.tail.hours,
-            "peaks": int(self.tail.excess.size),
-            "tail_shape": self.tail.shape,
-            "notes": list(self.notes),
-        }
-
-    def _checked(self, per_hour: float | None) -> float:
-        rate = self.target if per_hour is None else as_number(per_hour, "per_hour")
-        if not 0 < rate < self.tail.rate:
-            problem = f"{rate:g} false alarms an hour cannot be tuned for"
-            raise InputError("per_hour", problem, f"wanted more than 0 and less than {self.tail.rate:.4g}")
-        return rate
 
 
 def tune(
@@ -178,8 +57,8 @@ def tune(
             in ten times their length, but no fewer than one an hour.
         joints: numbers from 0 of those to watch; default: all whose residual ever changes.
         confidence: of the intervals, between 0.5 and 0.999.
-        terms: what to tune beside constant thresholds: ``"fast"``, those of the fast channel, with as many alarms as
-            the others; ``"speed"`` and ``"acceleration"``, what the motion of a joint adds.
+        terms: what to tune beside constant thresholds: ``"fast"``, those of the band-pass channel, with as many
+            alarms as the others; ``"speed"`` and ``"acceleration"``, what the motion of a joint adds.
 
     Raises:
         InputError: recordings that do not go together, a joint in ``joints`` without noise, too few independent peaks,
@@ -377,7 +256,3 @@ def _notes(
     if unmonitored:
         notes.append(f"Not monitored: joint {', '.join(unmonitored)}.")
     return notes
-
-
-def _finite(values: FloatArray) -> list[float | None]:
-    return [float(value) if math.isfinite(value) else None for value in values]

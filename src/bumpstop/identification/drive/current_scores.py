@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.identification.comparison import Comparison, JointScore, one_after_another, share_predicted
+from bumpstop.identification.comparison import Comparison, JointScore, joint_score, one_after_another
 from bumpstop.identification.drive.drive_model import DriveModel, JointMotion, motor_current
 from bumpstop.identification.segments.drive_samples import DriveSamples, drive_samples
 from bumpstop.identification.segments.motion import GRAVITY
+from bumpstop.identification.segments.rest import resting
 from bumpstop.joint.model import JointTorqueModel, TorqueState
 from bumpstop.joint.parameters import JointParameters
 from bumpstop.model import unit_of
@@ -87,6 +90,13 @@ class CurrentComparison:
         known = [j for j in range(len(self.model.joints)) if j not in self.free_gains]
         return self._comparison(self.estimated, self.rows.torque, known, self.torque_units)
 
+    @cached_property
+    def _rests(self) -> npt.NDArray[np.bool_]:
+        """(N, n) rows at which each joint rests."""
+        rows = self.rows
+        parts = zip(rows.segments, rows.rate_hz, strict=True)
+        return np.concatenate([resting(rows.q[part], rate) for part, rate in parts])
+
     def _comparison(
         self, measured: FloatArray, predicted: FloatArray, joints: Sequence[int], units: Sequence[str] | None
     ) -> Comparison:
@@ -96,21 +106,17 @@ class CurrentComparison:
         names = tuple(self.model.joints[j].name for j in joints)
         told = tuple(self.model.unit if units is None else units[j] for j in joints)
         smooth, smooth_predicted = (rows.filtered(x, self.filter_hz) for x in (measured, predicted))
-        scores = []
-        for k, j in enumerate(joints):
-            error = predicted[:, k] - measured[:, k]  # eq 3.1
-            scores.append(
-                JointScore(
-                    name=names[k],
-                    r2=share_predicted(smooth[:, k], smooth_predicted[:, k]),
-                    r2_raw=share_predicted(measured[:, k], predicted[:, k]),
-                    mean=float(error.mean()),
-                    sd=float(error.std()),
-                    rmse=float(np.sqrt((error**2).mean())),
-                    unit=told[k],
-                    free_gain=j in self.free_gains,
-                )
+        scores = tuple(
+            joint_score(
+                names[k],
+                (measured[:, k], predicted[:, k]),
+                (smooth[:, k], smooth_predicted[:, k]),
+                told[k],
+                rests=self._rests[:, j],
+                free_gain=j in self.free_gains,
             )
+            for k, j in enumerate(joints)
+        )
         return Comparison(
             names=names,
             units=told,
@@ -121,7 +127,7 @@ class CurrentComparison:
             predicted=predicted,
             rate_hz=float(np.median(rows.rate_hz)),
             filter_hz=self.filter_hz,
-            given=tuple(scores),
+            given=scores,
         )
 
 

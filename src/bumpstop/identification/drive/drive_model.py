@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
-from bumpstop.joint.parameters import OF_FRICTION, OF_MAP, JointParameters
+from bumpstop.joint.friction_law import OF_FRICTION
+from bumpstop.joint.parameters import OF_MAP, JointParameters
 
 # Slope of the map below this share of B: it has no inverse worth the name, and another value is tried.
 _MIN_SLOPE = 0.02
@@ -51,7 +52,7 @@ def stiction_share(qd: FloatArray, rest_speed: float, moving_rows: npt.NDArray[n
     Args:
         qd: (N,) rates in time [rad/s].
         rest_speed: [rad/s].
-        moving_rows: (N,) rows whose motion is remembered; default: all.
+        moving_rows: (N,) rows whose motion sets the hysteresis; default: all.
     """
     speed = np.abs(qd)
     at_rest = np.clip(2 - speed / rest_speed, 0.0, 1.0)

@@ -22,7 +22,8 @@ from bumpstop.identification.drive.observability import SURE_GAIN, DriveObservab
 from bumpstop.identification.segments.drive_samples import DriveSamples
 from bumpstop.identification.statistics.independent_columns import condition_of
 from bumpstop.identification.statistics.robust_fit import HUBER, RobustFit, at_bound, gauss_newton_step, robust_fit
-from bumpstop.joint.parameters import COMMON, OF_FRICTION, OF_MAP, JointParameters, Parameter
+from bumpstop.joint.friction_law import OF_FRICTION
+from bumpstop.joint.parameters import COMMON, OF_MAP, JointParameters, Parameter
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot

@@ -18,10 +18,14 @@ from bumpstop.identification.fit import Quantity
 from bumpstop.identification.recording_consistency import inconsistent_joints
 from bumpstop.identification.segments.drive_samples import DriveSamples, drive_samples
 from bumpstop.identification.segments.motion import GRAVITY
+from bumpstop.joint.friction_law import OF_FRICTION
 from bumpstop.joint.model import JointTorqueModel
-from bumpstop.joint.parameters import BOUNDS, OF_FRICTION, OF_MAP
+from bumpstop.joint.parameters import BOUNDS, OF_MAP
+from bumpstop.terminal import share, table, text_of
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from bumpstop.identification.comparison import Comparison, JointScore
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
@@ -48,6 +52,7 @@ class JointModelFit:
         rows_at_ends: rows left away at the ends of segments, where the filter has one side only to go by.
         inconsistent: joints whose gain differs from recording to recording.
         gravity: acceleration of free fall in the base frame, of the recordings and of predictions [m/s2].
+        inertia_uncertainty: relative, that the standard errors count with; see :func:`identify_joint_model`.
     """
 
     model: JointTorqueModel
@@ -61,6 +66,46 @@ class JointModelFit:
     rows_at_ends: int
     inconsistent: tuple[str, ...] = ()
     gravity: tuple[float, float, float] = GRAVITY
+    inertia_uncertainty: float = INERTIA_UNCERTAINTY
+
+    def __str__(self) -> str:
+        return text_of(self.show)
+
+    def show(self, console: Console) -> None:
+        """Print what ``bumpstop identify`` prints of a joint model: R2, parameters, what was tried, warnings."""
+        unit = self.model.unit
+        console.print(f"joint model from {self.rows_used} rows, filtered at {self.cutoff_hz:g} Hz, Huber's loss")
+        if self.held_out:
+            tried = ", ".join(f"{cutoff:g} Hz {100 * left:.3g} %" for cutoff, left in self.held_out.items())
+            console.print(f"5-fold cross-validation error, by cut-off: {tried}")
+        rows = [
+            (joint.name, share(joint.r2), f"{joint.rmse:.4g}", joint.parameters.map, joint.parameters.friction)
+            for joint in self.joints
+        ]
+        headings = ("joint", "R2", f"rmse, {unit}", "map", "friction")
+        console.print(table(headings, rows, left=("joint", "map", "friction")))
+        console.print("parameters, with their standard errors:")
+        for joint in self.joints:
+            figures = (
+                f"{name} {found.value:.4g}"
+                + ("" if found.standard_error is None else f" +- {found.standard_error:.2g}")
+                for name, found in joint.parameters.parameters.items()
+                if found is not None
+            )
+            console.print(f"  {joint.name}: {', '.join(figures) or 'none seen'}")
+        console.print(
+            f"standard errors know of noise, of an inertia known to {100 * self.inertia_uncertainty:g} % and, of B, of "
+            "the choice of the model"
+        )
+        console.print(f"5-fold cross-validation error, rms {unit}, by current-to-torque model and friction:")
+        for joint in self.joints:
+            errors = (
+                f"{one.map}/{one.friction} " + (f"{one.held_out:.4g}" if one.held_out is not None else "refused")
+                for one in joint.candidates
+            )
+            console.print(f"  {joint.name}: {', '.join(errors) or 'none tried'}")
+        for warning in self.warnings:
+            console.print(f"warning: {warning}")
 
     @property
     def parameters(self) -> dict[str, Quantity]:
@@ -179,6 +224,7 @@ def identify_joint_model(
         rows_at_ends=rows.rows_at_ends,
         inconsistent=tuple(inconsistent_joints(model, rows if joints is None else rows.of_joints(list(joints)))),
         gravity=gravity,
+        inertia_uncertainty=inertia_uncertainty,
     )
 
 

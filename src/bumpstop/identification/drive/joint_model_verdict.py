@@ -116,6 +116,8 @@ def judge_currents(
     if not scores:
         faults.append("the model knows the gain of no joint")
     for score in scores:
+        if score.rests:
+            warnings.append(f"{score.name} rests: its current is not judged")
         if math.isfinite(score.r2) and 1 - score.r2 > _POOR:
             text = (
                 f"{100 * (1 - score.r2):.3g} % of the current of {score.name} is not predicted, below "

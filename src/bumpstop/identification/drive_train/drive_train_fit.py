@@ -14,6 +14,8 @@ from bumpstop.identification.drive_train.joint_values import JointValues
 from bumpstop.identification.drive_train.rotors import identify_rotors
 from bumpstop.identification.drive_train.servo_fit import identify_servo
 from bumpstop.identification.segments.motion import GRAVITY
+from bumpstop.model import unit_of
+from bumpstop.model.drive_train.drive_train import QUANTITIES
 
 if TYPE_CHECKING:
     import os
@@ -39,6 +41,21 @@ class DriveTrainFit:
     found: Mapping[str, JointValues]
     reasons: Mapping[str, str]
     drive_train: DriveTrain
+
+    def __str__(self) -> str:
+        """What ``bumpstop identify --model drive-train`` prints."""
+        lines = []
+        for name, values in self.found.items():
+            lines.append(f"{name.replace('_', ' ')}:")
+            turning, sliding = QUANTITIES[name]
+            for j, (joint, reason) in enumerate(zip(self.robot.joints, values.reasons, strict=True)):
+                unit = unit_of(joint, turning=turning, sliding=sliding)
+                figure = f"{values.values[j]:.4g} +- {values.errors[j]:.2g}" + ("" if unit == "1" else f" {unit}")
+                lines.append(f"  {joint.name}: {f'not identified: {reason}' if reason else figure}")
+        lines += [f"{name.replace('_', ' ')}: not looked for: {reason}" for name, reason in self.reasons.items()]
+        if not self.identified:
+            lines.append("NOT USABLE  Nothing of the drive train was identified.")
+        return "\n".join(lines)
 
     @property
     def identified(self) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Figures of the joints, each with its standard error, and which of them can be believed."""
+"""Figures of the joints, each with its standard error, and which of them are identified."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def identify_rotors(
 
     Args:
         recordings: with joint torques, or else with motor currents; one or more.
-        robot: with inertia that can be believed; rotors it may have are not used.
+        robot: with plausible inertia; rotors it may have are not used.
         payloads: what each recording carried; default: nothing.
         cutoff_hz: of the zero-phase filter that motion and torque pass; default: 8 Hz, of currents by held-out error.
         gravity: acceleration of free fall in the base frame [m/s2].
@@ -52,7 +52,7 @@ def identify_rotors(
         Reflected inertia of the rotors [kg m2 or kg].
 
     Raises:
-        InputError: an inertia that is not known or not believed, or recordings without torques and currents.
+        InputError: an inertia that is not known or implausible, or recordings without torques and currents.
     """
     if robot.inertia_objection:
         raise InputError("robot", robot.inertia_objection, "rotors are told from links whose inertia is known")

@@ -91,6 +91,52 @@ class DynamicsFit:
     source: Mapping[str, str] = field(default_factory=dict)
     created_from: tuple[str, ...] = ()
 
+    def __str__(self) -> str:
+        """What ``bumpstop identify --model dynamics`` prints of a fit beside its scores."""
+        lines = self._gain_lines()
+        if self.held_out:
+            tried = ", ".join(f"{cutoff:g} Hz {100 * left:.3g} %" for cutoff, left in self.held_out.items())
+            lines.append(f"5-fold cross-validation error, by cut-off: {tried}")
+        whole = "" if self.rows_whole <= self.rows_used else f" of {self.rows_whole}, in blocks spread over the time"
+        lines.append(f"{len(self.model.values)} base parameters from {self.rows_used} rows{whole}")
+        lines += left_out_notes(self.rows_left, self.rows_beside_gaps, self.model.cutoff_hz)
+        for name, value, error in zip(self.names, self.model.values, self.errors, strict=True):
+            weak = "" if abs(value) >= 2 * error else "  (not distinguishable from zero)"
+            lines.append(f"  {value:12.4g} +- {error:.2g}  {name}{weak}")
+        lines += self._friction_lines()
+        if self.rows_at_ends:
+            lines.append(f"note: {self.rows_at_ends} rows at the ends of recordings are left away")
+        at_rest = () if self.rows_at_rest is None else self.rows_at_rest
+        for joint, rows in zip(self.model.robot.joints, at_rest, strict=False):
+            if rows:
+                rests = f"rests in {rows} of the {self.rows_used} rows"
+                lines.append(f"note: {joint.name} {rests}; they stay out of its fit")
+        if self.unobservable:
+            lines.append(f"not visible in this motion: {', '.join(self.unobservable)}")
+        return "\n".join(lines)
+
+    def _gain_lines(self) -> list[str]:
+        if self.model.gains is None:
+            return []
+        lines = ["gains, torque per motor current:"]
+        for j, joint in enumerate(self.model.robot.joints, start=1):
+            (gain, unit), error = self.parameters[f"gain_{j}"], self.standard_errors[f"gain_{j}"]
+            if gain is None:
+                lines.append(f"  {joint.name}: not identifiable, the scale of its torque means nothing")
+            else:
+                lines.append(f"  {joint.name}: {gain:.4g} {f'+- {error:.2g}' if error else '(given)'} {unit}")
+        return lines
+
+    def _friction_lines(self) -> list[str]:
+        """Joints whose friction is more than Coulomb's and viscous."""
+        joints, top = self.model.robot.joints, self.model.top_speed
+        bent = [] if top is None else np.flatnonzero(np.isfinite(top[: len(joints)])).tolist()
+        return [
+            f"friction {what}: {', '.join(joints[j].name for j in which)}"
+            for what, which in (("bends with the speed", bent), ("grows with the load", list(self.model.loaded)))
+            if which
+        ]
+
     @property
     def parameters(self) -> dict[str, Quantity]:
         """Base parameters by their own column's name (``Izz_2``; see ``names``), then gains (``gain_2``)."""
@@ -168,6 +214,16 @@ class DynamicsFit:
         from bumpstop.identification.dynamics.fit_file import load_fit
 
         return load_fit(path, cls)
+
+
+def left_out_notes(rows_left: int, rows_beside_gaps: int, cutoff_hz: float) -> list[str]:
+    """What gaps cost a fit or a comparison, a line each."""
+    lines = []
+    if rows_left:
+        lines.append(f"note: {rows_left} rows lie in segments between gaps too short to use")
+    if rows_beside_gaps:
+        lines.append(f"note: {rows_beside_gaps} rows within {1 / cutoff_hz:.2g} s of gaps are left away")
+    return lines
 
 
 def identify_dynamics(

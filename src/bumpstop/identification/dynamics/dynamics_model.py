@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.arrays import FloatArray
-from bumpstop.identification.comparison import Comparison, JointScore, one_after_another, share_predicted
+from bumpstop.identification.comparison import Comparison, joint_score, one_after_another
 from bumpstop.identification.dynamics.dynamics_system import FIT_PER_CUTOFF
 from bumpstop.identification.dynamics.regressor import inertial_torque
 from bumpstop.identification.dynamics.regressor_columns import column_names, torque_of
@@ -183,16 +183,13 @@ class DynamicsModel:
         around = (self.torque(rows.reach.motion, rows.reach.carried) + rows.reach.carried) / size
         measured, predicted, cutoff = rows.torque / size, rows.reach.within(around), filter_hz or self.cutoff_hz
         smooth, smooth_predicted = rows.torque_below(cutoff) / size, rows.reach.filtered(around, cutoff)
-        error = predicted - measured  # eq 3.1
         scores = tuple(
-            JointScore(
-                name=joint.name,
-                r2=share_predicted(smooth[:, j], smooth_predicted[:, j]),
-                r2_raw=share_predicted(measured[:, j], predicted[:, j]),
-                mean=float(error[:, j].mean()),
-                sd=float(error[:, j].std()),
-                rmse=float(np.sqrt((error[:, j] ** 2).mean())),
-                unit=units[j],
+            joint_score(
+                joint.name,
+                (measured[:, j], predicted[:, j]),
+                (smooth[:, j], smooth_predicted[:, j]),
+                units[j],
+                rests=rows.rests[:, j],
                 free_gain=j in self.unscaled,
             )
             for j, joint in enumerate(self.robot.joints)

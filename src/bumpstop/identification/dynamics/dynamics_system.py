@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 
     Groups = tuple[tuple[tuple[int, float], ...], ...]
 
-# Torque and columns of a fit are filtered at this many times the motion's cut-off: what the motion lost above its own
-# cut-off would otherwise shrink the torque's columns, but not the torque.
-FIT_PER_CUTOFF = 4.0
+# Torque and columns of a fit are filtered at this many times the motion's cut-off: the columns hold nothing above it,
+# and torque there would be noise of the fit.
+FIT_PER_CUTOFF = 1.0
 _ROUNDS = 4  # of the joints' weights
 # Parameters are left out of a joint's predictions where its held-out error falls to this share of it.
 _CLEARLY_LESS = 0.98

@@ -100,6 +100,8 @@ def judge_predictions(
     if fit.verdict == NOT_USABLE:
         warnings.append(f"the fit itself was judged: {fit.verdict}")
     for score in scores:
+        if score.rests:
+            warnings.append(f"{score.name} rests: its torque is not judged")
         if np.isfinite(score.r2) and 1 - score.r2 > _POOR:
             text = (
                 f"{100 * (1 - score.r2):.3g} % of the torque of {score.name} is not predicted, below {filter_hz:g} Hz"

@@ -106,5 +106,5 @@ def _torque(
     links: list[_native.LinkInertia],
 ) -> FloatArray:
     kernel = _native.Dynamics(robot.chain, links)
-    torque: FloatArray = kernel.inverse_dynamics(q, qd, qdd, np.array(gravity), None, 0, np.zeros(3))
+    torque: FloatArray = kernel.inverse_dynamics(q, qd, qdd, np.array(gravity))
     return torque

@@ -12,7 +12,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.identification.comparison import Comparison, JointScore, share_predicted
+from bumpstop.identification.comparison import Comparison, JointScore, joint_score
 from bumpstop.identification.dynamics.regressor import INERTIAL
 from bumpstop.identification.fit import Quantity
 from bumpstop.identification.payload.payload_samples import FIT_PER_CUTOFF, PayloadSamples, PayloadSource
@@ -103,16 +103,13 @@ class PayloadFit:
         smooth = samples.smooth_arm + samples.payload @ self.moments + samples.others @ self.friction
         predicted = samples.arm + samples.unfiltered_payload @ self.moments
         predicted = predicted + samples.unfiltered_others @ self.friction
-        error = predicted - samples.torque  # eq 3.1
+        # Rows at rest count: holding a load is what shows it.
         scores = tuple(
-            JointScore(
-                name=joint.name,
-                r2=share_predicted(samples.smooth_torque[:, k], smooth[:, k]),
-                r2_raw=share_predicted(samples.torque[:, k], predicted[:, k]),
-                mean=float(error[:, k].mean()),
-                sd=float(error[:, k].std()),
-                rmse=float(np.sqrt((error[:, k] ** 2).mean())),
-                unit=unit_of(joint),
+            joint_score(
+                joint.name,
+                (samples.torque[:, k], predicted[:, k]),
+                (samples.smooth_torque[:, k], smooth[:, k]),
+                unit_of(joint),
             )
             for k, joint in enumerate(joints)
         )
@@ -232,7 +229,7 @@ def identify_payload(
     samples = PayloadSamples.of(recording, source)
     wanted, seen_by, others = samples.smooth_torque - samples.smooth_arm, samples.payload, samples.others
     count = 10 if inertia else 4
-    # What no joint feels is rounding, and would become huge.
+    # A figure that loads no joint is rounding, and would become huge.
     size = np.linalg.norm(seen_by[:, :, :count].reshape(-1, count), axis=0)
     seen_by[:, :, :count][:, :, size < _ROUNDING * size.max()] = 0.0
     point = np.zeros(6)

@@ -116,7 +116,7 @@ class DriveSamples:
         """What joint ``j`` did.
 
         A filter without delay swings back where a motion ends. So that this is not taken for the last motion, what is
-        slow beside a faster motion within a period of the cut-off is not remembered.
+        slow beside a faster motion within a period of the cut-off sets no hysteresis.
         """
         from scipy.ndimage import maximum_filter1d
 

@@ -1,4 +1,4 @@
-"""Recorded currents and torques that cannot be believed as they stand: constant, or clipped at an end."""
+"""Recorded currents and torques that are constant, or clipped at an end."""
 
 from __future__ import annotations
 

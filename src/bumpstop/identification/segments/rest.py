@@ -12,8 +12,9 @@ if TYPE_CHECKING:
 
 # A joint that moves by less than this [rad or m] in so many seconds rests. A reversal of a planned motion is shorter.
 _TRAVEL, _REST_S = 5e-4, 0.3
-# Rows at rest stay out of a joint's fit where it moves in this share of all rows at least; else they are all there is.
-_MIN_MOVING = 0.1
+# Rows at rest stay out of a joint's fit where it moves in this share of all rows at least; else they are all there is,
+# and the joint is not scored.
+MIN_MOVING = 0.1
 
 
 def resting(q: FloatArray, rate_hz: float) -> npt.NDArray[np.bool_]:
@@ -35,6 +36,6 @@ def resting(q: FloatArray, rate_hz: float) -> npt.NDArray[np.bool_]:
 
 def used_rows(rests: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     """Rows (N, n) that each joint is fitted to: those at which it moves; all where it hardly ever does."""
-    hardly = (~rests).mean(axis=0) < _MIN_MOVING
+    hardly = (~rests).mean(axis=0) < MIN_MOVING
     used: npt.NDArray[np.bool_] = ~rests | hardly
     return used

@@ -1,4 +1,4 @@
-"""What stands between the motors of an arm and its links, what is assumed where nobody tells, and its files."""
+"""What stands between the motors of an arm and its links, what is assumed where nothing is published, and its files."""
 
 from bumpstop.model.drive_train.drive_train import DriveTrain, DriveTrainEntry, DriveTrainStatus
 from bumpstop.model.drive_train.drive_train_file import load_drive_train

@@ -96,7 +96,7 @@ def holding_torque(robot: Robot) -> FloatArray:
 
 
 def _masses(robot: Robot) -> tuple[FloatArray, FloatArray]:
-    """Mass of each link [kg] and how far its centre is from its frame [m], assumed where unknown or not believed."""
+    """Mass of each link [kg] and how far its centre is from its frame [m], assumed where unknown or implausible."""
     links = [joint.inertia for joint in robot.joints if joint.inertia is not None]
     if len(links) == robot.dof and not robot.inertia_doubts:
         return np.array([link.mass for link in links]), np.array([float(np.linalg.norm(link.center)) for link in links])

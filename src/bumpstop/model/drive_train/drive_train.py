@@ -120,7 +120,7 @@ class DriveTrain:
 
     @property
     def assumed(self) -> tuple[str, ...]:
-        """Names of the quantities that nobody published or identified: a result should be varied over them."""
+        """Names of the quantities that are assumed: vary a result over them."""
         return tuple(name for name in QUANTITIES if self.status[name] == "assumed")
 
     def with_values(self, quantity: str, values: npt.ArrayLike, status: DriveTrainStatus, source: str) -> DriveTrain:

@@ -1,4 +1,4 @@
-"""Which rows of a recording can be believed."""
+"""Which rows of a recording are valid."""
 
 from __future__ import annotations
 

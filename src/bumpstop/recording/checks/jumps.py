@@ -49,7 +49,7 @@ def turns(t: FloatArray, q: FloatArray, speed: FloatArray, revolute: Mask) -> Fl
 
 
 def impossible_rows(t: FloatArray, q: FloatArray, speed: FloatArray, revolute: Mask) -> tuple[Mask, Mask]:
-    """Rows that cannot be believed, and rows before which the positions jump for good.
+    """Rows with impossible positions, and rows before which the positions jump for good.
 
     Rows are cut into stretches where a step is impossible. The chain of stretches with the most rows is kept, where a
     jump within it costs more than a few rows: single rows of garbage go, and a position that has changed for good, as

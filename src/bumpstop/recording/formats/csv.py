@@ -148,7 +148,7 @@ def _parse(body: bytes, skipped: int, separator: bytes, width: int, wanted: list
         skip_lines=skipped,
         separator=separator.decode(),
         quote_char=None,
-        # Text, not Float64, for the columns that nobody wants: they need not hold numbers.
+        # Text, not Float64, for columns that are not used: they need not hold numbers.
         schema={label: pl.Float64 if i in wanted else pl.String for i, label in enumerate(labels)},
         columns=sorted(set(wanted)),
         ignore_errors=True,

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop.report.formatting import number, quantity
+from bumpstop.report.formatting import quantity
 from bumpstop.report.markup import Html, paragraph
 from bumpstop.report.picture import EVENT, FAINT, INK, LAW, LIMIT, PAPER, Picture, axes, spread
 from bumpstop.report.section import Section
+from bumpstop.terminal import number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,10 +13,11 @@ from bumpstop.collision.summary import what_is_hit
 from bumpstop.collision.trajectory.trajectory import point_motion
 from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult
 from bumpstop.report.collision.chain import View, chain_points, draw_chain, draw_views
-from bumpstop.report.formatting import arm, number
+from bumpstop.report.formatting import arm
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import LAW, LIMIT, Picture
 from bumpstop.report.section import Section
+from bumpstop.terminal import number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

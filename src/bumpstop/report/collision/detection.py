@@ -13,10 +13,11 @@ from bumpstop.collision.probability_text import percent
 from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult
 from bumpstop.model import unit_of
 from bumpstop.report.collision.distribution import bins, draw_density
-from bumpstop.report.formatting import number, quantity
+from bumpstop.report.formatting import quantity
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import AREA, FAINT, INK, LAW, Picture, axes
 from bumpstop.report.section import Section
+from bumpstop.terminal import number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -65,7 +66,7 @@ class DetectionSection(Section):
     def _joints(self) -> list[tuple[str, ...]]:
         result, problem = self.result, self.result.problem
         rows: list[tuple[str, ...]] = []
-        # Before contact begins in a trajectory, a joint feels nothing of it.
+        # Before contact begins in a trajectory, it loads no joint.
         first = 0
         if isinstance(result, TrajectoryCollisionResult):
             first = int(np.searchsorted(result.curve.tick_time[:-1], result.onset, side="right"))
@@ -74,7 +75,7 @@ class DetectionSection(Section):
             lever = abs(float(result.curve.torque_per_newton[first, j])) if result.curve.ticks else math.nan
             threshold = float(problem.thresholds[j])
             monitored = math.isfinite(threshold)
-            # Dust of the arithmetic is no lever: a joint that cannot feel the force needs an infinite one.
+            # A rounding error is no lever: where the force does not load a joint, an infinite one is needed.
             needed = threshold / lever if lever > 1e-9 else math.inf
             rows.append(
                 (

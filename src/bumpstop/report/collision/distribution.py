@@ -11,10 +11,11 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.distribution.distribution import QUANTILES
 from bumpstop.collision.probability_text import percent
-from bumpstop.report.formatting import number, percentile, quantity
+from bumpstop.report.formatting import percentile, quantity
 from bumpstop.report.markup import Html, paragraph
 from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, PAPER, Picture, scale_by, stack
 from bumpstop.report.section import Section
+from bumpstop.terminal import number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

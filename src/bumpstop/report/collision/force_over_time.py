@@ -12,10 +12,11 @@ from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionR
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
 from bumpstop.model import unit_of
 from bumpstop.report.collision.rollout import Rollout, Rollouts
-from bumpstop.report.formatting import number, quantity
+from bumpstop.report.formatting import quantity
 from bumpstop.report.markup import Html, paragraph
 from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, PAPER, Picture, scale_by, stack
 from bumpstop.report.section import Section
+from bumpstop.terminal import number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

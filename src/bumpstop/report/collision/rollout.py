@@ -149,7 +149,7 @@ class Rollouts:
             torque = course.residual[np.arange(ticks) * period + 1]
         torque = contact_residual(problem, torque)
         residual = torque + noise_of_run(problem, self.seed, run, ticks)
-        # Among joints that nobody watches, the one the force bears on most.
+        # Of unmonitored joints, the one that the force loads most.
         over = np.abs(residual[-1]) / problem.thresholds
         joint = int(np.argmax(over if over.any() else np.abs(torque[-1])))
         peak = float(_force(problem.stiffness, distance, offset, displacement).max())

@@ -9,10 +9,10 @@ import numpy as np
 
 from bumpstop.errors import InputError
 from bumpstop.report.document import Document, write_document
-from bumpstop.report.formatting import number
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.picture import EVENT, FAINT, INK, LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
+from bumpstop.terminal import number
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -58,7 +58,7 @@ class LawPart(Part):
                 "minus 1. Of laws that do equally well the one with the fewest numbers counts."
             ),
             table(("law", "distance", "median error", "worst"), rows, caption="Laws of slowing down", numbers=True),
-            table(*numbers_by_joint(fit), caption=f"Numbers of {fit.law}, and the exponent", numbers=True),
+            table(*fit.numbers_by_joint(), caption=f"Numbers of {fit.law}, and the exponent", numbers=True),
             *([bullets(fit.notes)] if fit.notes else []),
         ]
 
@@ -147,22 +147,6 @@ class RowsPart(Part):
             rows.append(cells)
         caption = f"Distances of {stops.source}, and their leave-one-out errors with {fit.law}"
         return [table(headings, rows, caption=caption, numbers=True)]
-
-
-def numbers_by_joint(fit: StoppingFit) -> tuple[list[str], list[tuple[str, ...]]]:
-    """Headings and rows of the chosen law's numbers, joint by joint."""
-    one = fit.fits[fit.law]
-    name, unit = one.law.scale
-    unit = unit.replace("rad", "m") if fit.table.linear else unit
-    headings = ["", f"{name}, {unit}", "least", "most"]
-    headings += [f"{shape}, {shape_unit}" for shape, shape_unit in one.law.shape] + ["exponent"]
-    rows = []
-    for k in range(len(fit.table.joints)):
-        scale = one.scale[k]
-        cells = [number(float(value)) for value in (np.exp(np.log(scale).mean()), scale.min(), scale.max())]
-        cells += [number(float(value)) for value in one.shape[k]]
-        rows.append((fit.table.joint_name(k), *cells, f"{fit.exponent[k]:.3f}"))
-    return headings, rows
 
 
 def write_stopping(fit: StoppingFit, folder: Path) -> Path:

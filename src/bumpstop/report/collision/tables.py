@@ -12,9 +12,10 @@ from bumpstop.collision.distribution.distribution import QUANTILES, finite_mean
 from bumpstop.collision.probability_text import percent
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
 from bumpstop.contact import LimitTable, builtin_tables
-from bumpstop.report.formatting import in_phases, method_words, number, percentile, quantity
+from bumpstop.report.formatting import in_phases, method_words, percentile, quantity
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.section import Section
+from bumpstop.terminal import number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -8,9 +8,10 @@ from bumpstop.collision.probability_text import percent
 from bumpstop.collision.verdict.alarm_rate import alarm_rate
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
 from bumpstop.report.banner import Sign, banner
-from bumpstop.report.formatting import in_phases, number, quantity
+from bumpstop.report.formatting import in_phases, quantity
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.section import Section
+from bumpstop.terminal import number
 
 # Word, and the sign that says the same.
 _SIGNS: dict[str, tuple[str, Sign]] = {

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 from bumpstop.report.detection.residuals import residual_picture
 from bumpstop.report.detection.settings import SettingsPart
 from bumpstop.report.document import Document, write_document
-from bumpstop.report.formatting import number
 from bumpstop.report.markup import Html, bullets, paragraph, table
 from bumpstop.report.section import Part
+from bumpstop.terminal import number
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
     from pathlib import Path
 
     from bumpstop.detection import DetectionRun
@@ -31,30 +31,17 @@ _REMEDIES = {
 }
 
 
-def conclusion(run: DetectionRun) -> str:
-    """One sentence: alarms, or that the detector could not have detected anything."""
-    seconds, count = float(run.t[-1] - run.t[0]), len(run.events)
-    alarms = f"{count} alarm{'' if count == 1 else 's'} in {seconds:.6g} s, {run.t.size} rows"
-    if run.inactive:
-        return f"INACTIVE all the time ({run.inactive}): nothing could be detected. {alarms}"
-    idle = run.no_data_s + run.arming_s
-    return alarms + (f"; active for {run.monitored_s:.4g} s of them" if idle > 0.05 * seconds else "")
-
-
-def write_events(
-    run: DetectionRun, robot: Robot, units: Sequence[str], folder: Path, *, asked: Mapping[str, str], name: str
-) -> Path:
+def write_events(run: DetectionRun, robot: Robot, folder: Path, *, asked: Mapping[str, str], name: str) -> Path:
     """Write report.html and its figure.
 
     Args:
         run: of the detector over the recording.
         robot: whose joints they are.
-        units: of the torque of every joint.
         folder: made where it is missing.
         asked: what was asked for, by name, for the table of settings.
         name: of the recording.
     """
-    parts: list[Part] = [AlarmsPart(run, robot, units), SettingsPart({"robot": robot.name, **asked}, run.settings)]
+    parts: list[Part] = [AlarmsPart(run, robot), SettingsPart({"robot": robot.name, **asked}, run.settings)]
     return write_document(Document(f"{name}: {_heading(run)}", "bumpstop detection", "detection", parts), folder)
 
 
@@ -69,13 +56,13 @@ class AlarmsPart(Part):
     title = "Alarms"
     anchor = "alarms"
 
-    def __init__(self, run: DetectionRun, robot: Robot, units: Sequence[str]) -> None:
-        self.run, self.robot, self.units = run, robot, units
+    def __init__(self, run: DetectionRun, robot: Robot) -> None:
+        self.run, self.robot, self.units = run, robot, run.units
 
     def content(self) -> list[Html]:
         """The conclusion, every event, time without data by its cause, and notes."""
         run = self.run
-        text = [paragraph(conclusion(run) + ".")]
+        text = [paragraph(run.conclusion + ".")]
         if run.events:
             headings = (
                 "begin, s",
@@ -119,4 +106,4 @@ class AlarmsPart(Part):
 
     def pictures(self) -> list[Picture]:
         """Residuals with their thresholds."""
-        return [residual_picture(self.run, tuple(joint.name for joint in self.robot.joints), tuple(self.units))]
+        return [residual_picture(self.run, tuple(joint.name for joint in self.robot.joints), self.units)]

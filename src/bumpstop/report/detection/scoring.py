@@ -13,10 +13,10 @@ from bumpstop.detection.durations import hours_in_words
 from bumpstop.detection.scoring.labels import time_text
 from bumpstop.report.detection.settings import SettingsPart
 from bumpstop.report.document import Document, write_document
-from bumpstop.report.formatting import number
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import EVENT, INK, LAW, LIMIT, Picture, axes, plain_ticks, stack
 from bumpstop.report.section import Part
+from bumpstop.terminal import number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

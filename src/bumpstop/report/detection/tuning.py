@@ -12,10 +12,11 @@ import numpy as np
 from bumpstop.detection import MAX_EXTRAPOLATION
 from bumpstop.report.detection.settings import SettingsPart
 from bumpstop.report.document import Document, write_document
-from bumpstop.report.formatting import acceptable, number
+from bumpstop.report.formatting import acceptable
 from bumpstop.report.markup import Html, bullets, paragraph, table
 from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, Picture, axes, plain_ticks
 from bumpstop.report.section import Part
+from bumpstop.terminal import number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.model import unit_of
-from bumpstop.report.formatting import number
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.section import Part
+from bumpstop.terminal import number
 
 if TYPE_CHECKING:
     from bumpstop.identification import ConsistentFit

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 from bumpstop.model import unit_of
 from bumpstop.report.document import Document, write_document
-from bumpstop.report.formatting import number
 from bumpstop.report.identification.fit_verdict import VerdictPart
 from bumpstop.report.identification.validation import decimate
 from bumpstop.report.markup import Html, bullets, paragraph, table
 from bumpstop.report.picture import FAINT, LAW, Picture, axes
 from bumpstop.report.section import Part
+from bumpstop.terminal import number
 
 if TYPE_CHECKING:
     from pathlib import Path

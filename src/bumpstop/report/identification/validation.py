@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bumpstop.identification.comparison import rest_words
 from bumpstop.report.document import Document, write_document
-from bumpstop.report.formatting import number
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import AREA, EVENT, FAINT, LAW, LIMIT, Picture, axes, stack
 from bumpstop.report.section import Part
+from bumpstop.terminal import number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -41,7 +42,10 @@ class ScoresPart(Part):
         rows = [
             (
                 score.name,
-                *(f"{x:.4f}" if np.isfinite(x) else "none" for x in (score.r2, score.r2_raw)),
+                *(
+                    "rests" if score.rests else f"{x:.4f}" if np.isfinite(x) else "none"
+                    for x in (score.r2, score.r2_raw)
+                ),
                 *(number(x) for x in (score.mean, score.sd, score.rmse)),
                 unit,
             )
@@ -52,6 +56,7 @@ class ScoresPart(Part):
                 f"Predicted minus measured, {self._where} (as Schroeder's table 3.1). R2 is the share of the variance "
                 f"that is predicted, both filtered at {self._comparison.filter_hz:g} Hz without delay; beside it "
                 "without the filter. Mean, standard deviation and root mean square are of the unfiltered error."
+                + (f" {words[0].upper()}{words[1:]}." if (words := rest_words(self._comparison.scores())) else "")
             ),
             table(
                 ("joint", "R2", "R2 unfiltered", "mean", "sd", "rmse", "unit"),

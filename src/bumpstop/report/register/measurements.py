@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from bumpstop.report.formatting import number
+from bumpstop.terminal import number
 from bumpstop.report.markup import Html, element, paragraph, table
 from bumpstop.report.section import Part
 

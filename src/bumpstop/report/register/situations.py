@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from bumpstop.collision.probability_text import decimal, percent
 from bumpstop.register.outcome import OUTCOME_WORDS
 from bumpstop.report.banner import Sign, banner
-from bumpstop.report.formatting import number
+from bumpstop.terminal import number
 from bumpstop.report.markup import Html, element, paragraph, table
 from bumpstop.report.picture import AREA, FAINT, INK, LAW, LIMIT, PAPER, Picture, axes
 from bumpstop.report.section import Part

@@ -8,7 +8,7 @@ import numpy as np
 
 from bumpstop.collision.stopping import fit_stopping, load_stopping_table
 from bumpstop.errors import InputError
-from bumpstop.report.collision.stopping import RowsPart, numbers_by_joint
+from bumpstop.report.collision.stopping import RowsPart
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.section import Part
 
@@ -69,7 +69,7 @@ def _table(path: Path, category: int | None) -> list[Html]:
     one = fit.fits[fit.law]
     return [
         paragraph(f"{fit.law}: {one.law.formula}; median error {100 * one.median_error:.2g} %."),
-        table(*numbers_by_joint(fit), caption=f"Numbers of {fit.law}, and the exponent", numbers=True),
+        table(*fit.numbers_by_joint(), caption=f"Numbers of {fit.law}, and the exponent", numbers=True),
         *RowsPart(fit).content(),
         *([bullets(fit.notes)] if fit.notes else []),
     ]

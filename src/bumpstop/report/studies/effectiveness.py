@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from bumpstop.collision.probability_text import percent
-from bumpstop.report.formatting import NONE, number
 from bumpstop.report.markup import Html, element, paragraph, table
 from bumpstop.report.picture import EVENT, INK, LAW, LIMIT, Picture
 from bumpstop.report.section import Part
+from bumpstop.terminal import NONE, number
 
 if TYPE_CHECKING:
     import polars as pl

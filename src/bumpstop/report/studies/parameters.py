@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.collision.probability_text import percent
-from bumpstop.report.formatting import NONE, number
 from bumpstop.report.markup import Html, element, paragraph, table
 from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
 from bumpstop.study.parameters.fits import R2_WANTED, Fit, fit_models
 from bumpstop.study.variable import ALIASES, per
+from bumpstop.terminal import NONE, number
 
 if TYPE_CHECKING:
     import polars as pl

@@ -109,7 +109,7 @@ _WORTH_A_WORD = 1.01
 
 
 class SuggestionPart(Part):
-    """What other joint positions with the same pose of the tool would feel."""
+    """Undetectable force at other joint positions with the same pose of the tool."""
 
     title = "Joint positions that detect smaller forces"
     anchor = "suggestions"

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.collision.probability_text import percent
-from bumpstop.report.formatting import NONE, correlation, number
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import EVENT, FAINT, INK, LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
 from bumpstop.study.workspace.workspace_summary import MAP_CELLS, worst_risk
+from bumpstop.terminal import NONE, correlation, number
 
 if TYPE_CHECKING:
     import polars as pl

@@ -305,7 +305,7 @@ class CollisionExperiment:
         back = line(robot, POSE, tuple((-speed * _DOWN).tolist()), duration=free / speed, held_joints=_HELD)
         into = 2.0 * self.force_bound(speed) / self.object().stiffness / float(np.linalg.norm(self._slide)) + 0.002
         begin = back.q[-1]
-        # A tenth of a second more makes up for the way that is not gone while the arm gathers speed.
+        # A tenth of a second more makes up for the distance that is missing while the arm gathers speed.
         duration = (free + into) / speed + 0.1
         return line(
             robot,

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.report.document import Document, write_document
-from bumpstop.report.formatting import number
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import EVENT, INK, LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
+from bumpstop.terminal import number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -20,12 +20,11 @@ from bumpstop.joint.parameters import JointParameters, Parameter
 from bumpstop.model import gravity_torque
 from bumpstop.reproduction.schroeder2013.constant_velocity import Cut, Segment, cut, prepare
 from bumpstop.reproduction.schroeder2013.protocol_friction import LAWS, FrictionFit, fit_friction, held_out_by_law
+from bumpstop.reproduction.schroeder2013.protocol_inertia import InertiaFit, fit_inertia
 from bumpstop.reproduction.schroeder2013.protocol_steps import (
-    InertiaFit,
     MapFit,
     StrokeFit,
     fit_hysteresis,
-    fit_inertia,
     fit_map,
     held_out,
     joint_torque,

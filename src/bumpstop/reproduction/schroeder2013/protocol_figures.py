@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.identification.drive.drive_model import inverse_map
-from bumpstop.report.formatting import number, with_error
+from bumpstop.report.formatting import with_error
 from bumpstop.report.identification.validation import first_few
 from bumpstop.report.markup import Html, paragraph
 from bumpstop.report.picture import EVENT, FAINT, INK, LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
 from bumpstop.reproduction.schroeder2013.protocol_steps import joint_torque
+from bumpstop.terminal import number
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -215,7 +216,7 @@ class InertiaPart(_JointsPart):
     title = "Torque over acceleration"
     anchor = "inertia"
     text = (
-        "Torque that the map gives beyond Newton and Euler's on the ramps, less what goes with the sign of the motion "
+        "Torque that the map gives beyond Newton and Euler's on the ramps, minus what goes with the sign of the motion "
         "and with load; its slope over acceleration is the reflected inertia (eq 2.33, as figure 2.11 with the sign "
         "turned)."
     )

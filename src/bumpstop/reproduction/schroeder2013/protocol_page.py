@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bumpstop.report.document import Document, write_document
-from bumpstop.report.formatting import number, with_error
+from bumpstop.report.formatting import with_error
 from bumpstop.report.identification.fit_verdict import VerdictPart
 from bumpstop.report.markup import Html, bullets, paragraph, table
 from bumpstop.report.section import Part
@@ -18,6 +18,7 @@ from bumpstop.reproduction.schroeder2013.protocol_figures import (
     MapPart,
     StrokesPart,
 )
+from bumpstop.terminal import number
 
 if TYPE_CHECKING:
     from bumpstop.identification import FitVerdict

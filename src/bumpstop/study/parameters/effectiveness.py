@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from bumpstop.errors import InputError, near_matches
@@ -116,7 +117,7 @@ class EffectivenessStudy(Study):
         table, body = self.bodies[number]
         limits = _load(self.scenario, table).contact_limits(body, self.scenario.contact.kind)
         start = {"table": table, "body": body, "label": limits.label}
-        refusal = limits.reason or self._without_law(table, body)
+        refusal = limits.reason or self._without_distribution(table, body)
         rows: list[dict[str, Any]] = []
         for direction in self.directions:
             own = start | {"direction": direction}
@@ -128,9 +129,10 @@ class EffectivenessStudy(Study):
                 ]
                 rows += [own | {"kind": "safe_speed", "area_cm2": area, "reason": refusal} for area in self.areas_cm2]
                 continue
-            laws = RegionCollisions(self, table, body, direction)
-            rows += [own | laws.collision(v, a) for a in self.areas_cm2 for v in self.speeds_mm_s]
-            rows += [own | laws.safe_speed(a) for a in self.areas_cm2]
+            at = partial(self.scenario_of, table, body, direction)
+            collisions = RegionCollisions(self.scenario, at, self.highest_speed_mm_s)
+            rows += [own | collisions.collision(v, a) for a in self.areas_cm2 for v in self.speeds_mm_s]
+            rows += [own | collisions.safe_speed(a) for a in self.areas_cm2]
         return pl.DataFrame(rows, schema=self._schema())
 
     def summary(self, rows: pl.DataFrame) -> dict[str, Any]:  # noqa: D102
@@ -143,6 +145,17 @@ class EffectivenessStudy(Study):
             "collisions": kinds["collision"].drop("kind", "safe_speed_mm_s", "binding").to_dicts(),
             "safe_speeds": kinds["safe_speed"].select(*keys, "safe_speed_mm_s", "binding", "reason").to_dicts(),
         }
+
+    def lines(self, summary: Mapping[str, Any]) -> list[str]:  # noqa: D102
+        lines = [f"highest safe speed, mm/s (P(over a limit) at most {summary['risk']:g})"]
+        for each in summary["safe_speeds"]:
+            speed = each["safe_speed_mm_s"]
+            found = each["reason"]
+            if speed is not None:
+                binding = each["binding"].replace("_", " ")
+                found = f"{speed:g} or more" if binding == "none" else f"{speed:g}, bound by {binding}"
+            lines.append(f"  {each['table']} {each['body']} {each['direction']} {each['area_cm2']:g} cm²: {found}")
+        return lines
 
     def scenario_of(self, table: str, body: str, direction: str, speed: float, area: float) -> Scenario:
         """The scenario of one collision: the body's own stiffness and mass; slower arms get longer to go as far."""
@@ -160,7 +173,7 @@ class EffectivenessStudy(Study):
         data["motion"] |= {"velocity_mm_s": [speed * x for x in DIRECTIONS[direction]], "duration_s": motion_end}
         return Scenario.from_dict(data, self.scenario.folder)
 
-    def _without_law(self, table: str, body: str) -> str:
+    def _without_distribution(self, table: str, body: str) -> str:
         """Why this body has no distribution; empty where it has one."""
         if self.scenario.contact.kind == "clamped" or self.scenario.contact.body_mass_kg is not None:
             return ""
@@ -185,7 +198,7 @@ class EffectivenessStudy(Study):
 
     def _refused(self, table: str, body: str) -> bool:
         limits = _load(self.scenario, table).contact_limits(body, self.scenario.contact.kind)
-        return bool(limits.reason or self._without_law(table, body))
+        return bool(limits.reason or self._without_distribution(table, body))
 
     def _schema(self) -> dict[str, Any]:
         from bumpstop.collision import CollisionProblem

@@ -14,9 +14,11 @@ from bumpstop.study.parameters.equal_risk import RISKS, equal_risk_curves
 from bumpstop.study.parameters.fits import R2_WANTED, fit_models
 from bumpstop.study.requirement.design_guide import CostRate, check_whole_steps, min_cost
 from bumpstop.study.study import Study, check_risk
-from bumpstop.study.variable import Range, Variable
+from bumpstop.study.variable import Range, Variable, per
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import polars as pl
 
     from bumpstop.collision import CollisionResult, Scenario
@@ -169,6 +171,27 @@ class ParameterStudy(Study):
         if self.cost_rates:
             result["guide"] = min_cost(self.scenario, self.cost_rates).to_json()
         return result
+
+    def lines(self, summary: Mapping[str, Any]) -> list[str]:  # noqa: D102
+        control = summary["control"]
+        lines = [f"peak force of the scenario: mean {control['mean_N']:.4g} N, sd {control['sd_N']:.3g} N"]
+        for each in summary["parameters"]:
+            name = each.get("better_law") or each.get("source_law")
+            fit = next((fit for fit in each["fits"] if fit["name"] == name), None)
+            shape = f"{name}, R2 {fit['r2']:.4f}: {fit['formula']}" if fit else "no fit"
+            span = f"{each['low']:g} to {each['high']:g} {each['unit']}"
+            lines.append(f"{each['key']} {span}: {each['direction']}; {shape}")
+            unit = per("N", each["unit"])
+            lines.append(f"  dF/dx at {each['control']:g}: {each['derivative']['mean']:.4g} {unit}")
+        guide = summary.get("guide")
+        if guide:
+            plan = guide["combined"]
+            if plan is None or not guide["single_change"]:
+                lines.append(guide["reason"])
+            if plan is not None and guide["single_change"]:
+                values = ", ".join(f"{key} = {value:.6g}" for key, value in plan["values"].items())
+                lines.append(f"cheapest way to meet the limits, at a cost of {plan['cost']:.4g}: {values}")
+        return lines
 
     def _about(self, swept: Range, rows: pl.DataFrame) -> dict[str, Any]:
         variable = swept.variable

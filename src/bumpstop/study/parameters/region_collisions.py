@@ -9,8 +9,9 @@ from bumpstop.study.requirement.sampling_ripple import has_ripple
 from bumpstop.study.variable import Variable
 
 if TYPE_CHECKING:
-    from bumpstop.collision import CollisionResult
-    from bumpstop.study.parameters.effectiveness import EffectivenessStudy
+    from collections.abc import Callable
+
+    from bumpstop.collision import CollisionResult, Scenario
     from bumpstop.study.requirement.requirement import Requirement
 
 MIN_SPEED_MM_S = 1.0
@@ -19,18 +20,27 @@ _SCAN = 10
 
 
 class RegionCollisions:
-    """Distributions of one body and direction, remembered by speed: the area changes only how they are judged."""
+    """Distributions of one body and direction, kept by speed: the area changes only how they are judged.
 
-    def __init__(self, study: EffectivenessStudy, table: str, body: str, direction: str) -> None:
-        self._study = study
-        self._which = (table, body, direction)
+    Args:
+        scenario: of the study.
+        scenario_of: the scenario of a speed [mm/s] and an area [cm2].
+        highest_speed_mm_s: up to which a safe speed is looked for.
+    """
+
+    def __init__(
+        self, scenario: Scenario, scenario_of: Callable[[float, float], Scenario], highest_speed_mm_s: float
+    ) -> None:
+        self._scenario = scenario
+        self._scenario_of = scenario_of
+        self._highest_speed_mm_s = highest_speed_mm_s
         self._known: dict[float, CollisionResult] = {}
         self._at_risk: dict[float, float] = {}
         self._requirements: dict[float, Requirement] = {}
 
     @property
     def _two_phases(self) -> bool:
-        scenario = self._study.scenario
+        scenario = self._scenario
         return scenario.verdict.clamped_limit == "two_phase" and scenario.contact.kind == "clamped"
 
     def result(self, speed: float, area: float) -> CollisionResult:
@@ -38,7 +48,7 @@ class RegionCollisions:
         from bumpstop.collision import evaluate
 
         if speed not in self._known or self._two_phases:
-            self._known[speed] = evaluate(self._study.scenario_of(*self._which, speed, area))
+            self._known[speed] = evaluate(self._scenario_of(speed, area))
             self._at_risk.pop(speed, None)
         return self._known[speed]
 
@@ -46,7 +56,7 @@ class RegionCollisions:
         """Peak force passed with the accepted risk [N]."""
         result = self.result(speed, area)
         if speed not in self._at_risk:
-            self._at_risk[speed] = result.peak_force.quantile(1 - self._study.scenario.verdict.accepted_probability)
+            self._at_risk[speed] = result.peak_force.quantile(1 - self._scenario.verdict.accepted_probability)
         return self._at_risk[speed]
 
     def over(self, speed: float, area: float) -> tuple[float | None, float | None]:
@@ -68,7 +78,7 @@ class RegionCollisions:
 
         By the quantile of the accepted risk, which costs a thousandth of a far tail.
         """
-        settings = self._study.scenario.verdict
+        settings = self._scenario.verdict
         result = self.result(speed, area)
         limits = result.problem.limits
         assert limits is not None
@@ -115,7 +125,7 @@ class RegionCollisions:
         sampling ripple in the speed, a requirement looks at all crests, and the scan only at false alarms.
         """
         found: dict[str, Any] = {"kind": "safe_speed", "area_cm2": area, "reason": ""}
-        top = self._study.highest_speed_mm_s
+        top = self._highest_speed_mm_s
         judged, beyond = self.judged, "none"
         if self._has_ripple:
             required = self._required(area)
@@ -155,28 +165,28 @@ class RegionCollisions:
     @property
     def _has_ripple(self) -> bool:
         """Whether the risk may have a sampling ripple in the speed, and an integrated distribution."""
-        scenario = self._study.scenario
+        scenario = self._scenario
         return has_ripple(scenario) and scenario.detector.residuals is None
 
     def _required(self, area: float) -> Requirement:
         """The highest speed that meets the risk, with every slower one; slower arms get longer to go as far."""
         from bumpstop.study.requirement.requirement import solve_requirement
 
-        own = Variable("motion.speed").value(self._study.scenario)
-        scenario = self._study.scenario_of(*self._which, own, area)
+        own = Variable("motion.speed").value(self._scenario)
+        scenario = self._scenario_of(own, area)
         limits = self.result(own, area).problem.limits
         assert limits is not None
         # Without phases the area decides nothing but the force that is allowed.
         key = area if self._two_phases else limits.allowed_force_N(area, scenario.contact.peak_factor)
         if key not in self._requirements:
-            highest = self._study.highest_speed_mm_s
+            highest = self._highest_speed_mm_s
             self._requirements[key] = solve_requirement(scenario, "motion.speed", low=MIN_SPEED_MM_S, high=highest)
         return self._requirements[key]
 
     def _alarms_judged(self, speed: float, area: float) -> tuple[bool, str]:
         """As :meth:`judged`, by false alarms alone."""
         result = self.result(speed, area)
-        return result.false_alarm_probability <= self._study.scenario.verdict.max_false_alarm, "false_alarm"
+        return result.false_alarm_probability <= self._scenario.verdict.max_false_alarm, "false_alarm"
 
     def _crossing(self, below: int, above: int, area: float) -> int:
         """Whole tenths between two others where the force at risk should reach what is allowed; else the middle."""
@@ -186,7 +196,7 @@ class RegionCollisions:
         ends = [round(tenths * SPEED_STEP_MM_S, 1) for tenths in (below, above)]
         limits = self.result(ends[0], area).problem.limits
         assert limits is not None
-        allowed = limits.allowed_force_N(area, self._study.scenario.contact.peak_factor)
+        allowed = limits.allowed_force_N(area, self._scenario.contact.peak_factor)
         low, high = (self.force_at_risk(speed, area) for speed in ends)
         if not 0 < low < high < math.inf or not low <= allowed < high:
             return middle

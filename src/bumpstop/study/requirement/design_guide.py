@@ -166,7 +166,7 @@ def check_whole_steps(scenario: Scenario, cost_rates: Sequence[CostRate]) -> Non
 
 
 class _Search:
-    """Distributions about one scenario, remembered."""
+    """Distributions about one scenario, kept once computed."""
 
     def __init__(self, scenario: Scenario, cost_rates: Sequence[CostRate]) -> None:
         self.scenario, self.cost_rates = scenario, cost_rates

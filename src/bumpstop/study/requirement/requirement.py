@@ -72,6 +72,15 @@ class Requirement:
     ill_conditioned: bool
     evaluations: int
 
+    def __str__(self) -> str:
+        """What ``bumpstop require`` prints."""
+        bound = "at most" if self.worse == "higher" else "at least"
+        return (
+            f"{self.variable}: {'no value' if self.value is None else f'{bound} {self.value:g} {self.unit}'}\n"
+            f"{self.reason}\n"
+            f"risk there {self.risk_at_value:.3g}, accepted {self.risk:g}; integrated distribution"
+        )
+
     def to_json(self) -> dict[str, Any]:
         """The object that ``bumpstop require --json`` prints."""
         return {**self.__dict__, "law": "exact"}

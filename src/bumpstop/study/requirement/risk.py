@@ -200,7 +200,7 @@ def _undetected_before_singularity(result: CollisionResult) -> float:
     motion = problem.scenario.motion.model_copy(update={"duration_s": (problem.period_steps * (cycle - 1) + 1) * step})
     shorter = replace(problem, scenario=problem.scenario.model_copy(update={"motion": motion}))
     before = integrate(shorter, stopping_curve(shorter))
-    # Neither an alarm nor a detection until then, less what touches nothing and alarms of the later cycles.
+    # Neither an alarm nor a detection until then, minus what touches nothing and alarms of the later cycles.
     later = result.false_alarm_probability - before.false_alarm_probability
     open_ = before.undetected_probability + before.no_contact_probability
     return max(0.0, open_ - result.no_contact_probability - later)

@@ -75,5 +75,5 @@ def _risks(problem: CollisionProblem, begin: FloatArray, limit: float) -> FloatA
     normal, _ = approach(problem, begin)
     out = trajectory_kernel(problem).integrate(problem.detector, problem.contact, begin, np.ascontiguousarray(normal))
     detected = out.probability * (problem.stiffness * out.max_distance > limit)
-    undetected = out.undetected * (problem.stiffness * out.greatest > limit)
+    undetected = out.undetected * (problem.stiffness * out.undetected_distance > limit)
     return np.asarray(np.bincount(out.onset, detected, len(begin)) + undetected)

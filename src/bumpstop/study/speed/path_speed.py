@@ -35,9 +35,9 @@ def max_path_speed(
 ) -> FloatArray:
     """Greatest path speed at every row, 0 to 1, at which no collision passes the limit of the row where it begins.
 
-    An arm that feels little at one row and speeds up right behind it hits as hard as one that is too fast there. So
-    a limit holds for the way on which the force may grow to what is allowed. Where joints turn more than a straight
-    line asks for, the undetectable force does, with the rates that the joints have on that way.
+    An arm whose joints contact loads little at one row, and that speeds up right behind it, hits as hard as one that is
+    too fast there. So a limit holds for the way on which the force may grow to what is allowed. Where joints turn more
+    than a straight line asks for, the undetectable force does, with the rates that the joints have on that way.
 
     The path speed stays below every limit by as much as the search leaves open, and for some way on both sides of its
     row. It stays below what lies between two rows, whose own limits were not looked for, as far as the rows beside them

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from bumpstop.collision.trajectory.trajectory import Trajectory
     from bumpstop.collision.verdict.verdict import Verdict
 
-# Rows look at single moments of straight lines. Where the law of the whole slowed motion still passes what is accepted
-# it is slowed by so much more, so many times at most, for as long as that helps.
+# Rows look at single moments of straight lines. Where the distribution of the whole slowed motion still exceeds the
+# accepted risk it is slowed by so much more, so many times at most, for as long as that helps.
 _EASE, _ROUNDS, _HELPS = 0.95, 8, 0.97
 _FILE = "retimed.csv"
 
@@ -80,7 +80,7 @@ def judge_motion(scenario: Scenario) -> Judged:
 
 
 def slow_down(problem: CollisionProblem, trajectory: Trajectory, path_speed: FloatArray) -> Slowing:
-    """Slow a trajectory down to path speeds of its rows, and further where its own law asks for it.
+    """Slow a trajectory down to path speeds of its rows, and further where its own distribution asks for it.
 
     Args:
         problem: of the trajectory as given.

@@ -26,6 +26,8 @@ from bumpstop.study.speed.waypoint_refinement import refine_at_peaks, refine_by_
 from bumpstop.study.speed.worst_direction import worst_directions
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import polars as pl
 
     from bumpstop.collision.trajectory.trajectory import Trajectory
@@ -44,7 +46,7 @@ class TrajectorySpeedLimits(SpeedMap):
     tip, than a straight line asks for, the formula with the trajectory's own rates limits the speed too.
 
     A limit holds for as far as a collision that begins at its row can take: an arm that speeds up right behind a place
-    where it feels little hits as hard as one that is too fast there.
+    where contact loads its joints little hits as hard as one that is too fast there.
     """
 
     def __post_init__(self) -> None:
@@ -295,3 +297,39 @@ class TrajectorySpeedLimits(SpeedMap):
             "retimed_verdict": None if slowing.judged is None else slowing.judged.to_json(),
             "law": "exact",
         }
+
+    def lines(self, summary: Mapping[str, Any]) -> list[str]:  # noqa: D102
+        none, places = summary["none_safe"], summary["waypoints"] + summary["moments_between"]
+        over, moments, singular = summary["over_between"], summary["moments_between"], summary["singular"]
+        lines = [
+            f"as given, {summary['duration_s']:.4g} s: {_verdict_words(summary['verdict'])}",
+            f"{summary['over']} of {summary['waypoints']} waypoints are passed faster than is safe there",
+        ]
+        if moments:
+            lines.append(f"between them the arm is faster than is safe at {over} of {moments} moments")
+        if singular:
+            lines.append(
+                f"at {singular} of {places} places, at or near a singularity, no straight line can be followed: their "
+                "limits come from the trajectory's own force distribution"
+            )
+        if none:
+            lines.append(f"at {none} of {places} places no speed is safe")
+        lines.append(
+            f"lowest limit: {summary['lowest_limit_mm_s']:.4g} mm/s at waypoint {summary['lowest_at_waypoint']} "
+            f"({summary['lowest_at_s']:.4g} s)"
+        )
+        lines.append(f"directions: {summary['directions']}")
+        if summary["retimed_duration_s"] is None:
+            lines.append(f"there is no slower trajectory: {summary['not_retimed_because']}")
+        else:
+            lines.append(
+                f"slowed down, {summary['retimed_duration_s']:.4g} s instead of {summary['duration_s']:.4g} s: "
+                f"{_verdict_words(summary['retimed_verdict'])}"
+            )
+        return lines
+
+
+def _verdict_words(verdict: dict[str, Any]) -> str:
+    """A verdict of the summary in a sentence."""
+    word = {True: "ACCEPTABLE", False: "NOT ACCEPTABLE", None: "NO VERDICT"}[verdict["acceptable"]]
+    return f"{word}. {verdict['reason']}"

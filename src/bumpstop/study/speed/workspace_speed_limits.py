@@ -16,6 +16,8 @@ from bumpstop.study.speed.speed_map import SHARD_ROWS, SpeedMap
 from bumpstop.study.speed.worst_direction import worst_directions
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import polars as pl
 
 # Worst directions take longer than rows of a trajectory; poses are drawn in blocks of SHARD_ROWS.
@@ -82,8 +84,11 @@ class WorkspaceSpeedLimits(SpeedMap):
             "law": "exact",
         }
 
+    def lines(self, summary: Mapping[str, Any]) -> list[str]:  # noqa: D102
+        return [*safe_poses(summary).split("; "), f"directions: {summary['directions']}"]
 
-def safe_poses(summary: dict[str, Any]) -> str:
+
+def safe_poses(summary: Mapping[str, Any]) -> str:
     """How fast poses are safe, in a sentence's words; of speeds of 0 there is nothing to say."""
     half, twentieth = summary["limit_p50_mm_s"], summary["limit_p95_mm_s"]
     found = [f"in {summary['none_safe']} of {summary['poses']} poses no speed is safe"]

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Rows = npt.NDArray[np.int64]
 
 # Directions the formula is asked about, all over the sphere; a narrower cone takes its share of them, but no fewer than
-# the latter. It takes next to nothing, and finds the narrow cones in which no joint feels much.
+# the latter. It takes next to nothing, and finds the narrow cones in which contact loads no joint much.
 _FORMULA, _MIN_DIRECTIONS = 3000, 200
 # Directions whose distributions are computed beside those the formula picks.
 _SAMPLED = 48
@@ -72,8 +72,8 @@ def worst_directions(
 
     A formula ranks directions all over the cone and goes to the worst places between them. Integrated distributions at
     the safe speed of the worst decide, in a spiral of directions and in those places; then they go on from the worst of
-    these to where the force is greatest. Where a distribution passes what is accepted the safe speed is solved for anew
-    there, until none does.
+    these to where the force is greatest. Where a distribution exceeds the accepted risk the safe speed is solved for
+    anew there, until none does.
 
     Args:
         problem: a straight line of the tip; its pose and velocity are replaced.
@@ -226,13 +226,13 @@ class _Formula:
         torque = (directions @ self._jacobian).reshape(len(gain), -1)
         undetected = undetected_force(problem, torque, problem.scenario.verdict.accepted_probability)
         speed = predicted_speed_limit(problem, undetected, gain, allowed_force(problem))
-        # Where the formula misses the limit itself the directions are told apart by how little they feel.
+        # Where the formula misses the limit itself the directions are told apart by how little they load the joints.
         undetectable = -1e-9 / np.maximum(_residual_per_newton(problem, torque), 1e-12)
         return np.asarray(np.nan_to_num(np.where(speed > 0, speed, undetectable), nan=-1.0).reshape(shape))
 
 
 def _residual_per_newton(problem: CollisionProblem, torque: FloatArray) -> FloatArray:
-    """Share of its threshold that a newton gives the joint that feels it best (N,) [1/N]."""
+    """Largest share of its threshold that a newton gives any joint (N,) [1/N]."""
     return np.asarray((np.abs(torque) / problem.thresholds).max(axis=1))
 
 

@@ -52,7 +52,7 @@ def predicted_columns(problem: CollisionProblem, q: FloatArray, velocity: FloatA
     """Expected peak force and bound of every pose, along its velocity and as fast in the worst direction.
 
     That direction leads to the farthest vertex of the polytope of undetectable forces, see
-    :func:`bumpstop.detection.undetectable_forces`. Where no joint feels some direction at all, it is one of those.
+    :func:`bumpstop.detection.undetectable_forces`. Where some direction loads no joint, it is one of those.
 
     Args:
         problem: all but pose and velocity.

@@ -17,9 +17,10 @@ from bumpstop.study.directions import DirectionSampling, draw_directions, spread
 from bumpstop.study.joint_ranges import joint_ranges
 from bumpstop.study.study import Study
 from bumpstop.study.workspace import predictors
+from bumpstop.study.workspace.workspace_summary import summarise, summary_lines
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     import polars as pl
 
@@ -98,10 +99,10 @@ class WorkspaceStudy(Study):
             problem = "'two_phase' has two limits at once"
             raise InputError("verdict.clamped_limit", problem, "wanted 'quasi_static' for a workspace")
         self._laws(self._problem.q[None], np.array([[*self._own * self._speed / 1e3]]))
-        thickest = 1e3 * max_link_radius(self._problem.robot, self._problem.q)
-        if self.link_radius_mm > thickest:
+        max_radius = 1e3 * max_link_radius(self._problem.robot, self._problem.q)
+        if self.link_radius_mm > max_radius:
             problem = f"at {self.link_radius_mm:g} mm all links are neighbours, and none could touch"
-            raise InputError("--link-radius", problem, f"wanted at most {thickest:.3g} mm")
+            raise InputError("--link-radius", problem, f"wanted at most {max_radius:.3g} mm")
 
     @property
     def drawn(self) -> int:
@@ -137,9 +138,16 @@ class WorkspaceStudy(Study):
         return q, direction * speed[:, None] / 1e3, redrawn
 
     def summary(self, rows: pl.DataFrame) -> dict[str, Any]:  # noqa: D102
-        from bumpstop.study.workspace.workspace_summary import summarise
+        accepted = self.scenario.verdict.accepted_probability
+        discarded = int(rows["redrawn"].sum()) if self.poses else self.drawn - rows.height
+        return {
+            "study": self.name,
+            **summarise(rows, self.edges, self.force_limits, accepted, predicted=self.predict),
+            "self_collisions": {"looked_for": self.link_radius_mm > 0, "poses_discarded": discarded},
+        }
 
-        return summarise(self, rows)
+    def lines(self, summary: Mapping[str, Any]) -> list[str]:  # noqa: D102
+        return summary_lines(summary)
 
     # --- What is drawn ------------------------------------------------------------------------------------------
 

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bumpstop.study.workspace.predictors import predictors, rank_correlation
+from bumpstop.terminal import correlation
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     import polars as pl
 
     from bumpstop.arrays import FloatArray
-    from bumpstop.study.workspace.workspace import WorkspaceStudy
 
 ENDS = ("motion_end", "joint_limit", "singularity", "all_detected", "singular_start")
 # Motions that end before contact more often than this never touch anything.
@@ -21,29 +24,37 @@ _NEVER = 1 - 1e-6
 MAP_CELLS = 12
 
 
-def summarise(study: WorkspaceStudy, rows: pl.DataFrame) -> dict[str, Any]:
+def summarise(
+    rows: pl.DataFrame,
+    edges: FloatArray,
+    force_limits: Sequence[float],
+    accepted_probability: float,
+    *,
+    predicted: bool,
+) -> dict[str, Any]:
     """Shares over the limits, the force distribution, how motions end, and what no distribution covers.
 
     Poses that start at a singularity have no distribution and are counted apart; every share is of the others.
+
+    Args:
+        rows: of the study.
+        edges: of the bins of the force (bins + 1,) [N].
+        force_limits: force, and pressure as a force [N]; empty: no limits.
+        accepted_probability: of exceeding a limit.
+        predicted: the rows have predicted peak forces.
     """
     known = rows.filter(rows["end"] != "singular_start")
-    limits = dict(zip(("force_N", "pressure_as_force_N"), study.force_limits, strict=False))
+    limits = dict(zip(("force_N", "pressure_as_force_N"), force_limits, strict=False))
     result: dict[str, Any] = {
-        "study": study.name,
         "laws": known.height,
         "singular_starts": rows.height - known.height,
         "limits": limits,
         "ends": {end: int((rows["end"] == end).sum()) for end in ENDS},
-        "self_collisions": {
-            "looked_for": study.link_radius_mm > 0,
-            "poses_discarded": int(rows["redrawn"].sum()) if study.poses else study.drawn - rows.height,
-        },
     }
     if not known.height:
         return result
     over = {name: _share(known[f"p_over_{name}"].to_numpy()) for name in ("force", "pressure")}
     median = known["p50_N"].to_numpy()
-    edges = study.edges
     tails = known["p_over_edges"].explode().to_numpy().reshape(known.height, edges.size)
     # The last bin takes what lies beyond, undetected cases among it.
     mixture = -np.diff(np.column_stack([np.ones(known.height), tails[:, 1:], np.zeros(known.height)]), axis=1)
@@ -52,9 +63,9 @@ def summarise(study: WorkspaceStudy, rows: pl.DataFrame) -> dict[str, Any]:
     mixture[:, 0] = np.maximum(0.0, mixture[:, 0] - no_contact)
     hits = no_contact <= 0.5
     touching = known.filter(no_contact < _NEVER)
-    unsafe = worst_risk(known) > study.scenario.verdict.accepted_probability
-    if study.predict and limits:
-        result["predictors"] = predictors(known, unsafe, min(study.force_limits))
+    unsafe = worst_risk(known) > accepted_probability
+    if predicted and limits:
+        result["predictors"] = predictors(known, unsafe, min(force_limits))
         result["trusted"] = int(known["trusted"].sum())
     return result | {
         "p_over_force": over["force"],
@@ -63,7 +74,7 @@ def summarise(study: WorkspaceStudy, rows: pl.DataFrame) -> dict[str, Any]:
         "never_touch": known.height - touching.height,
         "p_over_force_of_touching": _share(touching["p_over_force"].to_numpy()) if touching.height else None,
         "p_over_pressure_of_touching": _share(touching["p_over_pressure"].to_numpy()) if touching.height else None,
-        "accepted_risk": study.scenario.verdict.accepted_probability,
+        "accepted_risk": accepted_probability,
         "poses_over_risk": int(unsafe.sum()) if limits else None,
         "undetected": _share(known["undetected"].to_numpy()),
         "poses_more_often_undetected": int((known["undetected"] > 0.5).sum()),
@@ -92,6 +103,37 @@ def summarise(study: WorkspaceStudy, rows: pl.DataFrame) -> dict[str, Any]:
     }
 
 
+def summary_lines(summary: Mapping[str, Any]) -> list[str]:
+    """What ``bumpstop study workspace`` prints."""
+    lines = [
+        f"{summary['laws']} distributions; {summary['singular_starts']} poses start at a singularity and have none"
+    ]
+    if not summary["laws"]:
+        return lines
+    if summary["never_touch"]:
+        of = summary["laws"]
+        lines.append(f"{summary['never_touch']} of {of} motions never touch anything: they say nothing about safety")
+    for name, limit in zip(("force", "pressure"), summary["limits"].values(), strict=False):
+        share = summary[f"p_over_{name}"]
+        lines.append(
+            f"P(over the {name} limit, {limit:g} N): {share['mean']:.4f}, standard error {share['standard_error']:.4f}"
+        )
+        touching = summary[f"p_over_{name}_of_touching"]
+        if summary["never_touch"] and touching:
+            lines.append(f"  of the motions that touch: {touching['mean']:.4f}")
+    for name, found in summary.get("predictors", {}).items():
+        missed, refused = _percent(found["unsafe_missed"]), _percent(found["safe_refused"])
+        rank = f"rank correlation {correlation(found['rank_correlation'])}"
+        lines.append(f"{name.replace('_', ' ')}: {rank}, misses {missed} of unsafe poses, rejects {refused} of safe")
+    low, high = summary["distribution"]["mode_of_collisions_N"]
+    lines.append(f"most common peak force: {low:g} to {high:g} N")
+    ends = ", ".join(f"{end.replace('_', ' ')} {count}" for end, count in summary["ends"].items() if count)
+    lines.append(f"undetected: {summary['undetected']['mean']:.4f}; motions end by: {ends}")
+    if summary["self_collisions"]["looked_for"]:
+        lines.append(f"poses discarded for self-collision: {summary['self_collisions']['poses_discarded']}")
+    return lines
+
+
 def worst_risk(rows: pl.DataFrame) -> FloatArray:
     """The larger of the probabilities of passing the force and the pressure limit (N,); NaN without limits."""
     return np.asarray(np.fmax(rows["p_over_force"].to_numpy(), rows["p_over_pressure"].to_numpy()))
@@ -107,3 +149,7 @@ def _share(p: FloatArray) -> dict[str, float] | None:
 def _mode(counts: Any, edges: FloatArray) -> list[float]:
     at = int(np.argmax(counts))
     return [float(edges[at]), float(edges[at + 1])]
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %" if math.isfinite(share) else "none"

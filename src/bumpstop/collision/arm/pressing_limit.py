@@ -1,4 +1,4 @@
-"""How hard an arm presses that nothing stops: as hard as its drives can."""
+"""Greatest force of an undetected arm: what its drives can press with."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop.collision.curve import StoppingCurve, states_at_reactions
+from bumpstop.collision.curve import AT_REST, StoppingCurve, states_at_reactions
 from bumpstop.model import gravity_torque, mass_matrix
 
 if TYPE_CHECKING:
@@ -64,7 +64,16 @@ def pressing_limit(problem: CollisionProblem, curve: StoppingCurve) -> PressingL
     inertia = mass_matrix(robot, q) + np.diag(problem.drive_train.rotor_inertia)
     doubled_energy = np.einsum("ki,kij,kj->k", qd, inertia, qd)
     peak = static + np.sqrt(static**2 + doubled_energy * problem.stiffness)
-    hardest = int(peak.argmax())
-    return PressingLimit(
-        static_force=float(static.max()), peak_force=float(peak[hardest]), joint=int(joint[hardest]) + 1
-    )
+    worst = int(peak.argmax())
+    return PressingLimit(static_force=float(static.max()), peak_force=float(peak[worst]), joint=int(joint[worst]) + 1)
+
+
+def undetected_force(problem: CollisionProblem, curve: StoppingCurve) -> float | None:
+    """What a held body that is never detected is pressed with [N], infinite where nobody knows; None where nothing is.
+
+    Nothing presses on where the body has got away, or where the motion ends by itself.
+    """
+    if problem.gets_away or curve.end in AT_REST:
+        return None
+    limit = pressing_limit(problem, curve)
+    return math.inf if limit is None else limit.peak_force

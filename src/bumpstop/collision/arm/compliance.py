@@ -40,7 +40,7 @@ def drive_train_of(scenario: Scenario, robot: Robot) -> DriveTrain:
 
 
 def check_inertia(robot: Robot) -> None:
-    """Refuse an elastic arm whose inertia is not known, or not believed.
+    """Refuse an elastic arm whose inertia is not known, or implausible.
 
     Raises:
         InputError: a link has no inertia, or the inertia looks like placeholders.
@@ -48,7 +48,7 @@ def check_inertia(robot: Robot) -> None:
     if robot.inertia_objection:
         raise InputError(
             "arm.model",
-            f"'elastic' needs an inertia that can be believed. {robot.inertia_objection.rstrip('.')}",
+            f"'elastic' needs a plausible inertia. {robot.inertia_objection.rstrip('.')}",
             "valid: 'rigid', or a robot with its real inertia",
         )
 

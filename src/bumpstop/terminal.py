@@ -1,0 +1,85 @@
+"""The door to the terminal: tables, and numbers as people read them."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Callable, Collection, Iterable, Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+UNBOUNDED = "unbounded"
+NONE = "none"
+MIN_PRINTED_NUMBER = 1e-6  # in any unit that a person reads: digits of rounding, not of a quantity
+_WIDTH = 120  # of a table in a text: no terminal folds it
+
+
+def number(value: float) -> str:
+    """Four significant digits, ``"0"`` below a millionth.
+
+    Infinity is ``"unbounded"``, a quantity that never exists ``"none"``.
+    """
+    if math.isnan(value):
+        return NONE
+    if math.isinf(value):
+        return UNBOUNDED
+    if abs(value) < MIN_PRINTED_NUMBER:
+        return "0"
+    text = f"{value:.4g}"
+    # Newtons by the ten thousand are still newtons: no powers of ten.
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < 1e7 else text
+
+
+def correlation(value: float) -> str:
+    """A rank correlation; ``"none"`` where there is none, as with a quantity that is everywhere the same."""
+    return NONE if math.isnan(value) else f"{value:.3f}"
+
+
+def share(value: float, *, rests: bool = False) -> str:
+    """R2 or another share of a variance; ``"rests"`` of a joint that does, ``"none"`` where there is no variance."""
+    if rests:
+        return "rests"
+    return f"{value:.4f}" if math.isfinite(value) else NONE
+
+
+def terminal() -> Console:
+    """The terminal, which prints text as it is and folds only tables that are wider."""
+    from rich.console import Console
+
+    return Console(highlight=False, markup=False, soft_wrap=True)
+
+
+def text_of(show: Callable[[Console], None], width: int = _WIDTH, *, wrapped: bool = False) -> str:
+    """What ``show`` prints, without spaces at the ends of lines and without the last line's end.
+
+    Args:
+        show: prints on the console it is given.
+        width: of tables in letters, and of lines if they are ``wrapped``.
+        wrapped: fold long lines, too.
+    """
+    from rich.console import Console
+
+    file = io.StringIO()
+    show(Console(file=file, width=width, highlight=False, markup=False, color_system=None, soft_wrap=not wrapped))
+    return "\n".join(line.rstrip() for line in file.getvalue().splitlines())
+
+
+def table(headings: Sequence[str], rows: Iterable[Sequence[str]], left: Collection[str] = ()) -> Table:
+    """A table without lines.
+
+    Args:
+        headings: of the columns.
+        rows: cells.
+        left: headings of the columns that begin at the left; the others end at the right.
+    """
+    from rich.table import Table
+
+    made = Table(box=None, pad_edge=False)
+    for heading in headings:
+        made.add_column(heading, justify="left" if heading in left else "right", overflow="fold")
+    for row in rows:
+        made.add_row(*row)
+    return made
