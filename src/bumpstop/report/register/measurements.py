@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from bumpstop.terminal import number
 from bumpstop.report.markup import Html, element, paragraph, table
 from bumpstop.report.section import Part
+from bumpstop.terminal import number
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

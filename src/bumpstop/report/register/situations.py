@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 from bumpstop.collision.probability_text import decimal, percent
 from bumpstop.register.outcome import OUTCOME_WORDS
 from bumpstop.report.banner import Sign, banner
-from bumpstop.terminal import number
 from bumpstop.report.markup import Html, element, paragraph, table
 from bumpstop.report.picture import AREA, FAINT, INK, LAW, LIMIT, PAPER, Picture, axes
 from bumpstop.report.section import Part
+from bumpstop.terminal import number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
