@@ -25,8 +25,14 @@ def summary_text(result: CollisionResult) -> str:
     return "\n".join(line.rstrip() for line in text.getvalue().splitlines())
 
 
-def print_summary(result: CollisionResult, console: Console) -> None:
-    """Print verdict, figures and notes."""
+def print_summary(result: CollisionResult, console: Console, *, case: str = "") -> None:
+    """Print verdict, figures and notes.
+
+    Args:
+        result: of the scenario.
+        console: to print to.
+        case: the name of the case where the result is one of several: its verdict is none by itself, and has no sign.
+    """
     from rich.table import Table
     from rich.text import Text
 
@@ -46,7 +52,10 @@ def print_summary(result: CollisionResult, console: Console) -> None:
     body = f"{limits.label} ({limits.table})" if limits else f"a spring of {result.problem.stiffness:g} N/m"
     arm = f"{robot.title or robot.name}{result.problem.arm_in_words}"
     console.print(f"{arm} {result.problem.motion_in_words} against {body}", style="bold")
-    console.print(Text(f" {word} ", style=style), verdict.reason)
+    if case:
+        console.print(f"{case}: {verdict.reason}")
+    else:
+        console.print(Text(f" {word} ", style=style), verdict.reason)
     for warning in result.warnings:
         console.print(f"warning: {warning}")
 

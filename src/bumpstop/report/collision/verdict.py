@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from bumpstop.collision.probability_text import percent
 from bumpstop.collision.verdict.alarm_rate import alarm_rate
@@ -10,6 +11,10 @@ from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
 from bumpstop.report.formatting import in_phases, number, quantity
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.section import Section
+
+if TYPE_CHECKING:
+    from bumpstop.collision import CollisionResult
+    from bumpstop.uncertainty import UncertainResult
 
 # Word, CSS class and shape of the sign: the three say the same, so that none is needed to read the others.
 _TICK = '<circle cx="12" cy="12" r="11"/><path d="M6 12.5l4 4 8-9"/>'
@@ -29,9 +34,13 @@ class VerdictSection(Section):
     title = "Verdict"
     anchor = "verdict"
 
+    def __init__(self, result: CollisionResult, uncertain: UncertainResult | None = None) -> None:
+        super().__init__(result)
+        self._uncertain = uncertain
+
     def content(self) -> list[Html]:
         """Sign, sentence, the table of what was judged, and what the word means."""
-        verdict = self.result.verdict
+        verdict = self._uncertain or self.result.verdict
         word, style, shape = _SIGNS[verdict.conclusion]
         sign = element("svg", Html(shape), viewBox="0 0 24 24", aria_hidden="true")
         banner = element(
@@ -40,7 +49,8 @@ class VerdictSection(Section):
             element("p", verdict.reason, class_="reason"),
             class_=f"banner {style}",
         )
-        rows = table(("", "this collision", "limit or accepted", ""), self._rows(), caption="What the verdict rests on")
+        of = "this collision" if self._uncertain is None else "the central case"
+        rows = table(("", of, "limit or accepted", ""), self._rows(), caption="What the verdict rests on")
         beside = []
         if self.result.warnings:
             beside = [element("h3", "Beside this verdict"), bullets(self.result.warnings)]
@@ -120,6 +130,12 @@ class VerdictSection(Section):
             "Acceptable means here: each limit is exceeded with a probability of at most "
             f"{percent(verdict.accepted_probability)}, and an alarm before contact has a probability "
             f"of at most {percent(verdict.max_false_alarm)}. "
+        )
+        if self._uncertain is not None:
+            meaning += f"So it is for {100 * self._uncertain.confidence:g} % of the inputs, whatever is assumed. "
+        meaning += (
+            "Each probability is that of exceeding a limit in one contact. It is not the risk of ISO 12100, which also "
+            "weighs how often contact occurs, whether it can be avoided, and the harm. "
         )
         if self.result.problem.body_mass is None:
             because, pressing = self.result.unbounded_because, self.result.pressing_limit
