@@ -1,6 +1,15 @@
 """How sure a verdict is: uncertain inputs, cases, what matters most, rare events."""
 
 from bumpstop.uncertainty.evaluation import evaluate_uncertain
+from bumpstop.uncertainty.judgement import Judgement, judge_situation, judge_situations
 from bumpstop.uncertainty.result import TornadoBar, UncertainCase, UncertainResult
 
-__all__ = ["TornadoBar", "UncertainCase", "UncertainResult", "evaluate_uncertain"]
+__all__ = [
+    "Judgement",
+    "TornadoBar",
+    "UncertainCase",
+    "UncertainResult",
+    "evaluate_uncertain",
+    "judge_situation",
+    "judge_situations",
+]

@@ -2,103 +2,183 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+import numpy.typing as npt
 
-from bumpstop.uncertainty.result import Conclusion, rank_of, said
+from bumpstop.arrays import FloatArray
+from bumpstop.collision.probability_text import percent, small_percent
 
 if TYPE_CHECKING:
     from bumpstop.uncertainty.point_evaluation import PointEvaluator, Points
 
+Conclusion = Literal["acceptable", "not_acceptable", "inconclusive", "no_limits"]
+UNTESTED = "At too many points of the inputs most cases touch nothing, so that the limits are not put to the test."
 
-def conclude(
-    evaluator: PointEvaluator,
-    middle: Points,
-    cases: tuple[Points, Points, Points],
-    confidence: float,
-    deciding: tuple[str, ...],
-) -> tuple[Conclusion, str]:
-    """Judge what is drawn at the best, the central and the worst values of what is assumed.
 
-    Acceptable is what holds at the confidence, and would at any admissible value. Not acceptable is what would at none.
-    All else is inconclusive.
+def rank_of(p: float, count: int) -> int:
+    """Place of the quantile p among ``count`` ascending values, from 0.
+
+    Of independent values the one at rank k lies above a further one with probability k / (count + 1), so that
+    k = p (count + 1), rounded away from the middle, covers with probability p at least.
+    """
+    rank = np.ceil(p * (count + 1) - 1e-9) if p >= 0.5 else np.floor(p * (count + 1) + 1e-9)
+    return int(min(max(rank, 1), count)) - 1
+
+
+def at_rank(values: FloatArray, p: float) -> float:
+    """The quantile p of values, at the place of :func:`rank_of`."""
+    return float(np.sort(values)[rank_of(p, len(values))])
+
+
+def concluded(ratio: FloatArray, untested: npt.NDArray[np.bool_], confidence: float, count: int) -> Conclusion | None:
+    """The verdict of ``count`` points of which some are known; None: those decide nothing yet.
+
+    Points at which most cases touch nothing count for neither verdict.
 
     Args:
-        evaluator: of the scenario.
-        middle: the central case, one point.
-        cases: points with the best, the central and the worst values of what is assumed.
-        confidence: share of the inputs at which the verdict must hold.
-        deciding: keys of assumed inputs that swap it by themselves.
-
-    Returns:
-        The verdict in a word, and one sentence.
+        ratio: of :meth:`PointEvaluator.exceedance_ratio` (n,), n <= count.
+        untested: of :meth:`PointEvaluator.untested` (n,).
+        confidence: share of the points at which the verdict must hold.
+        count: of all points.
     """
+    wanted = rank_of(confidence, count) + 1
+    if (ratio > 1).sum() > count - wanted:
+        return "not_acceptable"
+    if ((ratio <= 1) & ~untested).sum() >= wanted:
+        return "acceptable"
+    return "inconclusive" if len(ratio) == count else None
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedCases:
+    """Points with the best, the central and the worst values of what is assumed.
+
+    Attributes:
+        middle: the central case, one point.
+        base: what is assumed is central.
+        worst: for the force, and for false alarms where they count.
+        best: None where the base is acceptable already.
+    """
+
+    middle: Points
+    base: Points
+    worst: tuple[Points, ...]
+    best: Points | None
+
+    def conclusions(self, evaluator: PointEvaluator, confidence: float) -> tuple[Conclusion, tuple[Conclusion, ...]]:
+        """Of the base, and of the others."""
+        others = self.worst if self.best is None else (*self.worst, self.best)
+        return verdict_of(evaluator, self.base, confidence), tuple(
+            verdict_of(evaluator, points, confidence) for points in others
+        )
+
+
+def verdict_of(evaluator: PointEvaluator, points: Points, confidence: float) -> Conclusion:
+    """The verdict of all points."""
+    found = concluded(evaluator.exceedance_ratio(points), evaluator.untested(points), confidence, len(points))
+    assert found is not None
+    return found
+
+
+def without_points(evaluator: PointEvaluator) -> tuple[Conclusion, str] | None:
+    """Verdict and reason where no point changes them; None where points decide."""
     limits = evaluator.problem.limits
     if limits is None:
         return "no_limits", "No body region is named, so there is no limit to judge by."
     for phase in (limits, evaluator.problem.transient_limits):
         if phase is not None and not phase.permitted:
             return "not_acceptable", phase.reason
+    return None
+
+
+def conclude(
+    evaluator: PointEvaluator, cases: JudgedCases, confidence: float, deciding: tuple[str, ...]
+) -> tuple[Conclusion, str]:
+    """Judge the cases.
+
+    Acceptable is what holds at the confidence, and would at any admissible value. Not acceptable is what would at none.
+    All else is inconclusive.
+
+    Args:
+        evaluator: of the scenario.
+        cases: their points.
+        confidence: share of the inputs at which the verdict must hold.
+        deciding: keys of assumed inputs that swap it by themselves.
+
+    Returns:
+        The verdict in a word, and one sentence.
+    """
+    fixed = without_points(evaluator)
+    if fixed is not None:
+        return fixed
+    base, others = cases.conclusions(evaluator, confidence)
+    if "inconclusive" in (base, *others):
+        return "inconclusive", UNTESTED
+    if set(others) - {base}:
+        return "inconclusive", _swap(evaluator, cases, confidence, deciding)
     accepted = evaluator.scenario.verdict.accepted_probability
-    found = [_at_confidence(evaluator, points, confidence) for points in cases]
-    over = [float(np.sort(points.p_over)[rank_of(confidence, len(points))]) for points in cases]
-    alarm = [float(np.sort(points.false_alarm)[rank_of(confidence, len(points))]) for points in cases]
-    sure = f"At {100 * confidence:g} % confidence"
-    few = len(cases[1]) == 1
-    if len(set(found)) > 1:
-        names = deciding or tuple(each.key for each in evaluator.inputs if each.assumed)
-        verb = "is assumed and decides" if len(names) == 1 else "are assumed and decide"
-        together = "" if deciding else " together"
-        if found[0] == "acceptable" or found[-1] == "not_acceptable":
-            figures = f"over the limits with probability {_span(over[0], over[2], accepted)}"
-            if over[0] > accepted or over[2] <= accepted:
-                figures = f"false alarms with probability {_span(alarm[0], alarm[2], accepted)}"
-            return "inconclusive", f"{_listed(names)} {verb}{together}: {figures}, {said(accepted, accepted)} accepted."
-        return "inconclusive", _untested()
-    if found[1] == "inconclusive":
-        return "inconclusive", _untested()
-    bound = over[2] if found[1] == "acceptable" else over[1]
-    central = f"{said(float(middle.p_over[0]), accepted)} in the central case"
-    if found[1] == "acceptable":
-        where = "at any admissible value of what is assumed" if few else f"{sure[0].lower()}{sure[1:]}"
-        return "acceptable", (
-            f"One contact exceeds the limits for {limits.label} with probability {said(bound, accepted)} or less "
-            f"{where}, within the accepted {said(accepted, accepted)} ({central})."
-        )
     max_alarm = evaluator.scenario.verdict.max_false_alarm
-    faults = []
-    if bound > accepted:
-        faults.append(
-            f"one contact exceeds the limits for {limits.label} with probability up to {said(bound, accepted)}, more "
-            f"than the accepted {said(accepted, accepted)} ({central})"
+    label = evaluator.problem.limits.label if evaluator.problem.limits is not None else ""
+    sure = _sure(evaluator, confidence)
+    central = f"{said(float(cases.middle.p_over[0]), accepted)} in the central case"
+    if base == "acceptable":
+        over = max(at_rank(points.p_over, confidence) for points in (cases.base, *cases.worst))
+        return "acceptable", (
+            f"{sure} one contact exceeds the limits for {label} with probability {said(over, accepted)} or less, "
+            f"within the accepted {said(accepted, accepted)} ({central})."
         )
-    if alarm[1] > max_alarm:
+    over, alarm = at_rank(cases.base.p_over, confidence), at_rank(cases.base.false_alarm, confidence)
+    faults = []
+    if over > accepted or alarm <= max_alarm:
         faults.append(
-            f"a false alarm comes before contact with probability up to {said(alarm[1], max_alarm)} (accepted: "
+            f"one contact exceeds the limits for {label} with probability up to {said(over, accepted)}, "
+            f"{said(accepted, accepted)} accepted ({central})"
+        )
+    if alarm > max_alarm or over <= accepted:
+        faults.append(
+            f"a false alarm comes before contact with probability up to {said(alarm, max_alarm)} (accepted: "
             f"{said(max_alarm, max_alarm)})"
         )
-    if not faults:
-        faults.append("the limits or the false alarms are over what is accepted at too many points of the inputs")
     return "not_acceptable", f"{sure} " + " and ".join(faults) + "."
 
 
-def _at_confidence(evaluator: PointEvaluator, points: Points, confidence: float) -> Conclusion:
-    """Points at which most cases touch nothing count for neither verdict."""
-    ratio, untested = evaluator.exceedance_ratio(points), evaluator.untested(points)
-    rank = rank_of(confidence, len(ratio))
-    if np.sort(np.where(untested & (ratio <= 1), np.inf, ratio))[rank] <= 1:
-        return "acceptable"
-    return "not_acceptable" if np.sort(ratio)[rank] > 1 else "inconclusive"
+def _sure(evaluator: PointEvaluator, confidence: float) -> str:
+    """Of what a sentence holds."""
+    drawn = any(not each.assumed for each in evaluator.inputs)
+    assumed = any(each.assumed for each in evaluator.inputs)
+    words = [f"at {100 * confidence:g} % confidence"] if drawn else []
+    if assumed:
+        words.append("whatever is assumed")
+    text = " and ".join(words)
+    return f"{text[0].upper()}{text[1:]}"
 
 
-def _untested() -> str:
-    return "At too many points of the inputs most cases touch nothing, so that the limits are not put to the test."
-
-
-def _span(low: float, high: float, accepted: float) -> str:
-    return f"{said(min(low, high), accepted)} to {said(max(low, high), accepted)}"
+def _swap(evaluator: PointEvaluator, cases: JudgedCases, confidence: float, deciding: tuple[str, ...]) -> str:
+    """What is assumed and decides, and between which probabilities."""
+    verdict = evaluator.scenario.verdict
+    together = "" if deciding else " together"
+    names = deciding or tuple(each.key for each in evaluator.inputs if each.assumed)
+    verb = "is assumed and decides" if len(names) == 1 else "are assumed and decide"
+    every = (cases.base, *cases.worst, *(() if cases.best is None else (cases.best,)))
+    spans = []
+    for what, name, accepted in (
+        ("one contact exceeds a limit", "p_over", verdict.accepted_probability),
+        ("a false alarm comes before contact", "false_alarm", verdict.max_false_alarm),
+    ):
+        found = [at_rank(getattr(points, name), confidence) for points in every]
+        if max(found) > accepted:
+            span = f"{said(min(found), accepted)} to {said(max(found), accepted)}"
+            spans.append(f"{what} with probability {span}, {said(accepted, accepted)} accepted")
+    return f"{_listed(names)} {verb}{together}: {' and '.join(spans) or 'force and false alarms'}."
 
 
 def _listed(names: tuple[str, ...]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def said(p: float, accepted: float) -> str:
+    """A probability as sentences say it, with digits where what is accepted needs them."""
+    return (small_percent if accepted < 1e-4 else percent)(p, integrated=True)

@@ -13,10 +13,10 @@ from bumpstop.arrays import FloatArray, as_whole_number
 from bumpstop.collision.distribution.monte_carlo_blocks import Progress
 from bumpstop.collision.scenario.scenario import as_scenario
 from bumpstop.errors import InputError
-from bumpstop.uncertainty.assumed_search import AssumedSearch, search_assumed
-from bumpstop.uncertainty.conclusion import conclude
+from bumpstop.uncertainty.assumed_search import AssumedSearch, search_assumed, swapping_inputs
+from bumpstop.uncertainty.conclusion import JudgedCases, at_rank, conclude, rank_of, verdict_of
 from bumpstop.uncertainty.point_evaluation import PointEvaluator, Points
-from bumpstop.uncertainty.result import TornadoBar, UncertainCase, UncertainResult, rank_of
+from bumpstop.uncertainty.result import TornadoBar, UncertainCase, UncertainResult
 
 if TYPE_CHECKING:
     from bumpstop.collision import Scenario
@@ -62,32 +62,42 @@ def evaluate_uncertain(
     share = _Share(progress)
     evaluator = PointEvaluator(scenario, samples=samples, seed=seed, threads=threads, told=share.done)
     figures = evaluator.central_figures
-    measured = [j for j, each in enumerate(evaluator.inputs) if not each.assumed]
-    assumed = len(figures) - len(measured)
-    share.expect((count if measured else 1) * (3 if assumed else 1) + 2 * len(figures) + 100 * assumed)
+    assumed = sum(each.assumed for each in evaluator.inputs)
+    drawn = count if assumed < len(figures) else 1
+    share.expect(drawn * (3 if assumed else 1) + 2 * len(figures) + 50 * assumed)
 
     central = evaluator.result_at(figures)
-    middle = evaluator.at(figures[None])
-    drawn = _drawn(evaluator, measured, count, seed)
-    base = evaluator.at(drawn, with_force=True)
+    rows = drawn_rows(evaluator, count, seed)
+    base = evaluator.at(rows, with_force=True)
     at_confidence = int(np.argsort(evaluator.exceedance_ratio(base), kind="stable")[rank_of(confidence, len(base))])
-    found: tuple[str, ...] = ()
-    worst = best = base
+    worst: tuple[Points, ...] = ()
+    best: Points | None = None
+    deciding: tuple[str, ...] = ()
     if assumed:
-        search = search_assumed(evaluator, drawn[at_confidence], confidence)
-        worst = _repeated(evaluator, drawn, search.worst)
-        best = _repeated(evaluator, drawn, search.best)
-        found = _deciding(evaluator, search)
-    conclusion, reason = conclude(evaluator, middle, (best, base, worst), confidence, found)
+        search = search_assumed(evaluator, figures, confidence)
+        worst = tuple(evaluator.at(with_assumed(evaluator, rows, at)) for at in worst_of(search))
+        if verdict_of(evaluator, base, confidence) != "acceptable":
+            best = evaluator.at(with_assumed(evaluator, rows, search.best))
+    cases = JudgedCases(evaluator.at(figures[None]), base, worst, best)
+    found, others = cases.conclusions(evaluator, confidence)
+    if set(others) - {found}:
+        holds = found == "acceptable"
+        deciding = swapping_inputs(
+            evaluator,
+            rows[at_confidence],
+            confidence,
+            lambda points: (evaluator.exceedance_ratio(points) <= 1) != holds,
+        )
+    conclusion, reason = conclude(evaluator, cases, confidence, deciding)
     over = np.sort(base.p_over)
     result = UncertainResult(
         scenario=scenario,
         central=central,
         inputs=evaluator.inputs,
         cases=(
-            _case("central", middle, 0, 0),
-            _case("confident", base, rank_of(confidence, len(base)), at_confidence),
-            _case("worst", worst, rank_of(confidence, len(worst)), at_confidence),
+            _case("central", (cases.middle,), confidence, 0),
+            _case("confident", (base,), confidence, at_confidence),
+            _case("worst", worst or (base,), confidence, at_confidence),
         ),
         p_over_interval=(
             float(over[rank_of(1 - confidence, len(over))]),
@@ -98,7 +108,7 @@ def evaluate_uncertain(
         confidence=confidence,
         conclusion=conclusion,
         reason=reason,
-        deciding=found,
+        deciding=deciding,
         evaluations=evaluator.evaluations + 1,
         seed=seed,
         notes=_notes(evaluator),
@@ -119,38 +129,47 @@ def _checked_points(points: int) -> int:
     return count
 
 
-def _drawn(evaluator: PointEvaluator, measured: list[int], count: int, seed: int) -> FloatArray:
-    """Points of the inputs that have a distribution, the others central (n, inputs)."""
+def drawn_rows(evaluator: PointEvaluator, count: int, seed: int) -> FloatArray:
+    """Points of the inputs that have a distribution, what is assumed in its central case (n, inputs).
+
+    Args:
+        evaluator: of the scenario.
+        count: of the points, where there is something to draw.
+        seed: of the scrambling.
+    """
     from scipy.stats import qmc
 
-    if not measured:
+    drawn = [j for j, each in enumerate(evaluator.inputs) if not each.assumed]
+    if not drawn:
         return evaluator.central_figures[None]
-    sequence = qmc.Sobol(len(measured), scramble=True, seed=np.random.default_rng(seed))
+    sequence = qmc.Sobol(len(drawn), scramble=True, seed=np.random.default_rng(seed))
     u = sequence.random(count)
     rows = np.tile(evaluator.central_figures, (count, 1))
-    for column, j in enumerate(measured):
+    for column, j in enumerate(drawn):
         rows[:, j] = evaluator.inputs[j].quantile(u[:, column])
     return rows
 
 
-def _repeated(evaluator: PointEvaluator, drawn: FloatArray, assumed_as: FloatArray) -> Points:
-    """The same points with other values of what is assumed."""
-    rows = drawn.copy()
+def with_assumed(evaluator: PointEvaluator, rows: FloatArray, figures: FloatArray) -> FloatArray:
+    """The same points with other figures of what is assumed."""
+    changed = rows.copy()
     for j, each in enumerate(evaluator.inputs):
         if each.assumed:
-            rows[:, j] = assumed_as[j]
-    return evaluator.at(rows)
+            changed[:, j] = figures[j]
+    return changed
 
 
-def _deciding(evaluator: PointEvaluator, search: AssumedSearch) -> tuple[str, ...]:
-    return tuple(evaluator.inputs[j].key for j in search.deciding)
+def worst_of(search: AssumedSearch) -> list[FloatArray]:
+    """Where forces are worst, and false alarms where they count."""
+    return [search.worst] if search.most_alarms is None else [search.worst, search.most_alarms]
 
 
-def _case(name: str, points: Points, rank: int, representative: int) -> UncertainCase:
+def _case(name: str, runs: tuple[Points, ...], confidence: float, representative: int) -> UncertainCase:
     p_over, false_alarm, utilisation = (
-        float(np.sort(values)[rank]) for values in (points.p_over, points.false_alarm, points.utilisation)
+        max(at_rank(getattr(points, name), confidence) for points in runs)
+        for name in ("p_over", "false_alarm", "utilisation")
     )
-    return UncertainCase(name, p_over, false_alarm, utilisation, points.figures[representative])
+    return UncertainCase(name, p_over, false_alarm, utilisation, runs[0].figures[representative])
 
 
 def _tornado(evaluator: PointEvaluator, confidence: float) -> tuple[TornadoBar, ...]:

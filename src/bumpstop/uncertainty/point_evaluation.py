@@ -99,8 +99,13 @@ class PointEvaluator:
         self.scenario = scenario.with_values({"uncertainty": {}}) if scenario.uncertainty else scenario
         self.evaluations = 0
         self._samples, self._seed = samples, seed
-        self._threads = threads or _processors()
+        self._threads = threads or self.processors()
         self._told = told or (lambda count: None)
+
+    @staticmethod
+    def processors() -> int:
+        """That this process may use; not every system tells."""
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
     @cached_property
     def central_figures(self) -> FloatArray:
@@ -182,11 +187,6 @@ class PointEvaluator:
     def untested(self, points: Points) -> npt.NDArray[np.bool_]:
         """Whether most cases touch nothing, so that a verdict was not put to the test (n,)."""
         return np.asarray(points.untouched > MAX_UNTOUCHED)
-
-
-def _processors() -> int:
-    """That this process may use; not every system tells."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _no_points(inputs: int) -> Points:

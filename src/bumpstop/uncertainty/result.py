@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop.collision.probability_text import percent, small_percent
+from bumpstop.uncertainty.conclusion import Conclusion, rank_of
 from bumpstop.uncertainty.point_evaluation import LEVELS
 
 if TYPE_CHECKING:
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from bumpstop.collision import CollisionResult, Scenario
     from bumpstop.uncertainty.point_evaluation import Points
     from bumpstop.uncertainty.resolved_input import ResolvedInput
-
-Conclusion = Literal["acceptable", "not_acceptable", "inconclusive", "no_limits"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,21 +182,6 @@ class UncertainResult:
             "notes": list(self.notes),
         }
         return found
-
-
-def rank_of(p: float, count: int) -> int:
-    """Place of the quantile p among ``count`` ascending values, from 0.
-
-    Of independent values the one at rank k lies above a further one with probability k / (count + 1), so that
-    k = p (count + 1), rounded away from the middle, covers with probability p at least.
-    """
-    rank = math.ceil(p * (count + 1) - 1e-9) if p >= 0.5 else math.floor(p * (count + 1) + 1e-9)
-    return min(max(rank, 1), count) - 1
-
-
-def said(p: float, accepted: float) -> str:
-    """A probability as sentences say it, with digits where what is accepted needs them."""
-    return (small_percent if accepted < 1e-4 else percent)(p, integrated=True)
 
 
 def _finite(value: float) -> float | None:
