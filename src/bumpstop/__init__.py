@@ -83,6 +83,13 @@ if TYPE_CHECKING:
         WorkspaceStudy,
         solve_requirement,
     )
+    from bumpstop.uncertainty import (
+        Judgement,
+        UncertainResult,
+        evaluate_uncertain,
+        judge_situation,
+        judge_situations,
+    )
 
 _HOME = {
     "bumpstop.model": (
@@ -136,6 +143,13 @@ _HOME = {
         "WorkspaceStudy",
         "solve_requirement",
     ),
+    "bumpstop.uncertainty": (
+        "Judgement",
+        "UncertainResult",
+        "evaluate_uncertain",
+        "judge_situation",
+        "judge_situations",
+    ),
     "bumpstop.plant": (
         "Experiment",
         "Plant",
@@ -159,6 +173,7 @@ _ROOMS = (
     "reproduction",
     "signal",
     "study",
+    "uncertainty",
 )
 
 __all__ = [
@@ -175,6 +190,7 @@ __all__ = [
     "InputError",
     "Joint",
     "JointTorqueModel",
+    "Judgement",
     "LimitTable",
     "ParameterStudy",
     "Payload",
@@ -186,17 +202,21 @@ __all__ = [
     "StoppingCurve",
     "Thresholds",
     "TrajectorySpeedLimits",
+    "UncertainResult",
     "Verdict",
     "WorkspaceSpeedLimits",
     "WorkspaceStudy",
     "detect",
     "evaluate",
     "evaluate_batch",
+    "evaluate_uncertain",
     "identify_dynamics",
     "identify_gains",
     "identify_joint_model",
     "identify_payload",
     "integrate",
+    "judge_situation",
+    "judge_situations",
     "load_labels",
     "load_scenario",
     "monte_carlo",

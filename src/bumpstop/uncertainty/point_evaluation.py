@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 # Exceedance probabilities at which the force of every point is kept, for the band of the curve.
 LEVELS = np.array([0.99, 0.9, 0.75, 0.5, 0.25, 0.1, 0.03, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 1e-5, 1e-6])
-# Below what is accepted, nobody asks for the digits of a tail that is computed by itself.
+# Far below what is accepted, nobody asks for the digits of a tail that is computed by itself.
 _MARGIN = 10.0
 
 
@@ -81,6 +81,7 @@ class PointEvaluator:
         seed: int = 0,
         threads: int | None = None,
         told: Callable[[int], None] | None = None,
+        far_tails: bool = False,
     ) -> None:
         """Prepare a scenario.
 
@@ -90,17 +91,20 @@ class PointEvaluator:
             seed: of the runs: the same at every point, so that differences are those of the inputs.
             threads: None: as many as there are processors.
             told: called with the number of points that were computed since.
+            far_tails: compute probabilities below 1e-6 by themselves, as :func:`bumpstop.evaluate` does; it takes
+                longer. They are so, anyway, where little more is accepted.
 
         Raises:
             InputError: the scenario or an uncertain input cannot be used.
         """
         self.problem = CollisionProblem.from_scenario(scenario)
         self.inputs: tuple[ResolvedInput, ...] = resolve(self.problem)
-        self.scenario = scenario.with_values({"uncertainty": {}}) if scenario.uncertainty else scenario
+        self.scenario = scenario.without_uncertainty()
         self.evaluations = 0
         self._samples, self._seed = samples, seed
         self._threads = threads or self.processors()
         self._told = told or (lambda count: None)
+        self._far_tails = far_tails or not scenario.verdict.accepted_probability > _MARGIN * FAR
 
     @staticmethod
     def processors() -> int:
@@ -163,7 +167,7 @@ class PointEvaluator:
     def _one(self, row: FloatArray, with_force: bool) -> Points:
         result = self.result_at(row)
         accepted = self.scenario.verdict.accepted_probability
-        over, utilisation = _over_and_utilisation(result, accepted)
+        over, utilisation = _over_and_utilisation(result, accepted, far_tails=self._far_tails)
         force = [result.peak_force.quantile(1 - level) for level in LEVELS] if with_force else []
         self.evaluations += 1
         self._told(1)
@@ -194,7 +198,7 @@ def _no_points(inputs: int) -> Points:
     return Points(np.zeros((0, inputs)), nothing, nothing, nothing, nothing, np.zeros((0, 0)))
 
 
-def _over_and_utilisation(result: CollisionResult, accepted: float) -> tuple[float, float]:
+def _over_and_utilisation(result: CollisionResult, accepted: float, *, far_tails: bool) -> tuple[float, float]:
     """Probability over a limit, and the share of the limit that is used with the accepted probability."""
     problem, contact = result.problem, result.scenario.contact
     limits, transient = problem.limits, problem.transient_limits
@@ -205,7 +209,7 @@ def _over_and_utilisation(result: CollisionResult, accepted: float) -> tuple[flo
         return 1.0, math.inf
     if transient is not None:
         return _in_two_phases(result, transient, limits, accepted)
-    if isinstance(force, ExactDistribution) and accepted > _MARGIN * FAR:
+    if isinstance(force, ExactDistribution) and not far_tails:
         force = replace(force, far_tail=None)
     allowed = limits.allowed_force_N(contact.area_cm2, contact.peak_factor)
     return force.exceedance(allowed), force.quantile(1 - accepted) / allowed

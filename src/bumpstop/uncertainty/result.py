@@ -137,6 +137,8 @@ class UncertainResult:
     def to_json(self) -> dict[str, Any]:
         """The object that ``bumpstop evaluate --json`` prints; figures that are not finite are None."""
         found = self.central.to_json()
+        # Whoever reads the verdict alone must not take that of the central case for it.
+        found["verdict"] |= {"acceptable": self.acceptable, "conclusion": self.conclusion, "reason": self.reason}
         found["uncertainty"] = {
             "conclusion": self.conclusion,
             "acceptable": self.acceptable,

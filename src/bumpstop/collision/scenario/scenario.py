@@ -316,6 +316,18 @@ class Scenario(Table):
         set_keys(data, changes)
         return Scenario.from_dict(data, self.folder)
 
+    def without_uncertainty(self) -> Scenario:
+        """The same collision, its numbers taken for known."""
+        if not self.uncertainty:
+            return self
+        data = self.model_dump(exclude_unset=True, exclude_none=True, mode="python", exclude={"uncertainty"})
+        data.get("verdict", {}).pop("confidence", None)
+        if "velocity_mm_s" in data["motion"]:
+            data["motion"] = {key: value for key, value in data["motion"].items() if key not in _SPEED}
+        if "stiffness_N_m" in data["contact"]:
+            data["contact"].pop("stiffness_N_mm", None)
+        return Scenario.from_dict(data, self.folder)
+
     def to_dict(self) -> dict[str, Any]:
         """The scenario as nested dictionaries.
 
