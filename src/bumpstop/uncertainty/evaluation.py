@@ -78,7 +78,7 @@ def evaluate_uncertain(
         worst = tuple(evaluator.at(with_assumed(evaluator, rows, at)) for at in worst_of(search))
         if verdict_of(evaluator, base, confidence) != "acceptable":
             best = evaluator.at(with_assumed(evaluator, rows, search.best))
-    cases = JudgedCases(evaluator.at(figures[None]), base, worst, best)
+    cases = JudgedCases(evaluator.at(figures[None], far_tails=True), base, worst, best)
     found, others = cases.conclusions(evaluator, confidence)
     if set(others) - {found}:
         holds = found == "acceptable"

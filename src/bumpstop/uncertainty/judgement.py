@@ -75,7 +75,7 @@ def judge_situation(scenario: Scenario, *, seed: int = 0, threads: int | None = 
         as_whole_number(threads, "threads", 1, 256)
     evaluator = PointEvaluator(as_scenario(scenario), seed=seed, threads=threads)
     figures = evaluator.central_figures
-    middle = evaluator.at(figures[None])
+    middle = evaluator.at(figures[None], far_tails=True)
     confidence = scenario.verdict.confidence if evaluator.inputs else None
     fixed = without_points(evaluator)
     if fixed is not None:

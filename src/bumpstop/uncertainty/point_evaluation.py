@@ -149,25 +149,27 @@ class PointEvaluator:
         point = ", ".join(f"{each.key} {figure:.4g}" for each, figure in zip(self.inputs, figures, strict=True))
         return InputError(error.field, f"{error.problem} (at a point of [uncertainty]: {point})", error.valid)
 
-    def at(self, figures: FloatArray, *, with_force: bool = False) -> Points:
+    def at(self, figures: FloatArray, *, with_force: bool = False, far_tails: bool = False) -> Points:
         """Evaluate points.
 
         Args:
             figures: (n, inputs).
             with_force: keep forces for the band of the exceedance curve.
+            far_tails: compute probabilities below 1e-6 by themselves, at all of these points.
         """
+        far_tails = far_tails or self._far_tails
         workers = min(self._threads, len(figures))
         if workers <= 1:
-            found = [self._one(row, with_force) for row in figures]
+            found = [self._one(row, with_force, far_tails) for row in figures]
         else:
             with ThreadPoolExecutor(workers) as pool:
-                found = list(pool.map(lambda row: self._one(row, with_force), figures))
+                found = list(pool.map(lambda row: self._one(row, with_force, far_tails), figures))
         return Points.joined(found) if found else _no_points(len(self.inputs))
 
-    def _one(self, row: FloatArray, with_force: bool) -> Points:
+    def _one(self, row: FloatArray, with_force: bool, far_tails: bool) -> Points:
         result = self.result_at(row)
         accepted = self.scenario.verdict.accepted_probability
-        over, utilisation = _over_and_utilisation(result, accepted, far_tails=self._far_tails)
+        over, utilisation = _over_and_utilisation(result, accepted, far_tails=far_tails)
         force = [result.peak_force.quantile(1 - level) for level in LEVELS] if with_force else []
         self.evaluations += 1
         self._told(1)

@@ -80,7 +80,7 @@ def bar_name(bar: TornadoBar) -> str:
 def utilisation_text(value: float, *, judged: bool) -> str:
     """Share of the limit in percent, or a force without limits."""
     if math.isinf(value):
-        return "no bound"
+        return "unbounded"
     return f"{100 * value:.3g} %" if judged else f"{value:.4g}"
 
 

@@ -106,7 +106,7 @@ class UncertaintySection(Section):
 
     def _used(self, value: float) -> str:
         if math.isinf(value):
-            return "no bound"
+            return "unbounded"
         return f"{100 * value:.3g} %" if self._judged else number(value)
 
     def pictures(self) -> list[Picture]:
