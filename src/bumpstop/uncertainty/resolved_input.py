@@ -194,7 +194,7 @@ def _nominal(each: UncertainInput, problem: CollisionProblem) -> tuple[float | l
     found: Any
     given = True
     if each.is_factor:
-        found, given = 1.0 if each.item is None else [1.0] * problem.robot.dof, False
+        found = 1.0 if each.item is None else [1.0] * problem.robot.dof
     elif key == "motion.speed_mm_s":
         if scenario.motion.velocity_mm_s is None:
             raise InputError(each.field, "has no meaning with a trajectory", 'wanted motion.kind = "line"')
