@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
-from bumpstop.collision.probability_text import percent, small_percent
 
 if TYPE_CHECKING:
     from bumpstop.uncertainty.point_evaluation import PointEvaluator, Points
@@ -122,24 +121,24 @@ def conclude(
     accepted = evaluator.scenario.verdict.accepted_probability
     max_alarm = evaluator.scenario.verdict.max_false_alarm
     label = evaluator.problem.limits.label if evaluator.problem.limits is not None else ""
-    sure = _sure(evaluator, confidence)
+    sure, said = _sure(evaluator, confidence), evaluator.said
     central = f"{said(float(cases.middle.p_over[0]), accepted)} in the central case"
     if base == "acceptable":
         over = max(at_rank(points.p_over, confidence) for points in (cases.base, *cases.worst))
         return "acceptable", (
-            f"{sure} one contact exceeds the limits for {label} with probability {said(over, accepted)} or less, "
-            f"within the accepted {said(accepted, accepted)} ({central})."
+            f"{sure} one contact exceeds the limits for {label} with probability "
+            f"{evaluator.said_at_most(over, accepted)}, within the accepted {said(accepted, accepted)} ({central})."
         )
     over, alarm = at_rank(cases.base.p_over, confidence), at_rank(cases.base.false_alarm, confidence)
     faults = []
     if over > accepted or alarm <= max_alarm:
         faults.append(
-            f"one contact exceeds the limits for {label} with probability up to {said(over, accepted)}, "
-            f"{said(accepted, accepted)} accepted ({central})"
+            f"one contact exceeds the limits for {label} with probability "
+            f"{evaluator.said_at_most(over, accepted)}, {said(accepted, accepted)} accepted ({central})"
         )
     if alarm > max_alarm or over <= accepted:
         faults.append(
-            f"a false alarm comes before contact with probability up to {said(alarm, max_alarm)} (accepted: "
+            f"a false alarm comes before contact with probability {evaluator.said_at_most(alarm, max_alarm)} (accepted: "
             f"{said(max_alarm, max_alarm)})"
         )
     return "not_acceptable", f"{sure} " + " and ".join(faults) + "."
@@ -158,7 +157,7 @@ def _sure(evaluator: PointEvaluator, confidence: float) -> str:
 
 def _swap(evaluator: PointEvaluator, cases: JudgedCases, confidence: float, deciding: tuple[str, ...]) -> str:
     """What is assumed and decides, and between which probabilities."""
-    verdict = evaluator.scenario.verdict
+    verdict, said = evaluator.scenario.verdict, evaluator.said
     together = "" if deciding else " together"
     names = deciding or tuple(each.key for each in evaluator.inputs if each.assumed)
     verb = "is assumed and decides" if len(names) == 1 else "are assumed and decide"
@@ -177,8 +176,3 @@ def _swap(evaluator: PointEvaluator, cases: JudgedCases, confidence: float, deci
 
 def _listed(names: tuple[str, ...]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-def said(p: float, accepted: float) -> str:
-    """A probability as sentences say it, with digits where what is accepted needs them."""
-    return (small_percent if accepted < 1e-4 else percent)(p, integrated=True)

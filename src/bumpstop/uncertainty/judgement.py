@@ -20,7 +20,6 @@ from bumpstop.uncertainty.conclusion import (
     Conclusion,
     concluded,
     rank_of,
-    said,
     without_points,
 )
 from bumpstop.uncertainty.evaluation import drawn_rows, points_for, with_assumed, worst_of
@@ -191,14 +190,17 @@ class _Stages:
     def _said(self, conclusion: Conclusion, known: list[Points], *, untested: bool = False) -> tuple[Conclusion, str]:
         evaluator, verdict = self._evaluator, self._evaluator.scenario.verdict
         accepted, central = verdict.accepted_probability, float(self._middle.p_over[0])
-        limits = evaluator.problem.limits
+        limits, said = evaluator.problem.limits, evaluator.said
         assert limits is not None
         sure = f"at {100 * self._confidence:g} % confidence"
         over = f"one contact exceeds the limits for {limits.label} with probability"
         in_case = f"{said(central, accepted)} in the central case"
         if conclusion == "acceptable":
             most = max(float(np.sort(points.p_over)[rank_of(self._confidence, len(points))]) for points in known)
-            return conclusion, f"{over[0].upper()}{over[1:]} {said(most, accepted)} or less {sure} ({in_case})."
+            return (
+                conclusion,
+                f"{over[0].upper()}{over[1:]} {evaluator.said_at_most(most, accepted)} {sure} ({in_case}).",
+            )
         if conclusion == "not_acceptable":
             more = [f"{over} above {said(accepted, accepted)} ({in_case})"]
             points = Points.joined(known)

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray
 from bumpstop.collision import CollisionProblem, evaluate, integrate, stopping_curve
 from bumpstop.collision.distribution.distribution import FAR, ExactDistribution
+from bumpstop.collision.probability_text import percent, small_percent
 from bumpstop.collision.verdict.two_phase import TwoPhaseUse
 from bumpstop.collision.verdict.verdict_notes import MAX_UNTOUCHED, untouched_share
 from bumpstop.errors import InputError
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 LEVELS = np.array([0.99, 0.9, 0.75, 0.5, 0.25, 0.1, 0.03, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 1e-5, 1e-6])
 # Far below what is accepted, nobody asks for the digits of a tail that is computed by itself.
 _MARGIN = 10.0
+# Where so little is accepted, sentences spell out what is next to nothing.
+_SMALL = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +108,20 @@ class PointEvaluator:
         self._threads = threads or self.processors()
         self._told = told or (lambda count: None)
         self._far_tails = far_tails or not scenario.verdict.accepted_probability > _MARGIN * FAR
+
+    @property
+    def integrated(self) -> bool:
+        """Whether the probabilities of points are integrated, and not counted among drawn collisions."""
+        return self._samples is None and self.problem.residuals is None
+
+    def said(self, p: float, accepted: float) -> str:
+        """A probability as sentences say it, with digits where what is accepted needs them."""
+        return (small_percent if accepted < _SMALL else percent)(p, integrated=self.integrated)
+
+    def said_at_most(self, p: float, accepted: float) -> str:
+        """An upper end of probabilities, to follow "probability"."""
+        text = self.said(p, accepted)
+        return text if text.startswith("less") else f"{'' if text.startswith('over') else 'of at most '}{text}"
 
     @staticmethod
     def processors() -> int:

@@ -48,10 +48,11 @@ def print_uncertain_summary(result: UncertainResult, console: Console) -> None:
         "confident": f"{100 * result.confidence:g} % of the inputs",
         "worst": "worst admissible" if any(each.assumed for each in result.inputs) else "worst: nothing is assumed",
     }
+    integrated = result.central.kind == "exact"
     for case in result.cases:
-        over = "" if math.isnan(case.p_over) else decimal(case.p_over, integrated=True)
+        over = "" if math.isnan(case.p_over) else decimal(case.p_over, integrated=integrated)
         share = utilisation_text(case.utilisation, judged=_judged(result))
-        cases.add_row(names[case.name], over, share, decimal(case.false_alarm, integrated=True))
+        cases.add_row(names[case.name], over, share, decimal(case.false_alarm, integrated=integrated))
     console.print(cases)
     bars = Table(box=None, pad_edge=False)
     for heading in ("what matters most", "from", "to", "of the limit" if _judged(result) else "force, N"):
@@ -62,9 +63,10 @@ def print_uncertain_summary(result: UncertainResult, console: Console) -> None:
     console.print(bars)
     for note in result.notes:
         console.print(f"note: {note}")
+    drawn = "" if integrated else f" of {result.central.samples} collisions each"
     console.print(
-        f"{result.evaluations} distributions at well-spread points, seed {result.seed}; probabilities are of exceeding "
-        "a limit in one contact, not the risk of ISO 12100",
+        f"{result.evaluations} distributions{drawn} at well-spread points, seed {result.seed}; probabilities are of "
+        "exceeding a limit in one contact, not the risk of ISO 12100",
         style="dim",
     )
     console.print()

@@ -59,8 +59,8 @@ class UncertaintySection(Section):
         )
         if self._judged:
             meaning += (
-                f"Over all inputs that have a distribution the mean probability is {percent(found.mean_p_over)}. Each "
-                "probability is that of exceeding a limit in one contact; it is not the risk of ISO 12100."
+                f"Over all inputs that have a distribution the mean probability is {self._percent(found.mean_p_over)}. "
+                "Each probability is that of exceeding a limit in one contact; it is not the risk of ISO 12100."
             )
         notes = [bullets(found.notes)] if found.notes else []
         return [paragraph(meaning), self._cases(), self._inputs(), *notes]
@@ -74,13 +74,13 @@ class UncertaintySection(Section):
         }
         rows = []
         for case in found.cases:
-            over = percent(case.p_over, integrated=True) if self._judged else "no limit"
+            over = self._percent(case.p_over) if self._judged else "no limit"
             rows.append(
                 (
                     names[case.name],
                     over,
                     self._used(case.utilisation),
-                    percent(case.false_alarm, integrated=True),
+                    self._percent(case.false_alarm),
                 )
             )
         used = "Force exceeded with the accepted probability" + (", of the limit" if self._judged else " [N]")
