@@ -138,8 +138,8 @@ def conclude(
         )
     if alarm > max_alarm or over <= accepted:
         faults.append(
-            f"a false alarm comes before contact with probability {evaluator.said_at_most(alarm, max_alarm)} (accepted: "
-            f"{said(max_alarm, max_alarm)})"
+            f"a false alarm comes before contact with probability {evaluator.said_at_most(alarm, max_alarm)}, "
+            f"{said(max_alarm, max_alarm)} accepted"
         )
     return "not_acceptable", f"{sure} " + " and ".join(faults) + "."
 

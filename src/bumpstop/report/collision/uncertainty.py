@@ -175,9 +175,12 @@ class UncertaintySection(Section):
         if limits is not None and limits.permitted:
             allowed = limits.allowed_force_N(contact.area_cm2, contact.peak_factor)
             panel.axvline(allowed, color=LIMIT, linestyle="--", linewidth=1.5)
+            # On the side that has room.
+            right = allowed < sum(panel.get_xlim()) / 2
             panel.annotate(
-                f"limit {number(allowed)} N", (allowed, 1.0), (4, -12), xycoords=("data", "axes fraction"),
-                textcoords="offset points", color=LIMIT, fontsize=8.5, bbox=PAPER,
+                f"limit {number(allowed)} N", (allowed, 1.0), (4 if right else -4, -12), color=LIMIT, fontsize=8.5,
+                xycoords=("data", "axes fraction"), textcoords="offset points", ha="left" if right else "right",
+                bbox=PAPER,
             )  # fmt: skip
         panel.annotate(
             "accepted", (0.0, accepted), (3, 3), xycoords=("axes fraction", "data"), textcoords="offset points",
