@@ -32,10 +32,10 @@ FIGURES = (
     "trigger_joints",
     "detection_delay",
     "limits_over_area",
-    "tornado",
-    "exceedance_band",
 )
 """Every figure a report may have, by the name of its files; each distribution has those that make sense for it."""
+FIGURES_OF_UNCERTAINTY = ("tornado", "exceedance_band")
+"""The same of a verdict with an interval."""
 
 
 class Page(Document):
@@ -96,7 +96,7 @@ def write_report(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         page = Page(result, details, uncertain)
-        for name in set(FIGURES) - {figure.picture.name for figure in page.figures}:
+        for name in {*FIGURES, *FIGURES_OF_UNCERTAINTY} - {figure.picture.name for figure in page.figures}:
             # Left from another distribution, it would pass for a figure of this one.
             for kind in ("svg", "png"):
                 (folder / f"{name}.{kind}").unlink(missing_ok=True)
