@@ -34,6 +34,7 @@ from validation.collision import (  # noqa: E402
     reference_simulator,
     requirement,
     two_laws,
+    uncertainty,
 )
 from validation.detection import (  # noqa: E402
     sample_paths,
@@ -79,6 +80,7 @@ COMPARISONS = {
     "workspace": workspace,
     "prediction": prediction,
     "requirement": requirement,
+    "uncertainty": uncertainty,
     "instruction_sets": instruction_sets,
     "elastic_arm": elastic_arm,
     "elastic_two_laws": elastic_two_laws,

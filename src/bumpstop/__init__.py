@@ -88,6 +88,13 @@ if TYPE_CHECKING:
         WorkspaceStudy,
         solve_requirement,
     )
+    from bumpstop.uncertainty import (
+        Judgement,
+        UncertainResult,
+        evaluate_uncertain,
+        judge_situation,
+        judge_situations,
+    )
 
 _HOME = {
     "bumpstop.model": (
@@ -146,6 +153,13 @@ _HOME = {
         "WorkspaceStudy",
         "solve_requirement",
     ),
+    "bumpstop.uncertainty": (
+        "Judgement",
+        "UncertainResult",
+        "evaluate_uncertain",
+        "judge_situation",
+        "judge_situations",
+    ),
     "bumpstop.plant": (
         "Experiment",
         "Plant",
@@ -170,6 +184,7 @@ _ROOMS = (
     "reproduction",
     "signal",
     "study",
+    "uncertainty",
 )
 
 __all__ = [
@@ -186,6 +201,7 @@ __all__ = [
     "InputError",
     "Joint",
     "JointTorqueModel",
+    "Judgement",
     "LimitTable",
     "ParameterStudy",
     "Payload",
@@ -198,6 +214,7 @@ __all__ = [
     "StoppingCurve",
     "Thresholds",
     "TrajectorySpeedLimits",
+    "UncertainResult",
     "Verdict",
     "WorkspaceSpeedLimits",
     "WorkspaceStudy",
@@ -205,11 +222,14 @@ __all__ = [
     "evaluate",
     "evaluate_batch",
     "evaluate_register",
+    "evaluate_uncertain",
     "identify_dynamics",
     "identify_gains",
     "identify_joint_model",
     "identify_payload",
     "integrate",
+    "judge_situation",
+    "judge_situations",
     "load_labels",
     "load_register",
     "load_scenario",

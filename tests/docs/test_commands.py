@@ -191,9 +191,9 @@ def test_the_first_table_has_every_command_in_the_words_of_the_headings() -> Non
 
 def test_json_keys() -> None:
     text = section(read("docs/cli.md"), "### For programs: `--json`")
-    keys, verdict_keys, bounds_keys = (
+    keys, verdict_keys, bounds_keys, uncertainty_keys = (
         {key for name, *_ in rows(text, heading) for key in code(name)}
-        for heading in ("key", "key of `verdict`", "key of `impact_bounds`")
+        for heading in ("key", "key of `verdict`", "key of `impact_bounds`", "key of `uncertainty`")
     )
     scenario = bs.load_scenario(ROOT / "examples" / "01_hand_downward.toml")
     plain, sampled = bs.evaluate(scenario).to_json(), bs.evaluate(scenario, samples=10).to_json()
@@ -201,6 +201,10 @@ def test_json_keys() -> None:
     free = bs.evaluate(scenario.with_values({**named, "contact.kind": "free"})).to_json()
     phases = bs.evaluate(scenario.with_values({**named, "verdict.clamped_limit": "two_phase"})).to_json()
     of_samples, of_phases = {"samples", "seed"}, {"limit_transient_force_N", "limit_transient_pressure_N_cm2"}
+    uncertain = bs.evaluate_uncertain(bs.load_scenario(ROOT / "examples" / "07_hand_uncertain.toml")).to_json()
+    assert set(uncertain) == {*plain, "uncertainty"}
+    assert uncertainty_keys == set(uncertain["uncertainty"])
+    keys -= {"uncertainty"}
     assert keys - of_samples - {"impact_bounds"} == set(plain) == set(phases)
     assert keys - {"impact_bounds"} == set(sampled)
     assert keys - of_samples == set(free)

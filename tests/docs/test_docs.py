@@ -40,10 +40,10 @@ def test_complete_scenario_runs(text: str, tmp_path: Path) -> None:
     assert 0 < result.peak_force.quantile(0.5) < math.inf
 
 
-@pytest.mark.parametrize("name", ["collision.md", "recording.md", "register.md", "stopping.md"])
+@pytest.mark.parametrize("name", ["collision.md", "recording.md", "register.md", "stopping.md", "uncertainty.md"])
 def test_python_session(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    scenario = blocks(ROOT / "docs" / "collision.md", "toml")[0]
     page = ROOT / "docs" / name
+    scenario = blocks(page if name == "uncertainty.md" else ROOT / "docs" / "collision.md", "toml")[0]
     (tmp_path / "scenario.toml").write_text(scenario, encoding="utf-8")
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     monkeypatch.chdir(tmp_path)

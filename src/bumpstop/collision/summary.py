@@ -37,8 +37,14 @@ def arm_title(result: CollisionResult) -> str:
     return f"{robot.title or robot.name}{result.problem.arm_in_words}"
 
 
-def print_summary(result: CollisionResult, console: Console) -> None:
-    """Print verdict, figures and notes."""
+def print_summary(result: CollisionResult, console: Console, *, case: str = "") -> None:
+    """Print verdict, figures and notes.
+
+    Args:
+        result: of the scenario.
+        console: to print to.
+        case: the name of the case where the result is one of several: its verdict is none by itself, and has no sign.
+    """
     from rich.table import Table
     from rich.text import Text
 
@@ -56,7 +62,10 @@ def print_summary(result: CollisionResult, console: Console) -> None:
     }[verdict.conclusion]
     limits = result.problem.limits
     console.print(f"{arm_title(result)} {result.problem.motion_in_words} against {what_is_hit(result)}", style="bold")
-    console.print(Text(f" {word} ", style=style), verdict.reason)
+    if case:
+        console.print(f"{case}: {verdict.reason}")
+    else:
+        console.print(Text(f" {word} ", style=style), verdict.reason)
     for warning in result.warnings:
         console.print(f"warning: {warning}")
 

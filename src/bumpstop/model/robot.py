@@ -327,6 +327,7 @@ class Robot:
         return robot_from_urdf(as_path(path, "path"), base, tip, strict_inertia=strict_inertia)
 
 
+@lru_cache
 def robots() -> tuple[str, ...]:
     """Names of the built-in robots."""
     folder = resources.files("bumpstop.model") / "data"

@@ -102,6 +102,8 @@ OTHERS: dict[str, list[Any]] = {
     "verdict.accepted_probability": [0.01],
     "verdict.max_false_alarm": [0.01],
     "verdict.clamped_limit": ["two_phase", "quasi_static"],
+    "verdict.confidence": [0.9],
+    "uncertainty": [{"contact.stiffness_N_m": {"relative": [0.9, 1.1]}}],
 }
 
 

@@ -79,9 +79,16 @@ def command(
 
         return evaluate_many(scenarios, changed, samples=sampled, seed=seed, threads=threads, as_json=as_json, out=out)
     checked = load_scenario(scenarios[0], changed)
+    uncertain = None
     try:
         with progress("drawing" if sampled else "evaluating") as share:
-            result = evaluate(checked, samples=sampled, seed=seed, threads=threads, progress=share)
+            if checked.uncertainty:
+                from bumpstop.uncertainty import evaluate_uncertain
+
+                uncertain = evaluate_uncertain(checked, samples=sampled, seed=seed, progress=share)
+                result = uncertain.central
+            else:
+                result = evaluate(checked, samples=sampled, seed=seed, threads=threads, progress=share)
     except MemoryError:
         if sampled is None:
             problem = "is not given, and integrating over so many control cycles needs more memory than there is"
@@ -91,21 +98,27 @@ def command(
     if out is not None:
         from bumpstop.cli.collision.output import write_outputs
 
-        report = write_outputs(result, out)
+        report = write_outputs(result, out, uncertain)
     if as_json:
-        typer.echo(json.dumps(result.to_json(), allow_nan=False, indent=2))
+        typer.echo(json.dumps((uncertain or result).to_json(), allow_nan=False, indent=2))
     else:
         from rich.console import Console
 
         from bumpstop.collision.summary import print_summary
 
         console = Console(highlight=False, markup=False)
-        print_summary(result, console)
+        if uncertain is None:
+            print_summary(result, console)
+        else:
+            from bumpstop.uncertainty.summary import print_uncertain_summary
+
+            print_uncertain_summary(uncertain, console)
         if report is not None:
             # Not wrapped, so that it can be copied or clicked.
             console.print(f"report: {report}", soft_wrap=True)
     # Without a body region there is nothing to judge, and no verdict that could fail.
-    return {"not_acceptable": NOT_ACCEPTABLE, "inconclusive": INCONCLUSIVE}.get(result.verdict.conclusion, 0)
+    conclusion = result.verdict.conclusion if uncertain is None else uncertain.conclusion
+    return {"not_acceptable": NOT_ACCEPTABLE, "inconclusive": INCONCLUSIVE}.get(conclusion, 0)
 
 
 def change(text: str) -> tuple[str, Any]:

@@ -11,10 +11,16 @@ from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
     from bumpstop.collision import CollisionResult
+    from bumpstop.uncertainty import UncertainResult
 
 
-def write_outputs(result: CollisionResult, folder: Path) -> Path:
+def write_outputs(result: CollisionResult, folder: Path, uncertain: UncertainResult | None = None) -> Path:
     """Write report.html with its figures, law.parquet and settings.toml; returns the report's path.
+
+    Args:
+        result: of the scenario, of ``[uncertainty]`` that of the central case.
+        folder: made where it is missing.
+        uncertain: the verdict with an interval, where the scenario has ``[uncertainty]``.
 
     Raises:
         InputError: the folder cannot be written.
@@ -24,9 +30,9 @@ def write_outputs(result: CollisionResult, folder: Path) -> Path:
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "settings.toml").write_bytes(settings_toml(result).encode("utf-8"))
+        (folder / "settings.toml").write_bytes(settings_toml(result, uncertain).encode("utf-8"))
         result_table(result).write_parquet(folder / "law.parquet")
-        return write_report(result, folder)
+        return write_report(result, folder, uncertain=uncertain)
     except UnicodeEncodeError as error:
         text = error.object[max(0, error.start - 20) : error.end]
         raise InputError("scenario", f"{text!r} is no text", "wanted names of files in UTF-8") from None
@@ -39,7 +45,7 @@ def write_outputs(result: CollisionResult, folder: Path) -> Path:
         ) from None
 
 
-def settings_toml(result: CollisionResult) -> str:
+def settings_toml(result: CollisionResult, uncertain: UncertainResult | None = None) -> str:
     """Scenario, distribution and versions: enough to repeat the evaluation.
 
     The file is itself a scenario: its reader passes over the table ``[made_by]``.
@@ -58,6 +64,7 @@ def settings_toml(result: CollisionResult) -> str:
         "python": platform.python_version(),
     }
     made_by["instruction_set"] = target
-    data = scenario_data(result.scenario)
+    # Of the scenario as given, not of its central case.
+    data = scenario_data(result.scenario if uncertain is None else uncertain.scenario)
     options = f" --sampled {result.samples} --seed {result.seed}" if result.kind == "sampled" else ""
     return f"# To repeat: bumpstop evaluate settings.toml{options}\n" + to_toml(data | {MADE_BY: made_by})

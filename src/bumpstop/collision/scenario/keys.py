@@ -8,6 +8,7 @@ from typing import Any
 
 from bumpstop.collision.scenario.scenario_words import as_written
 from bumpstop.collision.scenario.spellings import check_one_spelling, replace_other_spelling
+from bumpstop.collision.scenario.uncertainty_table import flattened
 from bumpstop.errors import InputError
 from bumpstop.text_files import list_items
 
@@ -35,6 +36,10 @@ def set_key(data: dict[str, Any], key: str, value: Any) -> None:
     if key.split(".")[0] == MADE_BY:
         # Its table is passed over, whatever stands in it.
         raise InputError(key, "is not a key of a scenario", f"[{MADE_BY}] only records how a result was made")
+    if tables[:1] == ["uncertainty"]:
+        # Its keys are dotted themselves.
+        data["uncertainty"] = flattened(data.get("uncertainty", {})) | {".".join(key.split(".")[1:]): value}
+        return
     here = data
     for table in tables:
         here = here.setdefault(table, {})

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, ValidationError, model_validator
+from pydantic import ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from bumpstop.collision.scenario.arm_table import ArmTable
 from bumpstop.collision.scenario.contact_table import ContactTable, Direction, check_direction
@@ -15,6 +15,7 @@ from bumpstop.collision.scenario.keys import MADE_BY, set_keys
 from bumpstop.collision.scenario.scenario_words import as_written, explain, explain_all, short, unknown_key, words
 from bumpstop.collision.scenario.spellings import check_one_spelling
 from bumpstop.collision.scenario.table import Table, between
+from bumpstop.collision.scenario.uncertainty_table import check_uncertainty, flattened
 from bumpstop.collision.scenario.unused_keys import given_without_effect, keys_without_effect
 from bumpstop.collision.stopping.braking_keys import BrakingKeys
 from bumpstop.errors import InputError
@@ -186,6 +187,7 @@ class VerdictTable(Table):
     accepted_probability: Probability = 1e-3
     max_false_alarm: Probability = 1e-3
     clamped_limit: Literal["quasi_static", "two_phase"] = "quasi_static"
+    confidence: Annotated[float, between(0.5, 0.999)] = 0.95
 
 
 class Scenario(Table):
@@ -207,12 +209,18 @@ class Scenario(Table):
     reaction: ReactionTable
     simulation: SimulationTable = SimulationTable()
     verdict: VerdictTable = VerdictTable()
+    uncertainty: dict[str, Any] = Field({})
     folder: Annotated[Path, Field(exclude=True)] = Path()
 
     @property
     def robot_path(self) -> Path | None:
         """The URDF file, or None where the robot is a built-in one."""
         return self.folder / self.robot if is_path(self.robot) else None
+
+    @field_validator("uncertainty", mode="before")
+    @classmethod
+    def _dotted_keys(cls, value: Any) -> dict[str, Any]:
+        return flattened(value)
 
     @model_validator(mode="after")
     def _links_of_urdf(self) -> Scenario:
@@ -256,6 +264,12 @@ class Scenario(Table):
         if (self.pose_deg is None) == (self.pose_rad is None):
             problem = "is missing" if self.pose_deg is None else "and pose_rad are both given"
             raise InputError("pose_deg", problem, "give pose_deg or pose_rad, one of them")
+        return self
+
+    @model_validator(mode="after")
+    def _possible_uncertainty(self) -> Scenario:
+        if self.uncertainty:
+            check_uncertainty(self)
         return self
 
     @classmethod
@@ -316,6 +330,18 @@ class Scenario(Table):
         set_keys(data, changes)
         return Scenario.from_dict(data, self.folder)
 
+    def without_uncertainty(self) -> Scenario:
+        """The same collision, its numbers taken for known."""
+        if not self.uncertainty:
+            return self
+        data = self.model_dump(exclude_unset=True, exclude_none=True, mode="python", exclude={"uncertainty"})
+        data.get("verdict", {}).pop("confidence", None)
+        if "velocity_mm_s" in data["motion"]:
+            data["motion"] = {key: value for key, value in data["motion"].items() if key not in _SPEED}
+        if "stiffness_N_m" in data["contact"]:
+            data["contact"].pop("stiffness_N_mm", None)
+        return Scenario.from_dict(data, self.folder)
+
     def to_dict(self) -> dict[str, Any]:
         """The scenario as nested dictionaries.
 
@@ -332,6 +358,8 @@ class Scenario(Table):
             del data["contact"]["area_cm2"]
         if self.contact.kind == "clamped":
             del data["contact"]["arm"]
+        if not self.uncertainty:
+            del data["uncertainty"]
         for key in keys_without_effect(self).keys() - given_without_effect(self).keys():
             table, _, name = key.partition(".")
             data[table].pop(name, None)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bumpstop.collision.scenario.keys import set_key
+from bumpstop.collision.scenario.uncertainty_table import uncertain_inputs
 
 if TYPE_CHECKING:
     from bumpstop.collision.scenario.scenario import Scenario
@@ -30,7 +31,12 @@ def files_of(scenario: Scenario) -> dict[str, Path]:
 def scenario_data(scenario: Scenario) -> dict[str, Any]:
     """The keys of a scenario, defaults spelt out and paths absolute: a copy of it may stand in any folder."""
     data = scenario.to_dict()
+    # Relative paths start at the scenario's folder, which the copy has left.
     for key, path in files_of(scenario).items():
-        # Relative paths start at the scenario's folder, which the copy has left.
         set_key(data, key, str(path.resolve()))
+    for each in uncertain_inputs(scenario):
+        if each.file is not None:
+            name = "relative_file" if each.relative else "file"
+            path = (scenario.folder / each.file).resolve()
+            data["uncertainty"][each.key] = {**data["uncertainty"][each.key], name: str(path)}
     return data

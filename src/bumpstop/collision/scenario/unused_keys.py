@@ -27,6 +27,8 @@ def keys_without_effect(scenario: Scenario) -> dict[str, str]:
         found["arm.torque_limit_Nm"] = "on trajectories, whose undetected collisions count with the force of the path"
     elif contact.kind == "free":
         found["arm.torque_limit_Nm"] = "on a body that gets away"
+    if not scenario.uncertainty:
+        found["verdict.confidence"] = "without [uncertainty]"
     if scenario.reaction.stop_category in (1, 2):
         found["reaction.stop_category"] = "on numbers: with 1 and 2 drives stop the arm, and joints keep their ratios"
     return found

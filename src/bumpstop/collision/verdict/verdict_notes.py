@@ -29,6 +29,7 @@ _REACTIONS, _FARTHER = 64, 0.02
 def verdict_notes(result: CollisionResult) -> list[str]:
     """All of them, in the order in which they are read."""
     return [
+        *_uncertainty_note(result),
         *_nothing_hit_note(result),
         *_pressure_note(result),
         *_normal_note(result),
@@ -37,6 +38,17 @@ def verdict_notes(result: CollisionResult) -> list[str]:
         *_sooner_note(result),
         *finer_steps(result),
         *unit_slips(result),
+    ]
+
+
+def _uncertainty_note(result: CollisionResult) -> list[str]:
+    """The numbers are taken for known, and the scenario says that they are not."""
+    inputs = len(result.scenario.uncertainty)
+    if not inputs:
+        return []
+    return [
+        f"This is the scenario as given: that {inputs} of its numbers are uncertain ([uncertainty]) is left out. See "
+        "bumpstop.evaluate_uncertain, or bumpstop evaluate."
     ]
 
 

@@ -14,6 +14,7 @@ from bumpstop.report.collision.detection import DetectionSection
 from bumpstop.report.collision.distribution import DistributionSection
 from bumpstop.report.collision.force_over_time import ForceOverTimeSection
 from bumpstop.report.collision.tables import AssumptionsSection, FiguresSection, ProvenanceSection, SettingsSection
+from bumpstop.report.collision.uncertainty import UncertaintySection
 from bumpstop.report.collision.verdict import VerdictSection
 from bumpstop.report.document import Document
 from bumpstop.report.formatting import method_words
@@ -22,6 +23,7 @@ from bumpstop.text_files import as_path
 if TYPE_CHECKING:
     from bumpstop.collision import CollisionResult
     from bumpstop.report.section import Section
+    from bumpstop.uncertainty import UncertainResult
 
 FIGURES = (
     "arm",
@@ -33,14 +35,22 @@ FIGURES = (
     "limits_over_area",
 )
 """Every figure a report may have, by the name of its files; each distribution has those that make sense for it."""
+FIGURES_OF_UNCERTAINTY = ("tornado", "exceedance_band")
+"""The same of a verdict with an interval."""
 
 
 class Page(Document):
     """A distribution's report, drawn on construction; its title names robot, speed and body."""
 
-    def __init__(self, result: CollisionResult, details: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self,
+        result: CollisionResult,
+        details: Mapping[str, str] | None = None,
+        uncertain: UncertainResult | None = None,
+    ) -> None:
         sections: list[Section] = [
-            VerdictSection(result),
+            VerdictSection(result, uncertain),
+            UncertaintySection(result, uncertain),
             ArmSection(result),
             ForceOverTimeSection(result),
             DistributionSection(result),
@@ -48,7 +58,7 @@ class Page(Document):
             AreaSection(result),
             FiguresSection(result),
             ProvenanceSection(result),
-            SettingsSection(result, details or {}),
+            SettingsSection(result, details or {}, None if uncertain is None else uncertain.scenario),
             AssumptionsSection(result),
         ]
         super().__init__(
@@ -59,7 +69,13 @@ class Page(Document):
         )
 
 
-def write_report(result: CollisionResult, folder: Path, *, details: Mapping[str, str] | None = None) -> Path:
+def write_report(
+    result: CollisionResult,
+    folder: Path,
+    *,
+    details: Mapping[str, str] | None = None,
+    uncertain: UncertainResult | None = None,
+) -> Path:
     """Write ``report.html`` and its figures as ``<name>.png`` and ``<name>.svg``.
 
     The page holds everything it shows. The same distribution gives the same bytes.
@@ -68,6 +84,7 @@ def write_report(result: CollisionResult, folder: Path, *, details: Mapping[str,
         result: exact or sampled.
         folder: made where it is missing. Figures of an earlier report there are replaced or removed.
         details: further rows for the page's table of what made it, such as the command line.
+        uncertain: the verdict with an interval, of which ``result`` is the central case.
 
     Returns:
         The path of report.html.
@@ -78,8 +95,8 @@ def write_report(result: CollisionResult, folder: Path, *, details: Mapping[str,
     folder = as_path(folder, "folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        page = Page(result, details)
-        for name in set(FIGURES) - {figure.picture.name for figure in page.figures}:
+        page = Page(result, details, uncertain)
+        for name in {*FIGURES, *FIGURES_OF_UNCERTAINTY} - {figure.picture.name for figure in page.figures}:
             # Left from another distribution, it would pass for a figure of this one.
             for kind in ("svg", "png"):
                 (folder / f"{name}.{kind}").unlink(missing_ok=True)

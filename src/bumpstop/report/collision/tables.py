@@ -20,7 +20,7 @@ from bumpstop.terminal import number
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from bumpstop.collision import CollisionResult, Distribution
+    from bumpstop.collision import CollisionResult, Distribution, Scenario
 
 # How docs/contact.md explains the words of the limit tables.
 _STATUS = {
@@ -143,9 +143,11 @@ class SettingsSection(Section):
     title = "Settings"
     anchor = "settings"
 
-    def __init__(self, result: CollisionResult, details: Mapping[str, str]) -> None:
+    def __init__(self, result: CollisionResult, details: Mapping[str, str], scenario: Scenario | None = None) -> None:
         super().__init__(result)
         self._details = details
+        # As given, where the result is that of its central case.
+        self._scenario = scenario or result.scenario
 
     def content(self) -> list[Html]:
         """Two tables: scenario keys, and versions."""
@@ -157,7 +159,7 @@ class SettingsSection(Section):
             "instruction set": target,
             **self._details,
         }
-        settings = [(element("code", key), value) for key, value in flat(self.result.scenario.to_dict())]
+        settings = [(element("code", key), value) for key, value in flat(self._scenario.to_dict())]
         return [
             table(("key", "value"), settings, caption="Scenario, defaults included"),
             table(("", ""), list(made_by.items()), caption="Made by"),

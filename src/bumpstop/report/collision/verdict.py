@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from bumpstop.collision.probability_text import percent
 from bumpstop.collision.verdict.alarm_rate import alarm_rate
@@ -12,6 +13,10 @@ from bumpstop.report.formatting import in_phases, quantity
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.section import Section
 from bumpstop.terminal import number
+
+if TYPE_CHECKING:
+    from bumpstop.collision import CollisionResult
+    from bumpstop.uncertainty import UncertainResult
 
 # Word, and the sign that says the same.
 _SIGNS: dict[str, tuple[str, Sign]] = {
@@ -28,11 +33,16 @@ class VerdictSection(Section):
     title = "Verdict"
     anchor = "verdict"
 
+    def __init__(self, result: CollisionResult, uncertain: UncertainResult | None = None) -> None:
+        super().__init__(result)
+        self._uncertain = uncertain
+
     def content(self) -> list[Html]:
         """Sign, sentence, the table of what was judged, and what the word means."""
-        verdict = self.result.verdict
+        verdict = self._uncertain or self.result.verdict
         word, sign = _SIGNS[verdict.conclusion]
-        rows = table(("", "this collision", "limit or accepted", ""), self._rows(), caption="What the verdict rests on")
+        of = "this collision" if self._uncertain is None else "the central case"
+        rows = table(("", of, "limit or accepted", ""), self._rows(), caption="What the verdict rests on")
         beside = []
         if self.result.warnings:
             beside = [element("h3", "Beside this verdict"), bullets(self.result.warnings)]
@@ -112,6 +122,12 @@ class VerdictSection(Section):
             "Acceptable means here: each limit is exceeded with a probability of at most "
             f"{percent(verdict.accepted_probability)}, and an alarm before contact has a probability "
             f"of at most {percent(verdict.max_false_alarm)}. "
+        )
+        if self._uncertain is not None:
+            meaning += f"So it is for {100 * self._uncertain.confidence:g} % of the inputs, whatever is assumed. "
+        meaning += (
+            "Each probability is that of exceeding a limit in one contact. It is not the risk of ISO 12100, which also "
+            "weighs how often contact occurs, whether it can be avoided, and the harm. "
         )
         if self.result.problem.body_mass is None:
             because, pressing = self.result.unbounded_because, self.result.pressing_limit

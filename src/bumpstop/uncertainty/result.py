@@ -1,0 +1,190 @@
+"""The verdict with an interval: cases, what matters most, and what was assumed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bumpstop.uncertainty.conclusion import Conclusion, rank_of
+from bumpstop.uncertainty.point_evaluation import LEVELS
+
+if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
+    from bumpstop.collision import CollisionResult, Scenario
+    from bumpstop.uncertainty.point_evaluation import Points
+    from bumpstop.uncertainty.resolved_input import ResolvedInput
+
+
+@dataclass(frozen=True, eq=False)
+class UncertainCase:
+    """One case of the inputs.
+
+    Attributes:
+        name: ``"central"``, ``"confident"`` or ``"worst"``.
+        p_over: probability that one contact exceeds the force or the pressure limit; NaN without limits.
+        false_alarm: probability of an alarm before contact.
+        utilisation: share of the limit that the force exceeded with the accepted probability uses; without limits that
+            force [N].
+        figures: of the inputs at a point that stands for the case (inputs,).
+    """
+
+    name: str
+    p_over: float
+    false_alarm: float
+    utilisation: float
+    figures: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class TornadoBar:
+    """How far one input moves the result by itself, all others in the central case.
+
+    Attributes:
+        key: of the input.
+        low, high: its values; factors where it is relative.
+        utilisation_low, utilisation_high: what they come to.
+        p_over_low, p_over_high: the same as probabilities over the limits; NaN without limits.
+        assumed: nobody measured the input.
+        relative: ``low`` and ``high`` are factors.
+    """
+
+    key: str
+    low: float
+    high: float
+    utilisation_low: float
+    utilisation_high: float
+    p_over_low: float
+    p_over_high: float
+    assumed: bool
+    relative: bool
+
+    @property
+    def swing(self) -> float:
+        """Absolute difference of both ends in utilisation."""
+        low, high = self.utilisation_low, self.utilisation_high
+        return 0.0 if low == high else abs(high - low)
+
+
+@dataclass(frozen=True, eq=False)
+class UncertainResult:
+    """A scenario with ``[uncertainty]``, evaluated.
+
+    Attributes:
+        scenario: as given.
+        central: the distribution of the central case, whose scenario is without ``[uncertainty]``.
+        inputs: the uncertain inputs.
+        cases: central, confident and worst; see :class:`UncertainCase`.
+        p_over_interval: probabilities over the limits that the quantiles 1 - c and c of the inputs come to.
+        tornado: inputs, the greatest swing first.
+        points: drawn from the inputs that have a distribution, what is assumed in its central case.
+        confidence: c, as the scenario asks for it.
+        conclusion: the verdict in a word.
+        reason: one sentence.
+        deciding: keys of assumed inputs that swap the verdict by themselves.
+        evaluations: distributions that were computed.
+        seed: of the points.
+        notes: what was cut off and left out.
+    """
+
+    scenario: Scenario
+    central: CollisionResult
+    inputs: tuple[ResolvedInput, ...]
+    cases: tuple[UncertainCase, ...]
+    p_over_interval: tuple[float, float]
+    tornado: tuple[TornadoBar, ...]
+    points: Points
+    confidence: float
+    conclusion: Conclusion
+    reason: str
+    deciding: tuple[str, ...]
+    evaluations: int
+    seed: int
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def acceptable(self) -> bool | None:
+        """Whether it holds at the stated confidence; None without limits or inconclusive."""
+        return {"acceptable": True, "not_acceptable": False}.get(self.conclusion)
+
+    def case(self, name: str) -> UncertainCase:
+        """One of :attr:`cases` by its name."""
+        return next(case for case in self.cases if case.name == name)
+
+    @cached_property
+    def mean_p_over(self) -> float:
+        """Probability over the limits, averaged over the inputs that have a distribution; NaN without limits."""
+        return float(self.points.p_over.mean())
+
+    @cached_property
+    def force_band(self) -> FloatArray:
+        """Peak force [N] exceeded with each of the probabilities of :data:`LEVELS`: its quantiles 1 - c, 0.5 and c.
+
+        Shape (3, levels).
+        """
+        ranked = np.sort(self.points.force, axis=0)
+        ranks = [rank_of(p, len(ranked)) for p in (1 - self.confidence, 0.5, self.confidence)]
+        return np.asarray(ranked[ranks])
+
+    def __str__(self) -> str:
+        from bumpstop.uncertainty.summary import summary_text
+
+        return summary_text(self)
+
+    def to_json(self) -> dict[str, Any]:
+        """The object that ``bumpstop evaluate --json`` prints; figures that are not finite are None."""
+        found = self.central.to_json()
+        # Whoever reads the verdict alone must not take that of the central case for it.
+        found["verdict"] |= {"acceptable": self.acceptable, "conclusion": self.conclusion, "reason": self.reason}
+        found["uncertainty"] = {
+            "conclusion": self.conclusion,
+            "acceptable": self.acceptable,
+            "reason": self.reason,
+            "confidence": self.confidence,
+            "p_over_interval": [_finite(p) for p in self.p_over_interval],
+            "mean_p_over": _finite(self.mean_p_over),
+            "cases": {
+                case.name: {
+                    "p_over": _finite(case.p_over),
+                    "false_alarm_probability": _finite(case.false_alarm),
+                    "utilisation": _finite(case.utilisation),
+                    "inputs": {each.key: float(x) for each, x in zip(self.inputs, case.figures, strict=True)},
+                }
+                for case in self.cases
+            },
+            "tornado": [
+                {
+                    "key": bar.key,
+                    "low": bar.low,
+                    "high": bar.high,
+                    "relative": bar.relative,
+                    "assumed": bar.assumed,
+                    "utilisation_low": _finite(bar.utilisation_low),
+                    "utilisation_high": _finite(bar.utilisation_high),
+                    "p_over_low": _finite(bar.p_over_low),
+                    "p_over_high": _finite(bar.p_over_high),
+                    "swing": _finite(bar.swing),
+                }
+                for bar in self.tornado
+            ],
+            "force_band_N": {
+                "exceedance": LEVELS.tolist(),
+                **{
+                    name: [_finite(force) for force in row]
+                    for name, row in zip(("low", "median", "high"), self.force_band, strict=True)
+                },
+            },
+            "deciding": list(self.deciding),
+            "points": len(self.points),
+            "evaluations": self.evaluations,
+            "seed": self.seed,
+            "notes": list(self.notes),
+        }
+        return found
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,92 @@
+"""Quantiles of uncertain inputs against scipy's own distributions, and what a point changes in a scenario."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import bumpstop as bs
+from bumpstop import CollisionProblem, Scenario
+from bumpstop.uncertainty.point_evaluation import PointEvaluator
+from bumpstop.uncertainty.resolved_input import resolve
+from collision.cases import control_group
+
+U = np.linspace(0.001, 0.999, 37)
+
+
+def inputs(table: dict[str, Any], **changes: Any) -> Any:
+    return resolve(CollisionProblem.from_scenario(control_group(uncertainty=table, contact__area_cm2=2.0, **changes)))
+
+
+@pytest.mark.parametrize(
+    ("form", "known"),
+    [
+        ({"distribution": "normal", "mean": 3.0, "sd": 0.4}, stats.truncnorm(-2.99975 / 0.4, 1e5, 3.0, 0.4)),
+        ({"distribution": "normal", "sd": 1.0}, stats.truncnorm(-(2.0 - 1e-4), 1e5, 2.0, 1.0)),
+        ({"distribution": "normal", "mean": 3.0, "relative_sd": 0.1}, stats.norm(3.0, 0.3)),
+        ({"distribution": "lognormal", "median": 3.0, "sigma": 0.5}, stats.lognorm(0.5, scale=3.0)),
+        ({"distribution": "uniform", "low": 1.0, "high": 3.0}, stats.uniform(1.0, 2.0)),
+        ({"distribution": "triangular", "low": 1.0, "mode": 1.5, "high": 4.0}, stats.triang(0.5 / 3, 1.0, 3.0)),
+        ({"distribution": "triangular", "low": 1.0, "mode": 1.0, "high": 4.0}, stats.triang(0.0, 1.0, 3.0)),
+    ],
+    ids=str,
+)
+def test_quantiles(form: dict[str, Any], known: Any) -> None:
+    (found,) = inputs({"contact.area_cm2": form})
+    np.testing.assert_allclose(found.quantile(U), known.ppf(U), rtol=2e-5)
+
+
+def test_what_is_cut_off_is_counted() -> None:
+    (found,) = inputs({"reaction.latency_s": {"distribution": "normal", "mean": 0.02, "sd": 0.01}})
+    assert found.outside == pytest.approx(stats.norm.cdf(-2.0), rel=1e-9)
+    assert found.quantile(np.array([0.0, 0.5])) == pytest.approx([0.0, stats.truncnorm(-2, 1e4, 0.02, 0.01).median()])
+
+
+def test_samples(tmp_path: Path) -> None:
+    values = np.random.default_rng(2).uniform(1.0, 3.0, 200)
+    (tmp_path / "a.csv").write_text("area_cm2\n" + "\n".join(map(repr, values.tolist())) + "\n", encoding="utf-8")
+    table = {"contact.area_cm2": {"distribution": "samples", "file": "a.csv"}}
+    scenario = Scenario.from_dict(control_group(uncertainty=table).to_dict(), tmp_path)
+    (found,) = resolve(CollisionProblem.from_scenario(scenario))
+    np.testing.assert_allclose(found.quantile(U), np.quantile(values, U, method="hazen"), rtol=1e-12)
+    (tmp_path / "a.csv").write_text("1\n2\n3\nx\n5\n6\n", encoding="utf-8")
+    with pytest.raises(bs.InputError, match="line 4: 'x' is no number"):
+        resolve(CollisionProblem.from_scenario(scenario))
+
+
+def test_a_point_changes_lists_items_and_factors() -> None:
+    table = {
+        "reaction.joint_acceleration_rad_s2": {"relative": [0.9, 1.1]},
+        "detector.thresholds_Nm[2]": {"interval": [9.0, 11.0]},
+        "detector.noise_sd_Nm": {"relative": [0.9, 1.1]},
+        "detector.threshold_scale": {"interval": [0.8, 1.2]},
+        "detector.torque_gain[1]": {"interval": [0.8, 1.25]},
+        "motion.speed_mm_s": {"interval": [40, 60]},
+    }
+    evaluator = PointEvaluator(control_group(uncertainty=table))
+    assert evaluator.central_figures.tolist() == [1.0, 10.0, 1.0, 1.0, 1.0, 50.0]
+    found = evaluator.scenario_at(np.array([1.1, 9.0, 1.05, 0.9, 1.25, 60.0]))
+    assert found.reaction.joint_acceleration_rad_s2 == pytest.approx(4.95)
+    assert found.detector.thresholds_Nm == pytest.approx([18 / 1.25, 8.1, 18, 18, 18, 18, 18])
+    sd = np.array([20, 10, 20, 20, 20, 20, 20]) / 5.5 * 1.05 / np.array([1.25, 1, 1, 1, 1, 1, 1])
+    assert found.detector.noise_sd_Nm == pytest.approx(sd.tolist())
+    assert found.motion.velocity_mm_s == pytest.approx([0, 0, -60])
+
+
+def test_elastic_arms_and_bodies_give_what_the_scenario_does_not() -> None:
+    changes = {"arm__model": "elastic", "robot": "ur10e", "pose_deg": [10, -80, 110, -120, -90, 20]}
+    changes |= {"motion__held_joints": [], "detector__thresholds_Nm": [20.0] * 6, "detector__noise_sd_Nm": 2.0}
+    table = {"arm.gear_stiffness_Nm_rad": {"relative": [0.5, 2.0]}, "contact.stiffness_N_m": {"relative": [0.9, 1.1]}}
+    table |= {"arm.servo_bandwidth_hz[2]": {"relative": [0.9, 1.1]}}
+    scenario = control_group(**changes)
+    problem = CollisionProblem.from_scenario(scenario)
+    evaluator = PointEvaluator(scenario.with_values({"uncertainty": table}))
+    found = CollisionProblem.from_scenario(evaluator.scenario_at(np.array([2.0, 1.1, 0.9])))
+    np.testing.assert_allclose(found.drive_train.gear_stiffness, 2 * np.asarray(problem.drive_train.gear_stiffness))
+    assert found.body_stiffness == pytest.approx(1.1 * problem.body_stiffness)
+    share = np.asarray(found.drive_train.servo_bandwidth) / np.asarray(problem.drive_train.servo_bandwidth)
+    np.testing.assert_allclose(share, [1, 0.9, 1, 1, 1, 1])
