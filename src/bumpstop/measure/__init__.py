@@ -1,0 +1,1 @@
+"""Measuring collisions with a gauge."""

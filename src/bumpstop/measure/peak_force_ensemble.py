@@ -1,0 +1,189 @@
+"""Peak forces of planned shots at many points of the parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.errors import InputError
+from bumpstop.measure.parameters import Parameters
+from bumpstop.measure.peak_force_model import shot_force
+from bumpstop.measure.response_surface import ResponseSurface, normal_points
+from bumpstop.measure.measured_situation import MeasuredSituation
+
+if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
+    from bumpstop.collision.scenario.scenario import Scenario
+
+# Of the logarithm of a peak force: surfaces of a kinked function are not told to be better.
+_MIN_ERROR = 0.005
+# A fit has at least so many effective points for each term.
+_POINTS_PER_TERM = 2.5
+_WIDEN = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Condition:
+    """What a shot repeats: one situation at one speed.
+
+    Attributes:
+        situation: where.
+        speed_mm_s: of the tip [mm/s].
+        scenario: the measurement, with every key of a parameter spelt out.
+    """
+
+    situation: MeasuredSituation
+    speed_mm_s: float
+    scenario: Scenario
+
+    @classmethod
+    def of(cls, situation: MeasuredSituation, speed_mm_s: float, parameters: Parameters) -> Condition:
+        """Of a situation at a speed [mm/s]."""
+        return cls(situation, speed_mm_s, parameters.with_nominal(situation.at_speed(speed_mm_s)))
+
+    @property
+    def own_speed(self) -> bool:
+        """Whether it is the speed of the situation itself."""
+        return math.isclose(self.speed_mm_s, self.situation.speed_mm_s, rel_tol=1e-6)
+
+
+@dataclass(frozen=True, eq=False)
+class PeakForceEnsemble:
+    """Exact peak forces of conditions at points of the parameters.
+
+    Attributes:
+        parameters: what varies.
+        conditions: the columns.
+        z: points (points, parameters), standard normal numbers before anything is measured.
+        log_mean: mean logarithm of the peak force (points, conditions) [log N]; NaN where shots are not detected.
+        log_sd: standard deviation of the logarithm among shots (points, conditions) [1].
+    """
+
+    parameters: Parameters
+    conditions: tuple[Condition, ...]
+    z: FloatArray
+    log_mean: FloatArray
+    log_sd: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        parameters: Parameters,
+        conditions: Sequence[Condition],
+        *,
+        points: int,
+        seed: int = 0,
+        progress: Callable[[float], None] | None = None,
+    ) -> PeakForceEnsemble:
+        """At well-spread points, the first being what the scenarios say.
+
+        Args:
+            parameters: what varies.
+            conditions: at least one.
+            points: how many.
+            seed: of the points.
+            progress: told the share that is done.
+        """
+        z = np.concatenate([np.zeros((1, len(parameters))), normal_points(points - 1, len(parameters), seed)])
+        return cls._at(parameters, tuple(conditions), z, progress)
+
+    @classmethod
+    def _at(
+        cls,
+        parameters: Parameters,
+        conditions: tuple[Condition, ...],
+        z: FloatArray,
+        progress: Callable[[float], None] | None = None,
+    ) -> PeakForceEnsemble:
+        mean, sd = np.full((len(z), len(conditions)), np.nan), np.full((len(z), len(conditions)), np.nan)
+        for i, point in enumerate(z):
+            for c, condition in enumerate(conditions):
+                mean[i, c], sd[i, c] = _log_force(parameters.at(condition.scenario, point))
+            if progress is not None:
+                progress((i + 1) / len(z))
+        return cls(parameters, conditions, z, mean, sd)
+
+    def with_points(self, z: FloatArray, progress: Callable[[float], None] | None = None) -> PeakForceEnsemble:
+        """The same with more points (points, parameters)."""
+        more = self._at(self.parameters, self.conditions, z, progress)
+        return PeakForceEnsemble(
+            self.parameters,
+            self.conditions,
+            np.concatenate([self.z, more.z]),
+            np.concatenate([self.log_mean, more.log_mean]),
+            np.concatenate([self.log_sd, more.log_sd]),
+        )
+
+    def detected(self) -> FloatArray:
+        """Share of the points at which shots of a condition are detected (conditions,)."""
+        return np.asarray(np.isfinite(self.log_mean).mean(axis=0))
+
+    def surfaces(self, mean: FloatArray | None = None, covariance: FloatArray | None = None) -> Surfaces:
+        """Polynomials about where the parameters are believed to be.
+
+        Args:
+            mean: of the belief (parameters,); None: before anything is measured.
+            covariance: of it (parameters, parameters).
+        """
+        weights = np.ones(len(self.z))
+        if mean is not None and covariance is not None:
+            weights = self._weights(mean, covariance)
+        columns, errors, sds = [], [], []
+        for c in range(len(self.conditions)):
+            found = np.isfinite(self.log_mean[:, c])
+            own = weights * found
+            fitted = ResponseSurface.fit(self.z[found], self.log_mean[found, c : c + 1], own[found])
+            columns.append(fitted.coefficients)
+            errors.append(max(_MIN_ERROR, float(fitted.error[0])))
+            sds.append(float(np.average(self.log_sd[found, c], weights=own[found])))
+        together = ResponseSurface(np.concatenate(columns, axis=1), np.array(errors))
+        return Surfaces(together, np.array(sds))
+
+    def _weights(self, mean: FloatArray, covariance: FloatArray) -> FloatArray:
+        """Of the points, by the belief: widened until enough of them count."""
+        n = self.z.shape[1]
+        wanted = min(_POINTS_PER_TERM * (1 + n + n * (n + 1) / 2), 0.5 * len(self.z))
+        away = self.z - mean
+        spread = 2.0 * covariance
+        while True:
+            distance = np.einsum("ij,jk,ik->i", away, np.linalg.inv(spread + 1e-6 * np.eye(n)), away)
+            weights = np.exp(-0.5 * (distance - distance.min()))
+            if weights.sum() ** 2 / (weights**2).sum() >= wanted:
+                return np.asarray(weights)
+            spread = _WIDEN * spread + 0.01 * np.eye(n)
+
+
+@dataclass(frozen=True, eq=False)
+class Surfaces:
+    """Mean logarithms of the peak forces over the parameters, and how far shots and polynomials are off them.
+
+    Attributes:
+        surface: one column for each condition [log N].
+        log_sd: of shots (conditions,) [1].
+    """
+
+    surface: ResponseSurface
+    log_sd: FloatArray
+
+    @property
+    def error(self) -> FloatArray:
+        """Of the polynomials (conditions,) [1]."""
+        return self.surface.error
+
+    def __call__(self, z: FloatArray) -> FloatArray:
+        """Mean logarithm of the peak force (points, conditions)."""
+        return self.surface(z)
+
+
+def _log_force(scenario: Scenario) -> tuple[float, float]:
+    try:
+        found = shot_force(scenario)
+    except InputError as error:
+        if error.field != "detector.thresholds_Nm":
+            raise
+        return math.nan, math.nan
+    return found.log_mean, found.log_sd
