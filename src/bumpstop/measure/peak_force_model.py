@@ -76,9 +76,9 @@ class ShotForce:
 def shot_force(scenario: Scenario, latency: float | None = None) -> ShotForce:
     """Peak force of a collision at full speed, of clamped and free contact, rigid and elastic arms.
 
-    The motion is traced once, with a reaction that may begin in any simulation step. The undisturbed collision gives the
-    residual over time, so the probability of detection at each tick; the collisions in which the arm reacts give the
-    peak force against the begin of the reaction, which is smooth. The noise counts as white.
+    The motion is traced once, with a reaction that may begin in any simulation step. The undisturbed collision gives
+    the residual over time, so the probability of detection at each tick; collisions in which the arm reacts give the
+    peak force over the begin of the reaction. The noise counts as white.
 
     Args:
         scenario: of a line; its offset and its start from rest do not count, the contact is at its pose.

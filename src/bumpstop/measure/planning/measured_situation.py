@@ -12,7 +12,7 @@ import numpy as np
 from bumpstop.collision.curve import stopping_curve
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.errors import InputError
-from bumpstop.measure.gauge import Gauge, gauge_of
+from bumpstop.measure.planning.gauge import Gauge, gauge_of
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -97,7 +97,7 @@ class MeasuredSituation:
         room = _room_behind(measured, approach, problem.approach_speed)
         if room is not None:
             notes.append(
-                f"The approach of {1e3 * approach:.0f} mm has no room: the arm comes to {room} on the way back. Begin it "
+                f"The approach of {1e3 * approach:.0f} mm has no room: the arm comes to {room} on the way back. Begin "
                 "in another configuration, or measure at another place."
             )
         limits = problem.limits
@@ -117,9 +117,7 @@ class MeasuredSituation:
     def at_speed(self, speed_mm_s: float) -> Scenario:
         """The measurement at another speed of the tip [mm/s], along the same direction."""
         v = np.asarray(self.measured.motion.velocity)
-        return self.measured.with_values(
-            {"motion.velocity_mm_s": (speed_mm_s * v / np.linalg.norm(v)).tolist()}
-        )
+        return self.measured.with_values({"motion.velocity_mm_s": (speed_mm_s * v / np.linalg.norm(v)).tolist()})
 
 
 def situations_of(named: Iterable[tuple[str, Scenario]], device: str | None = None) -> list[MeasuredSituation]:
@@ -159,7 +157,7 @@ def _short(scenario: Scenario, motion: dict[str, object], seconds: float = 0.1) 
 
 
 def _approach(scenario: Scenario) -> tuple[float, bool]:
-    """How far the contact point goes from rest until it has full speed, with a margin [m], and whether it gets there."""
+    """How far the contact point goes until it has full speed, with a margin [m], and whether it gets there."""
     seconds = 0.25
     full = _short(scenario, {"start": "moving"}).approach_speed
     while True:

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any
 from bumpstop.collision.scenario.scenario_file import load_scenario
 from bumpstop.collision.scenario.settings_file import scenario_data
 from bumpstop.errors import InputError, near_matches
-from bumpstop.measure.posterior import ErrorModel
-from bumpstop.measure.text_table import TextTable, read_text_table
+from bumpstop.measure.learning.posterior import ErrorModel
+from bumpstop.measure.reading.text_table import TextTable, read_text_table
 from bumpstop.text_files import as_path, parse_toml, read_text, to_toml, write_text
 
 if TYPE_CHECKING:
     from bumpstop.collision.scenario.scenario import Scenario
-    from bumpstop.measure.plan import MeasurementPlan
+    from bumpstop.measure.planning.plan import MeasurementPlan
 
 TABLE, SETTINGS, SCENARIOS = "plan.csv", "plan.toml", "situations"
 COLUMNS = (
@@ -99,9 +99,11 @@ def write_plan(plan: MeasurementPlan, folder: Path) -> Path:
     try:
         (folder / SCENARIOS).mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError("--out", f"{str(folder)!r} cannot be written ({error.strerror})", "give another folder") from None
+        raise InputError(
+            "--out", f"{str(folder)!r} cannot be written ({error.strerror})", "give another folder"
+        ) from None
     rows = []
-    for name, file in _file_names([each.name for each in plan.situations]).items():
+    for name, file in file_names([each.name for each in plan.situations]).items():
         write_text(folder / SCENARIOS / file, to_toml(scenario_data(plan.situation(name).scenario)))
         rows.append({"name": name, "file": f"{SCENARIOS}/{file}", "gauge": plan.situation(name).gauge.device})
     settings: dict[str, Any] = {
@@ -166,7 +168,8 @@ def load_plan(path: Path, scenarios: Mapping[str, Scenario] | None = None) -> Pl
         for key in ("name", "file", "gauge"):
             if not isinstance(row.get(key), str):
                 raise InputError(f"{settings_file}, situation {number}, {key}", "is missing", "wanted text")
-        named[row["name"]] = given.pop(row["name"], None) or load_scenario(folder / row["file"])
+        own = given.pop(row["name"]) if row["name"] in given else load_scenario(folder / row["file"])
+        named[row["name"]] = own
         if row["gauge"] != "scenario":
             devices[row["name"]] = row["gauge"]
     named |= given
@@ -247,7 +250,7 @@ def _rows(data: Mapping[str, Any], file: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def _file_names(names: list[str]) -> dict[str, str]:
+def file_names(names: list[str]) -> dict[str, str]:
     """A file for each name: letters that every file system takes, and no two alike."""
     found: dict[str, str] = {}
     for name in names:

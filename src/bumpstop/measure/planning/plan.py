@@ -12,12 +12,12 @@ import numpy as np
 from bumpstop.arrays import as_whole_number
 from bumpstop.collision.evaluation import evaluate
 from bumpstop.errors import InputError
-from bumpstop.measure.design import Belief, greedy_design
-from bumpstop.measure.measured_situation import MeasuredSituation, situations_of
+from bumpstop.measure.learning.peak_force_ensemble import Condition, PeakForceEnsemble, Surfaces
+from bumpstop.measure.learning.posterior import ErrorModel, expected_forces, single_shots
+from bumpstop.measure.learning.response_surface import normal_points
 from bumpstop.measure.parameters import Parameters
-from bumpstop.measure.peak_force_ensemble import Condition, PeakForceEnsemble, Surfaces
-from bumpstop.measure.posterior import ErrorModel, expected_forces, single_shots
-from bumpstop.measure.response_surface import normal_points
+from bumpstop.measure.planning.design import Belief, greedy_design
+from bumpstop.measure.planning.measured_situation import MeasuredSituation, situations_of
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -29,8 +29,6 @@ SHOTS = 30
 POINTS = 128
 # Draws from which bands and covariances are taken.
 _DRAWS = 2048
-# A condition whose shots are never detected at more of the assumed inputs is left out.
-_MIN_DETECTED = 0.9
 BAND = (0.05, 0.95)
 
 
@@ -145,7 +143,8 @@ def plan_measurements(
         speed_shares: speeds that are measured, as shares of the situation's.
         shots: how many; None: 30, and at least one for each situation.
         repeats: most shots at one situation and speed.
-        spread, fixed: see :meth:`Parameters.of`.
+        spread: of parameters before anything is measured, see :meth:`Parameters.of`.
+        fixed: keys that are known, see there.
         errors: how far shots may be off; None: :class:`ErrorModel`.
         points: of the parameters at which peak forces are computed.
         seed: of these points, and of the bands.
@@ -165,7 +164,13 @@ def plan_measurements(
     wanted = max(SHOTS, len(situations)) if shots is None else as_whole_number(shots, "shots", 1, 10_000)
     conditions = conditions_of(situations, parameters, speed_shares)
     ensemble = PeakForceEnsemble.of(parameters, conditions, points=points, seed=seed, progress=progress)
-    ensemble, notes = _detected(ensemble)
+    detected = dict(zip(ensemble.conditions, ensemble.detected().tolist(), strict=True))
+    ensemble, unseen = ensemble.where_detected()
+    notes = [
+        f"{each.situation.name} at {each.speed_mm_s:.4g} mm/s is left out: in {100 * (1 - detected[each]):.3g} % of "
+        "the cases within the assumed spread the arm never detects the gauge and would press on."
+        for each in unseen
+    ]
     surfaces = ensemble.surfaces()
     z = normal_points(_DRAWS, len(parameters), seed + 1)
     belief = Belief(surfaces(z), surfaces, errors, target_weights(ensemble))
@@ -220,42 +225,16 @@ def conditions_of(
 
 
 def target_weights(ensemble: PeakForceEnsemble) -> FloatArray:
-    """What the variance of each condition's peak force counts (conditions,): at the speed of its situation by the square
-    of the share of its limit that it takes, where all have limits; elsewhere alike."""
+    """What the variance of each condition's peak force counts (conditions,).
+
+    Only conditions at the speed of their situation count: by the square of the share of the limit that the force takes
+    where all have limits, else alike.
+    """
     own = np.array([each.own_speed for each in ensemble.conditions], dtype=np.float64)
     limits = np.array([each.situation.limit_N for each in ensemble.conditions])
     if not np.isfinite(limits).all():
         return own
     return np.asarray(own * (np.exp(np.nanmedian(ensemble.log_mean, axis=0)) / limits) ** 2)
-
-
-def _detected(ensemble: PeakForceEnsemble) -> tuple[PeakForceEnsemble, list[str]]:
-    """Without conditions whose shots may be never detected, and sentences about these."""
-    share = ensemble.detected()
-    usable = (share >= _MIN_DETECTED) & np.isfinite(ensemble.log_mean[0])
-    notes = [
-        f"{each.situation.name} at {each.speed_mm_s:.4g} mm/s is left out: in {100 * (1 - part):.3g} % of the cases "
-        "within the assumed spread the arm never detects the gauge and would press on."
-        for each, part, use in zip(ensemble.conditions, share, usable, strict=True)
-        if not use
-    ]
-    if not usable.any():
-        raise InputError(
-            "detector.thresholds_Nm",
-            "no shot would be detected for certain",
-            "lower thresholds, higher speeds or other places",
-        )
-    keep = np.flatnonzero(usable)
-    return (
-        PeakForceEnsemble(
-            ensemble.parameters,
-            tuple(ensemble.conditions[c] for c in keep),
-            ensemble.z,
-            ensemble.log_mean[:, keep],
-            ensemble.log_sd[:, keep],
-        ),
-        notes,
-    )
 
 
 def _predictions(

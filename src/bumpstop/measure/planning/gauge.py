@@ -108,7 +108,9 @@ def gauge_of(scenario: Scenario, device: str | None = None) -> Gauge:
         if stiffness is None:
             stiffness = _region_stiffness(scenario)
         spring = contact.gauge_spring_N_m
-        note = "No body region is named: the scenario's own contact counts as the gauge." if contact.body is None else ""
+        note = (
+            "No body region is named: the scenario's own contact counts as the gauge." if contact.body is None else ""
+        )
         return Gauge(_OWN, math.inf if spring is None else spring, stiffness, math.nan, "given", "the scenario", note)
     table = _table()
     named = table["device_of_region"].get(contact.body)
@@ -128,7 +130,9 @@ def _device(region: str, status: str) -> Gauge:
     found = PlantObject.gauge(region, position=(0, 0, 0), normal=(0, 0, 1))
     assert found.spring is not None
     source = f"{found.source}; {_table()['source']}"
-    return Gauge(region, found.spring, found.stiffness, gauge_pad_hardness(region), f"{status}; pad stiffness assumed", source)
+    return Gauge(
+        region, found.spring, found.stiffness, gauge_pad_hardness(region), f"{status}; pad stiffness assumed", source
+    )
 
 
 def _region_stiffness(scenario: Scenario) -> float:

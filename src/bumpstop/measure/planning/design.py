@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.measure.posterior import ErrorModel
+from bumpstop.measure.learning.posterior import ErrorModel
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from bumpstop.arrays import FloatArray
-    from bumpstop.measure.peak_force_ensemble import Surfaces
+    from bumpstop.measure.learning.peak_force_ensemble import Surfaces
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.errors import InputError
+from bumpstop.measure.learning.response_surface import ResponseSurface, normal_points
 from bumpstop.measure.parameters import Parameters
 from bumpstop.measure.peak_force_model import shot_force
-from bumpstop.measure.response_surface import ResponseSurface, normal_points
-from bumpstop.measure.measured_situation import MeasuredSituation
+from bumpstop.measure.planning.measured_situation import MeasuredSituation
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -24,6 +24,8 @@ _MIN_ERROR = 0.005
 # A fit has at least so many effective points for each term.
 _POINTS_PER_TERM = 2.5
 _WIDEN = 1.5
+# A condition whose shots are never detected at more of the points is of no use.
+_MIN_DETECTED = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +123,25 @@ class PeakForceEnsemble:
     def detected(self) -> FloatArray:
         """Share of the points at which shots of a condition are detected (conditions,)."""
         return np.asarray(np.isfinite(self.log_mean).mean(axis=0))
+
+    def where_detected(self) -> tuple[PeakForceEnsemble, tuple[Condition, ...]]:
+        """Without conditions whose shots may be never detected, and these."""
+        usable = (self.detected() >= _MIN_DETECTED) & np.isfinite(self.log_mean[0])
+        keep, left = np.flatnonzero(usable), np.flatnonzero(~usable)
+        if not keep.size:
+            raise InputError(
+                "detector.thresholds_Nm",
+                "no shot would be detected for certain",
+                "lower thresholds, higher speeds or other places",
+            )
+        kept = PeakForceEnsemble(
+            self.parameters,
+            tuple(self.conditions[c] for c in keep),
+            self.z,
+            self.log_mean[:, keep],
+            self.log_sd[:, keep],
+        )
+        return kept, tuple(self.conditions[c] for c in left)
 
     def surfaces(self, mean: FloatArray | None = None, covariance: FloatArray | None = None) -> Surfaces:
         """Polynomials about where the parameters are believed to be.

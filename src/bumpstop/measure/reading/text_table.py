@@ -79,7 +79,8 @@ def read_text_table(path: Path, wanted: str, *, max_bytes: int = MAX_BYTES) -> T
         raise InputError(str(path), f"is not valid CSV ({error})", wanted) from None
     first = _first_numbers(cells)
     comma = separator != "," and _has_decimal_commas(cells[first:])
-    header = first - 1 if first > 0 and len(cells[first - 1]) > 1 else None
+    named = first > 0 and first < len(cells) and len(cells[first - 1]) >= min(2, len(cells[first]))
+    header = first - 1 if named else None
     if header is None and first < len(cells):
         names = [f"column {i + 1}" for i in range(len(cells[first]))]
     elif header is None:

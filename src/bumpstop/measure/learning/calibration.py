@@ -10,11 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.errors import InputError
-from bumpstop.measure.design import Belief
-from bumpstop.measure.parameters import Parameters
-from bumpstop.measure.peak_force_ensemble import Condition, PeakForceEnsemble, Surfaces
-from bumpstop.measure.plan import target_weights
-from bumpstop.measure.posterior import (
+from bumpstop.measure.learning.peak_force_ensemble import PeakForceEnsemble, Surfaces
+from bumpstop.measure.learning.posterior import (
     ErrorModel,
     Posterior,
     expected_forces,
@@ -22,10 +19,14 @@ from bumpstop.measure.posterior import (
     sample_posterior,
     single_shots,
 )
+from bumpstop.measure.parameters import Parameters
+from bumpstop.measure.planning.design import Belief
+from bumpstop.measure.planning.plan import target_weights
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
     from bumpstop.arrays import FloatArray
-    from bumpstop.measure.measured_situation import MeasuredSituation
 
 # A parameter is shown by the shots where they narrow it by at least this.
 _SHOWN = 0.7
@@ -294,7 +295,7 @@ def _forces(
     prior: Surfaces,
     surfaces: Surfaces,
     posterior: Posterior,
-    columns: FloatArray,
+    columns: npt.NDArray[np.int64],
     errors: ErrorModel,
     seed: int,
 ) -> tuple[CalibratedForce, ...]:
@@ -319,7 +320,11 @@ def _forces(
 
 
 def _next_shot(
-    ensemble: PeakForceEnsemble, surfaces: Surfaces, posterior: Posterior, columns: FloatArray, errors: ErrorModel
+    ensemble: PeakForceEnsemble,
+    surfaces: Surfaces,
+    posterior: Posterior,
+    columns: npt.NDArray[np.int64],
+    errors: ErrorModel,
 ) -> NextShot:
     error = float(np.median(posterior.gauge_error))
     belief = Belief(surfaces(posterior.z), surfaces, errors, target_weights(ensemble), error)
@@ -337,7 +342,7 @@ def _notes(
     bad: Mapping[int, float],
     posterior: Posterior,
     surfaces: Surfaces,
-    columns: FloatArray,
+    columns: npt.NDArray[np.int64],
 ) -> list[str]:
     notes = []
     assumed = [each.label for each in found if not each.shown]
@@ -349,5 +354,7 @@ def _notes(
         notes.append(f"Only {posterior.effective:.0f} draws count effectively: quantiles are uncertain.")
     error = float(surfaces.error[np.unique(columns)].max())
     if error > 0.03:
-        notes.append(f"Between computed points the peak forces are known to {100 * error:.2g} %, which is in the spread.")
+        notes.append(
+            f"Between computed points the peak forces are known to {100 * error:.2g} %, which is in the spread."
+        )
     return notes

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from bumpstop.arrays import FloatArray
-    from bumpstop.measure.peak_force_ensemble import Surfaces
+    from bumpstop.measure.learning.peak_force_ensemble import Surfaces
 
 # Degrees of freedom of the errors of shots: one bad shot costs little (Lange, Little and Taylor 1989).
 _ERROR_DOF = 4.0
@@ -194,10 +194,8 @@ def interval(values: FloatArray, confidence: float = 0.95) -> tuple[float, float
     return float(low), float(high)
 
 
-def expected_forces(
-    posterior_z: FloatArray, surfaces: Surfaces, model_error: float, seed: int = 0
-) -> FloatArray:
-    """Peak forces that a condition's shots have in the mean of their logarithm, draw by draw (draws, conditions) [N]."""
+def expected_forces(posterior_z: FloatArray, surfaces: Surfaces, model_error: float, seed: int = 0) -> FloatArray:
+    """Peak forces in the mean of a condition's shots, by their logarithm, draw by draw (draws, conditions) [N]."""
     random = np.random.default_rng(seed)
     logs = surfaces(posterior_z)
     sd = np.sqrt(surfaces.error**2 + model_error**2)
@@ -210,4 +208,3 @@ def single_shots(forces: FloatArray, surfaces: Surfaces, gauge_error: FloatArray
     error = np.broadcast_to(np.asarray(gauge_error, dtype=np.float64), (len(forces),))
     sd = np.sqrt(surfaces.log_sd**2 + error[:, None] ** 2)
     return np.asarray(forces * np.exp(sd * random.standard_normal(forces.shape)))
-
