@@ -47,6 +47,7 @@ from validation.identification import (  # noqa: E402
     gains,
     tx40,
 )
+from validation.measure import commissioning  # noqa: E402
 from validation.schroeder2013 import (  # noqa: E402
     chapter5,
     chapter6,
@@ -94,6 +95,7 @@ COMPARISONS = {
     "gain_intervals": gain_intervals,
     "gains": gains,
     "tx40": tx40,
+    "commissioning": commissioning,
 }
 
 

@@ -15,6 +15,7 @@ from bumpstop.measure.learning.posterior import (
     ErrorModel,
     Posterior,
     expected_forces,
+    forces_after,
     interval,
     sample_posterior,
     single_shots,
@@ -228,6 +229,7 @@ def calibrate(
         surfaces = ensemble.surfaces(posterior.mean, posterior.covariance)
         posterior = sample_posterior(surfaces, columns, measured, errors, parameters=count, seed=seed + 1 + number)
     found = tuple(_found(ensemble.parameters, i, posterior) for i in range(count))
+    after = forces_after(posterior, surfaces, columns, measured, errors, seed)
     bad = {
         shot.number: float(np.exp(left))
         for shot, weight, left in zip(shots, posterior.shot_weight, posterior.shot_residual, strict=True)
@@ -241,8 +243,8 @@ def calibrate(
         surfaces=surfaces,
         shots=tuple(shots),
         bad_shots=bad,
-        forces=_forces(ensemble, prior, surfaces, posterior, columns, errors, seed),
-        next_shot=_next_shot(ensemble, surfaces, posterior, columns, errors),
+        forces=_forces(ensemble, prior, surfaces, posterior, columns, after, errors, seed),
+        next_shot=_next_shot(ensemble, surfaces, posterior, after, errors),
         notes=tuple(_notes(found, bad, posterior, surfaces, columns)),
     )
 
@@ -296,12 +298,12 @@ def _forces(
     surfaces: Surfaces,
     posterior: Posterior,
     columns: npt.NDArray[np.int64],
+    after: FloatArray,
     errors: ErrorModel,
     seed: int,
 ) -> tuple[CalibratedForce, ...]:
     random = np.random.default_rng(seed)
     before = expected_forces(random.standard_normal(posterior.z.shape), prior, errors.model, seed)
-    after = expected_forces(posterior.z, surfaces, errors.model, seed)
     single = single_shots(after, surfaces, posterior.gauge_error, seed)
     found = []
     for c, condition in enumerate(ensemble.conditions):
@@ -323,15 +325,14 @@ def _next_shot(
     ensemble: PeakForceEnsemble,
     surfaces: Surfaces,
     posterior: Posterior,
-    columns: npt.NDArray[np.int64],
+    after: FloatArray,
     errors: ErrorModel,
 ) -> NextShot:
     error = float(np.median(posterior.gauge_error))
-    belief = Belief(surfaces(posterior.z), surfaces, errors, target_weights(ensemble), error)
+    weights = target_weights(ensemble)
+    belief = Belief(np.log(after), surfaces, errors, weights, error, with_own_errors=True)
     now = belief.spread
-    # Shots of a condition that was measured tell less and less of the model's own error there.
-    taken = np.bincount(columns, minlength=len(ensemble.conditions))
-    best = int(np.argmax(belief.gains() / (1 + taken)))
+    best = int(np.argmax(belief.gains()))
     belief.shoot(best)
     condition = ensemble.conditions[best]
     return NextShot(condition.situation.name, condition.speed_mm_s, now, belief.spread)

@@ -194,12 +194,38 @@ def interval(values: FloatArray, confidence: float = 0.95) -> tuple[float, float
     return float(low), float(high)
 
 
-def expected_forces(posterior_z: FloatArray, surfaces: Surfaces, model_error: float, seed: int = 0) -> FloatArray:
-    """Peak forces in the mean of a condition's shots, by their logarithm, draw by draw (draws, conditions) [N]."""
+def expected_forces(z: FloatArray, surfaces: Surfaces, model_error: float, seed: int = 0) -> FloatArray:
+    """Peak forces before any shot: of the mean logarithm of a condition's shots, draw by draw (draws, conditions) [N]."""
     random = np.random.default_rng(seed)
-    logs = surfaces(posterior_z)
+    logs = surfaces(z)
     sd = np.sqrt(surfaces.error**2 + model_error**2)
     return np.asarray(np.exp(logs + sd * random.standard_normal(logs.shape)))
+
+
+def forces_after(
+    posterior: Posterior,
+    surfaces: Surfaces,
+    condition: npt.NDArray[np.int64],
+    log_force: FloatArray,
+    errors: ErrorModel,
+    seed: int = 0,
+) -> FloatArray:
+    """Peak forces after the shots: of the mean logarithm of a condition's shots, draw by draw (draws, conditions) [N].
+
+    What the model and the polynomials are off at a condition is alike in all its shots, so these tell it: given the
+    parameters it is normal, with shots weighted as Student's t weights them.
+    """
+    random = np.random.default_rng(seed)
+    logs = surfaces(posterior.z)
+    noise = surfaces.log_sd**2 + posterior.gauge_error[:, None] ** 2
+    precision = np.broadcast_to(1 / (surfaces.error**2 + errors.model**2), logs.shape).copy()
+    pull = np.zeros_like(logs)
+    for shot, c in enumerate(condition):
+        weight = posterior.shot_weight[shot] / noise[:, c]
+        precision[:, c] += weight
+        pull[:, c] += weight * (log_force[shot] - logs[:, c])
+    own = pull / precision + random.standard_normal(logs.shape) / np.sqrt(precision)
+    return np.asarray(np.exp(logs + own))
 
 
 def single_shots(forces: FloatArray, surfaces: Surfaces, gauge_error: FloatArray | float, seed: int = 1) -> FloatArray:

@@ -39,6 +39,7 @@ class Belief:
         errors: of shots.
         weights: what the variance of each condition counts (conditions,); zero: no target.
         gauge_error: of one shot [1].
+        with_own_errors: the draws have each condition's own error in them already.
     """
 
     def __init__(
@@ -48,9 +49,12 @@ class Belief:
         errors: ErrorModel,
         weights: FloatArray,
         gauge_error: float | None = None,
+        *,
+        with_own_errors: bool = False,
     ) -> None:
-        own = errors.model**2 + surfaces.error**2
-        self.covariance = np.atleast_2d(np.cov(log_force, rowvar=False)) + np.diag(own)
+        self.covariance = np.atleast_2d(np.cov(log_force, rowvar=False))
+        if not with_own_errors:
+            self.covariance = self.covariance + np.diag(errors.model**2 + surfaces.error**2)
         self.noise = surfaces.log_sd**2 + (errors.gauge if gauge_error is None else gauge_error) ** 2
         self.weights = weights / weights.sum()
 
