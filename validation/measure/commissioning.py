@@ -1,4 +1,4 @@
-"""Commissionings with planted parameters: whether intervals of the peak force hold, and what the order of shots saves."""
+"""Commissionings with planted parameters: whether intervals of the peak force hold, what the order of shots saves."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ _REACTIONS = 8
 # Detections rarer than this do not decide where reactions are simulated.
 _NEGLIGIBLE = 1e-4
 # The motion is followed for so long, doubled until the contact is detected [s].
-_FIRST_WINDOW_S, _LAST_WINDOW_S = 0.12, 2.0
+_FIRST_WINDOW_S, _LAST_WINDOW_S = 0.12, 0.9
 # A stopped arm oscillates for so long [s].
 _OSCILLATES_S = 0.1
 # Where more of the shots are never detected, a clamped gauge would be pressed on and on.

@@ -63,7 +63,7 @@ def calibrate_plan(
     if not shots:
         raise InputError("measured_peak_force_N", "no shot is measured", "fill in one row at least")
     situations = [MeasuredSituation.of(name, scenario, plan.devices.get(name)) for name, scenario in plan.named]
-    parameters = Parameters.of([each.measured for each in situations], _known(plan.spread, situations))
+    parameters = Parameters.of([each.measured for each in situations], plan.spread, fixed=plan.fixed)
     conditions = []
     for situation in situations:
         own = situation.speed_mm_s
@@ -95,13 +95,6 @@ def calibrate_plan(
         progress=None if progress is None else lambda share: progress(part + (1 - part) * share),
     )
     return PlanCalibration(found, tuple(situations), readings, tuple(left_out))
-
-
-def _known(spread: object, situations: list[MeasuredSituation]) -> dict[str, float]:
-    """Spreads of the plan for the parameters that its scenarios still have."""
-    assert isinstance(spread, dict)
-    has = Parameters.of([each.measured for each in situations]).keys
-    return {key: sd for key, sd in spread.items() if key in has}
 
 
 def _measured(

@@ -195,7 +195,7 @@ def interval(values: FloatArray, confidence: float = 0.95) -> tuple[float, float
 
 
 def expected_forces(z: FloatArray, surfaces: Surfaces, model_error: float, seed: int = 0) -> FloatArray:
-    """Peak forces before any shot: of the mean logarithm of a condition's shots, draw by draw (draws, conditions) [N]."""
+    """Peak forces before any shot, of the mean logarithm of a condition's, draw by draw (draws, conditions) [N]."""
     random = np.random.default_rng(seed)
     logs = surfaces(z)
     sd = np.sqrt(surfaces.error**2 + model_error**2)
@@ -210,7 +210,7 @@ def forces_after(
     errors: ErrorModel,
     seed: int = 0,
 ) -> FloatArray:
-    """Peak forces after the shots: of the mean logarithm of a condition's shots, draw by draw (draws, conditions) [N].
+    """Peak forces after the shots, of the mean logarithm of a condition's, draw by draw (draws, conditions) [N].
 
     What the model and the polynomials are off at a condition is alike in all its shots, so these tell it: given the
     parameters it is normal, with shots weighted as Student's t weights them.

@@ -89,9 +89,7 @@ class MeasuredSituation:
         notes = [gauge.note] if gauge.note else []
         approach, reached = _approach(measured)
         if not reached:
-            notes.append(
-                f"Full speed is not reached within {_LONGEST_APPROACH_S:g} s from rest at the scenario's acceleration."
-            )
+            notes.append("From rest at the scenario's acceleration the arm does not reach full speed on this line.")
         velocity = np.asarray(problem.start.point_velocity, dtype=np.float64)
         way = velocity / np.linalg.norm(velocity)
         room = _room_behind(measured, approach, problem.approach_speed)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -68,6 +68,7 @@ class MeasurementPlan:
         spread: of the peak forces of all situations before any shot [1].
         seed: of the ensemble.
         points: of the ensemble.
+        fixed: keys that are known.
         notes: what a reader should know.
     """
 
@@ -78,7 +79,8 @@ class MeasurementPlan:
     spread: float
     seed: int = 0
     points: int = POINTS
-    notes: tuple[str, ...] = field(default=())
+    fixed: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def situation(self, name: str) -> MeasuredSituation:
         """The situation of a name."""
@@ -208,6 +210,7 @@ def plan_measurements(
         spread=float(design.spread[0]),
         seed=seed,
         points=points,
+        fixed=tuple(fixed),
         notes=tuple(notes),
     )
 

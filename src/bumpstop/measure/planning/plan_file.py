@@ -111,6 +111,7 @@ def write_plan(plan: MeasurementPlan, folder: Path) -> Path:
         "seed": plan.seed,
         "gauge_error": plan.errors.gauge,
         "model_error": plan.errors.model,
+        "fixed": list(plan.fixed),
         "spread": {each.key: each.sd for each in plan.parameters.each},
         "situation": rows,
     }
@@ -128,6 +129,7 @@ class PlanFolder:
         named: names and scenarios of the situations.
         devices: gauge of each situation, by name; empty of a table without its folder.
         spread: of the parameters before anything is measured, by key; empty: as assumed.
+        fixed: keys that are known.
         errors: how far shots may be off.
         seed, points: of the ensemble.
         folder: where recordings start.
@@ -137,6 +139,7 @@ class PlanFolder:
     named: tuple[tuple[str, Scenario], ...]
     devices: Mapping[str, str]
     spread: Mapping[str, float]
+    fixed: tuple[str, ...]
     errors: ErrorModel
     seed: int
     points: int
@@ -184,6 +187,7 @@ def load_plan(path: Path, scenarios: Mapping[str, Scenario] | None = None) -> Pl
         named=tuple(named.items()),
         devices=devices,
         spread={str(key): _number(data["spread"], key, settings_file) for key in data.get("spread", {})},
+        fixed=tuple(str(key) for key in data.get("fixed", [])),
         errors=ErrorModel(
             gauge=_number(data, "gauge_error", settings_file) if "gauge_error" in data else default.gauge,
             model=_number(data, "model_error", settings_file) if "model_error" in data else default.model,

@@ -53,7 +53,7 @@ class ShotsPart(Part):
                 "Each shot is the one that is expected to narrow the peak forces of all situations most, after those "
                 "above it. The last column is the spread that is left then: the standard deviation of the peak force, "
                 f"root mean square over the situations. Before any shot it is {100 * plan.spread:.2g} %. The band "
-                "holds nine of ten single shots, over what is assumed of the cell, the noise of the detector and the gauge."
+                "holds nine of ten single shots, over what is assumed of the cell and the noise of detector and gauge."
             ),
             table((*headings, "spread left, %"), rows, caption="Peak forces to measure", numbers=True),
             *([bullets(plan.notes)] if plan.notes else []),
