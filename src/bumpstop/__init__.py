@@ -152,6 +152,7 @@ _ROOMS = (
     "detection",
     "identification",
     "joint",
+    "measure",
     "model",
     "plant",
     "recording",

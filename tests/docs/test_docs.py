@@ -40,7 +40,7 @@ def test_complete_scenario_runs(text: str, tmp_path: Path) -> None:
     assert 0 < result.peak_force.quantile(0.5) < math.inf
 
 
-@pytest.mark.parametrize("name", ["collision.md", "recording.md", "stopping.md"])
+@pytest.mark.parametrize("name", ["collision.md", "measure.md", "recording.md", "stopping.md"])
 def test_python_session(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scenario = blocks(ROOT / "docs" / "collision.md", "toml")[0]
     page = ROOT / "docs" / name

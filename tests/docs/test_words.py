@@ -76,7 +76,7 @@ def test_the_search_finds_a_private_word() -> None:
     assert not private_words("`worst_unnoticed_N` and law.parquet keep their names")
 
 
-@pytest.mark.parametrize("room", ["cli", "report", "reproduction", "collision", "study", "detection"])
+@pytest.mark.parametrize("room", ["cli", "report", "reproduction", "collision", "study", "detection", "measure"])
 def test_messages_help_and_pages_use_the_field_s_words(room: str) -> None:
     found = {
         f"{path.relative_to(ROOT)}: {text}": words

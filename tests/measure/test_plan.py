@@ -238,9 +238,9 @@ def test_bad_input() -> None:
         plan_measurements([("a", rigid())], spread={"detector.threshold": 0.1})
     with pytest.raises(InputError, match="shots: is 0; wanted a whole number from 1"):
         plan_measurements([("a", rigid())], shots=0)
-    deaf = rigid(detector__thresholds_Nm=[math.inf] * 5 + [1e6], motion__velocity_mm_s=[0, 0, -10])
+    insensitive = rigid(detector__thresholds_Nm=[math.inf] * 5 + [1e6], motion__velocity_mm_s=[0, 0, -10])
     with pytest.raises(InputError, match="no shot would be detected for certain"):
-        plan_measurements([("a", deaf)], points=32)
+        plan_measurements([("a", insensitive)], points=32)
 
 
 def test_what_is_known_is_no_parameter() -> None:

@@ -55,8 +55,8 @@ _UNMEASURED = 4
 _SHARES = (0.5, 0.75, 1.0)
 _SHOTS, _BAD = 30, 2
 _COVERAGE = 0.93
-# What is planted besides the parameters: of factors on damping and position gain, of residuals by friction as a share of
-# the thresholds, of each shot by the gauge, and what friction in the gauge takes away at most.
+# What is planted besides the parameters: of factors on damping and position gain, of residuals by friction as a share
+# of the thresholds, of each shot by the gauge, and what friction in the gauge takes away at most.
 _OTHER_SD, _FRICTION_SHARE, _GAUGE_SD, _GAUGE_FRICTION = 0.2, 0.05, 0.03, 0.02
 
 
@@ -170,7 +170,7 @@ class Truth:
 
 
 def commission(cell: Cell, seed: int, columns: list[int], *, bad: int = _BAD) -> tuple[Truth, Calibration] | None:
-    """One commissioning: shots of these conditions, some of them bad; None: the planted arm never detects some gauge."""
+    """Shots of these conditions, some of them bad, and what is learned; None: the planted arm never detects a gauge."""
     truth = Truth(cell, seed)
     try:
         spoilt = set(truth.random.choice(len(columns), bad, replace=False).tolist())

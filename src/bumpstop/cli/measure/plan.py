@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +13,7 @@ from bumpstop.cli.collision.evaluate import change, whole
 from bumpstop.cli.folders import check_folder
 from bumpstop.cli.measure.scenarios import named_scenarios
 from bumpstop.cli.option_names import as_options
-from bumpstop.errors import InputError
+from bumpstop.errors import InputError, near_matches
 from bumpstop.text_files import list_items
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ def plan(
     check_folder(out)
     named = named_scenarios(scenarios, dict(change(text) for text in changes or []), "SCENARIO")
     known = spreads(spread or [])
-    with as_options({"speeds": "--speeds", "gauge": "--gauge"}), progress("planning") as share:
+    with as_options({"gauge": "--gauge"}), progress("planning") as share:
         made = plan_measurements(
             named,
             device=gauge,
@@ -113,16 +114,20 @@ def spreads(given: list[str]) -> dict[str, float]:
     Raises:
         InputError: one is no key with a number.
     """
-    found = {}
+    from bumpstop.measure.parameters import KEYS
+
+    found: dict[str, float] = {}
     for text in given:
         key, _, value = text.partition("=")
+        key = key.strip()
         try:
-            found[key.strip()] = float(value)
+            found[key] = float(value)
         except ValueError:
-            raise InputError(
-                "--spread", f"{text!r} is not KEY=SD", "for example --spread reaction.latency_s=0.01"
-            ) from None
-        if not 0 <= found[key.strip()] < 10:
+            valid = "for example --spread reaction.latency_s=0.01"
+            raise InputError("--spread", f"{text!r} is not KEY=SD", valid) from None
+        if key not in KEYS:
+            raise InputError("--spread", f"{key!r} is no key that measured forces tell", near_matches(key, KEYS))
+        if not 0 <= found[key] < 10:
             raise InputError("--spread", f"{text!r} cannot be used", "wanted a number from 0 to below 10")
     return found
 
@@ -131,9 +136,12 @@ def _shares(text: str) -> list[float]:
     shares = []
     for item in list_items(text):
         try:
-            shares.append(float(item) / 100)
+            percent = float(item)
         except ValueError:
-            raise InputError("--speeds", f"{item!r} is no number", "wanted percent, as 50,75,100") from None
+            percent = math.nan
+        if not 1 <= percent <= 100:
+            raise InputError("--speeds", f"{item!r} cannot be used", "wanted percent from 1 to 100, as 50,75,100")
+        shares.append(percent / 100)
     return shares
 
 

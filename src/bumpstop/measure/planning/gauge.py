@@ -87,6 +87,16 @@ def _table() -> dict[str, Any]:
     return parse_toml(text, "gauge_regions.toml")
 
 
+def check_device(device: str) -> None:
+    """Refuse a device that there is not.
+
+    Raises:
+        InputError: it is none of :func:`bumpstop.plant.gauge_regions`.
+    """
+    if device not in gauge_regions():
+        raise InputError("gauge", f"{device!r} is no device", near_matches(device, gauge_regions()))
+
+
 def gauge_of(scenario: Scenario, device: str | None = None) -> Gauge:
     """The device that stands for what a scenario hits.
 
@@ -99,8 +109,7 @@ def gauge_of(scenario: Scenario, device: str | None = None) -> Gauge:
     """
     contact = scenario.contact
     if device is not None:
-        if device not in gauge_regions():
-            raise InputError("gauge", f"{device!r} is no device", near_matches(device, gauge_regions()))
+        check_device(device)
         return _device(device, "chosen by the user")
     if contact.body is None or contact.gauge_spring_N_m is not None:
         assert contact.stiffness_N_m is not None or contact.body is not None

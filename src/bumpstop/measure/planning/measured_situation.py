@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 _APPROACH_MARGIN = 1.25
 _MIN_APPROACH_M = 0.02
 _FULL_SPEED = 0.999
+_FOLLOWS = 0.9
 # A gauge may yield less than the path from which the arm turns back.
 _LONGEST_APPROACH_S = 10.0
 
@@ -178,4 +179,6 @@ def _room_behind(scenario: Scenario, approach: float, speed: float) -> str | Non
     curve = stopping_curve(_short(scenario.model_copy(update={"contact": contact}), back, approach / speed), whole=True)
     if curve.end == "joint_limit":
         return f"the limit of joint {curve.end_joint}"
-    return "a singularity" if curve.end == "singularity" else None
+    # Beside a singularity most arms do not meet it, but leave the line.
+    lost = curve.distance[-1] < _FOLLOWS * approach
+    return "a singularity" if lost or curve.end == "singularity" else None

@@ -17,6 +17,7 @@ from bumpstop.measure.learning.posterior import ErrorModel, expected_forces, sin
 from bumpstop.measure.learning.response_surface import normal_points
 from bumpstop.measure.parameters import Parameters
 from bumpstop.measure.planning.design import Belief, greedy_design
+from bumpstop.measure.planning.gauge import check_device
 from bumpstop.measure.planning.measured_situation import MeasuredSituation, situations_of
 
 if TYPE_CHECKING:
@@ -161,6 +162,8 @@ def plan_measurements(
     for share in speed_shares:
         if not 0.01 <= share <= 1.0:
             raise InputError("speeds", f"{share:g} cannot be used", "wanted shares of the speed, 0.01 to 1")
+    if device is not None:
+        check_device(device)
     situations = situations_of(named, device)
     parameters = Parameters.of([each.measured for each in situations], spread, fixed=fixed)
     wanted = max(SHOTS, len(situations)) if shots is None else as_whole_number(shots, "shots", 1, 10_000)
