@@ -90,6 +90,9 @@ class Parameters:
     ) -> Parameters:
         """Those that the scenarios have.
 
+        Their standard deviations are those of ``spread``, else what ``[uncertainty]`` of the scenarios says of a
+        key, the widest of them, else what is assumed.
+
         Args:
             scenarios: with the gauge as what is hit.
             spread: by key, the standard deviation before anything is measured, in place of what is assumed: of the
@@ -112,6 +115,8 @@ class Parameters:
                 continue
             if key == LATENCY:
                 sd = max(_latency_sd(scenario) for scenario in scenarios)
+            told = [each for scenario in scenarios if (each := _told(scenario, key)) is not None]
+            sd = max(told) if told else sd
             found.append(Parameter(key, "shift" if key == LATENCY else "factor", given.get(key, sd)))
         if not found:
             raise InputError("fixed", "names every parameter", "leave one to be found")
@@ -189,3 +194,44 @@ def _has(scenario: Scenario, key: str) -> bool:
 def _latency_sd(scenario: Scenario) -> float:
     period = scenario.detector.feedback_period_s
     return max(_LATENCY_SHARE * scenario.reaction.latency_s, _LATENCY_PERIODS * period)
+
+
+def _told(scenario: Scenario, key: str) -> float | None:
+    """Standard deviation that ``[uncertainty]`` of a scenario gives a key; None: it says nothing of it."""
+    spec = (getattr(scenario, "uncertainty", None) or {}).get(key)
+    return None if spec is None else told_spread(spec, nominal(scenario, key), shift=key == LATENCY)
+
+
+def told_spread(spec: Mapping[str, Any], value: Any, *, shift: bool) -> float | None:
+    """Standard deviation of an uncertain input.
+
+    Args:
+        spec: inline table of ``[uncertainty]``.
+        value: that the scenario gives, a number or a list.
+        shift: of the value itself; else of the logarithm of its factor.
+
+    Returns:
+        None where the table says it by a file, or by a range that begins at zero.
+    """
+    middle = float(np.mean(value))
+    scale = middle if shift else 1.0
+    if "sigma" in spec:
+        return float(spec["sigma"]) * scale
+    if "relative_sd" in spec:
+        return float(spec["relative_sd"]) * scale
+    if "sd" in spec:
+        return float(spec["sd"]) if shift else float(spec["sd"]) / abs(float(spec.get("mean", middle)))
+    ends = spec.get("relative", spec.get("interval", [spec[key] for key in ("low", "mode", "high") if key in spec]))
+    if len(ends) < 2 or (not shift and not min(ends) > 0):
+        return None
+    if shift:
+        points = [float(end) * (middle if "relative" in spec else 1.0) for end in ends]
+    else:
+        points = [math.log(end) for end in ends]
+    low, high = points[0], points[-1]
+    if len(points) == 2:
+        return (high - low) / math.sqrt(12)
+    mode = points[1]
+    # Of a triangular distribution.
+    square = low**2 + mode**2 + high**2 - low * mode - low * high - mode * high
+    return math.sqrt(square / 18)

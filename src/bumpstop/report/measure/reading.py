@@ -123,6 +123,7 @@ def write_readings(readings: Sequence[GaugeReading], folder: Path) -> Path:
         InputError: the folder cannot be written.
     """
     parts: list[Part] = [ReadingsPart(readings), FaultsPart(readings), CurvesPart(readings)]
-    about = f"{len(readings)} recordings, {sum(each.usable for each in readings)} usable"
+    many = "1 recording" if len(readings) == 1 else f"{len(readings)} recordings"
+    about = f"{many}, {sum(each.usable for each in readings)} usable"
     document = Document("Recordings of a gauge", "bumpstop: measure", "gauge recordings", parts, about)
     return write_document(document, folder)
