@@ -93,7 +93,7 @@ def shot_force(scenario: Scenario, latency: float | None = None) -> ShotForce:
     late = scenario.reaction.latency_s + scenario.reaction.dead_time_s if latency is None else latency
     window = max(_FIRST_WINDOW_S, 2 * late)
     while True:
-        collision = _TracedCollision(scenario, window)
+        collision = TracedCollision(scenario, window)
         weights = collision.detections(late)
         undetected = max(0.0, 1.0 - float(weights.sum()) / _PHASES)
         over = collision.problem.gets_away or collision.ended or window > _LAST_WINDOW_S
@@ -109,7 +109,7 @@ def shot_force(scenario: Scenario, latency: float | None = None) -> ShotForce:
     return collision.outcome(weights, late, undetected)
 
 
-class _TracedCollision:
+class TracedCollision:
     """A motion against a body that stands a few steps ahead, with ticks in every simulation step."""
 
     def __init__(self, scenario: Scenario, window: float) -> None:

@@ -61,6 +61,8 @@ def uncertainty(calibration: Calibration, scenario: Scenario) -> dict[str, dict[
 def calibrated_toml(calibration: Calibration, scenario: Scenario) -> str:
     """The scenario with what was learned, as a file, and a comment for each key that changed."""
     data = scenario_data(scenario)
+    # What was said before of other keys stays.
+    spread = data.pop("uncertainty", {}) | uncertainty(calibration, scenario)
     values = calibrated_values(calibration, scenario)
     lines = ["# Calibrated by measured peak forces. Values are medians; [uncertainty] has their spread."]
     for found in calibration.found:
@@ -79,7 +81,7 @@ def calibrated_toml(calibration: Calibration, scenario: Scenario) -> str:
         # What varies must stand in the file to be varied about.
         if _carried(found, scenario) and found.key not in values and found.key != LATENCY:
             set_key(data, found.key, _rounded(nominal(scenario, found.key)))
-    return "\n".join(lines) + "\n" + to_toml(data) + "\n[uncertainty]\n" + _inline(uncertainty(calibration, scenario))
+    return "\n".join(lines) + "\n" + to_toml(data) + "\n[uncertainty]\n" + _inline(spread)
 
 
 def _carried(found: FoundParameter, scenario: Scenario) -> bool:
