@@ -249,3 +249,23 @@ def test_bad_options(tmp_path: Path, form: dict[str, str], problem: str) -> None
 def test_bad_numbers() -> None:
     with pytest.raises(InputError, match="rate_hz: is -1; wanted a number above zero"):
         GaugeFormat(rate_hz=-1)
+
+
+def test_garbled_files_are_read_or_refused(tmp_path: Path) -> None:
+    """Letters lost, repeated and replaced by chance: figures or an InputError, never anything else."""
+    time, force = pressed(rate=500.0)
+    whole = write(tmp_path / "whole.csv", time, force, "time_s;force_N").read_text()
+    random = np.random.default_rng(1)
+    read = 0
+    for _ in range(200):
+        letters = list(whole)
+        for at in random.integers(0, len(letters), random.choice([1, 20, 300])).tolist():
+            letters[at] = random.choice(["", ";", "\n", "-", "e9", "1e308", "nan", "ü", "0,1", '"', "12345"])
+        path = tmp_path / "garbled.csv"
+        path.write_text("".join(letters), encoding="utf-8")
+        try:
+            read_gauge(path).to_json()
+            read += 1
+        except InputError:
+            pass
+    assert read > 50

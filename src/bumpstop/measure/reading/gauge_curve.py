@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 _WANTED = "wanted the CSV of a gauge: time and force with their units in the header"
 _MAX_BYTES = 100_000_000
 _MIN_SAMPLES = 8
+_MAX_VALUE = 1e9
+_SAME_TIME_S = 1e-9
 
 
 @dataclass(frozen=True)
@@ -183,7 +185,9 @@ def _stated(preamble: str, words: str, unit: str) -> float | None:
 
 def _values(table: TextTable, name: str) -> FloatArray:
     column = table.names.index(name)
-    return np.array([table.number(row[column]) for row in table.rows], dtype=np.float64)
+    values = np.array([table.number(row[column]) for row in table.rows], dtype=np.float64)
+    # What no device shows is no number of one.
+    return np.where(np.abs(values) < _MAX_VALUE, values, np.nan)
 
 
 def _sorted(
@@ -195,7 +199,7 @@ def _sorted(
     backward = int((np.diff(time) < 0).sum())
     order = np.argsort(time, kind="stable")
     first = np.ones(time.size, dtype=bool)
-    first[1:] = np.diff(time[order]) > 0
+    first[1:] = np.diff(time[order]) > _SAME_TIME_S
     order = order[first]
     dropped = int(time.size - order.size)
     counts = (int((~readable).sum()), dropped, backward)

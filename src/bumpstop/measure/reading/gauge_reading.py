@@ -172,13 +172,13 @@ def _baseline(force: FloatArray) -> tuple[float, float, bool]:
     count = int(np.argmax(away)) if away.any() else force.size
     # The rise itself is no baseline.
     count = count - max(1, count // 10) if count > _MIN_BASELINE else count
+    if count < _MIN_BASELINE:
+        return 0.0, math.nan, False
     begin, highest = force[:count], float(np.abs(force).max())
     zero, end = float(np.median(begin)), float(np.median(force[-_MIN_BASELINE:]))
     one_sign = min(float(force.max()), -float(force.min())) < 0.02 * highest
     in_contact = one_sign and abs(zero) > _IN_CONTACT * highest and abs(end - zero) > 0.1 * highest
-    if count < _MIN_BASELINE or in_contact:
-        return 0.0, math.nan, False
-    return float(np.median(begin)), float(begin.std()), True
+    return (0.0, math.nan, False) if in_contact else (zero, float(begin.std()), True)
 
 
 def _crossing(curve: GaugeCurve, trigger: float) -> tuple[int, float]:
