@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.errors import InputError
-from bumpstop.measure.learning.response_surface import ResponseSurface, normal_points
+from bumpstop.measure.learning.response_surface import ResponseSurface, normal_points, quadratic_terms
 from bumpstop.measure.parameters import Parameters
 from bumpstop.measure.peak_force_model import shot_force
 from bumpstop.measure.planning.measured_situation import MeasuredSituation
@@ -153,16 +153,17 @@ class PeakForceEnsemble:
         weights = np.ones(len(self.z))
         if mean is not None and covariance is not None:
             weights = self._weights(mean, covariance)
-        columns, errors, sds = [], [], []
-        for c in range(len(self.conditions)):
-            found = np.isfinite(self.log_mean[:, c])
-            own = weights * found
-            fitted = ResponseSurface.fit(self.z[found], self.log_mean[found, c : c + 1], own[found])
-            columns.append(fitted.coefficients)
-            errors.append(max(_MIN_ERROR, float(fitted.error[0])))
-            sds.append(float(np.average(self.log_sd[found, c], weights=own[found])))
-        together = ResponseSurface(np.concatenate(columns, axis=1), np.array(errors))
-        return Surfaces(together, np.array(sds))
+        found = np.isfinite(self.log_mean)
+        terms = quadratic_terms(self.z[:1]).shape[1]
+        coefficients = np.empty((terms, len(self.conditions)))
+        error, sd = np.empty(len(self.conditions)), np.empty(len(self.conditions))
+        # Conditions whose shots are detected at the same points are fitted in one go.
+        for rows in np.unique(found, axis=1).T:
+            alike = (found == rows[:, None]).all(axis=0)
+            fitted = ResponseSurface.fit(self.z[rows], self.log_mean[np.ix_(rows, alike)], weights[rows])
+            coefficients[:, alike], error[alike] = fitted.coefficients, np.maximum(_MIN_ERROR, fitted.error)
+            sd[alike] = np.average(self.log_sd[np.ix_(rows, alike)], axis=0, weights=weights[rows])
+        return Surfaces(ResponseSurface(coefficients, error), sd)
 
     def _weights(self, mean: FloatArray, covariance: FloatArray) -> FloatArray:
         """Of the points, by the belief: widened until enough of them count."""
