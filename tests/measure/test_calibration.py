@@ -59,12 +59,12 @@ def _line(slope: float, scatter: float) -> Surfaces:
 
 def test_posterior_against_quadrature() -> None:
     """One parameter and the gauge's error on a fine grid."""
-    slope, errors = 0.2, ErrorModel(gauge=0.05, gauge_spread=0.5, model=0.01)
+    slope, errors = 0.2, ErrorModel(gauge=0.05, gauge_spread=0.5, model=0.05)
     measured = 4.0 + np.array([0.08, 0.11, 0.14, 0.9])
     surfaces = _line(slope, 0.03)
     found = sample_posterior(surfaces, np.zeros(4, dtype=np.int64), measured, errors, parameters=1, seed=1)
     z, w = np.meshgrid(np.linspace(-4, 6, 801), np.linspace(-4, 4, 401), indexing="ij")
-    variance = (0.05 * np.exp(0.5 * w)) ** 2 + 0.03**2 + 4 * 0.01**2
+    variance = (0.05 * np.exp(0.5 * w)) ** 2 + 0.03**2 + 4 * 0.05**2
     log = -0.5 * (z**2 + w**2)
     for y in measured:
         log += -2.5 * np.log1p((y - 4.0 - slope * z) ** 2 / (4 * variance)) - 0.5 * np.log(variance)
