@@ -22,6 +22,7 @@ from bumpstop.measure.parameters import CONTACT, LATENCY, THRESHOLDS, Parameters
 from bumpstop.measure.peak_force_model import shot_force
 from bumpstop.measure.planning.measured_situation import situations_of
 from bumpstop.measure.planning.plan import conditions_of
+from bumpstop.measure.planning.plan_file import COLUMNS, read_shots, shots_text
 from measure.cells import rigid
 from measure.gauge_cases import pressed, write
 
@@ -223,6 +224,11 @@ def test_plan_filled_by_forces_and_recordings(tmp_path: Path) -> None:
     made = calibrate_plan(load_plan(tmp_path))
     assert [shot.number for shot in made.calibration.shots] == [1, 2]
     assert made.calibration.shots[1].force_N == pytest.approx(plan.shots[0].predicted_N, rel=5e-3)
+    rows = shots_text(load_plan(tmp_path).shots, made.recorded).splitlines()
+    assert rows[0] == ",".join(COLUMNS[:7])
+    assert [row.rpartition(",")[2] != "" for row in rows[1:]] == [True, True, False]
+    (tmp_path / "shots.csv").write_text("\n".join(rows))
+    assert read_shots(tmp_path / "shots.csv")[1].measured_N == pytest.approx(plan.shots[0].predicted_N, rel=5e-3)
     assert len(made.left_out) == 1
     assert made.left_out[0].startswith("Shot 3 is left out, its recording 'bad.csv' cannot be relied on: ")
     assert made.calibration.forces[0].expected_N[0] == pytest.approx(plan.shots[0].predicted_N, rel=0.03)

@@ -247,7 +247,7 @@ def orders(cell: Cell, shots: int) -> tuple[list[int], list[int]]:
 
 
 def _order(findings: Findings, cell: Cell, *, runs: int, quick: bool) -> None:
-    count = len(cell.ensemble.conditions)
+    count = _SHOTS
     ordered, grid = orders(cell, count)
     half = count // 2
     targets = [c for c, each in enumerate(cell.ensemble.conditions) if each.own_speed]
@@ -260,11 +260,12 @@ def _order(findings: Findings, cell: Cell, *, runs: int, quick: bool) -> None:
                 if done is None:
                     continue
                 forces = [done[1].forces[c] for c in targets]
-                spread = [(each.expected_N[2] - each.expected_N[1]) / each.expected_N[0] for each in forces]
+                # As the plan weighs them: by the share of the limit.
+                spread = [(each.expected_N[2] - each.expected_N[1]) / each.limit_N for each in forces]
                 widths.setdefault((name, size), []).append(float(np.mean(spread)))
     mean = {key: float(np.mean(values)) for key, values in widths.items()}
     findings.table(
-        "Mean width of the 95 % interval of the peak force over all situations, as a share of it",
+        "Mean width of the 95 % interval of the peak force over all situations, as a share of the limit",
         ["Shots", "Ordered plan [%]", "Fixed grid [%]"],
         ["", ".3g", ".3g"],
         [[f"{size}", 100 * mean["ordered", size], 100 * mean["grid", size]] for size in sizes],

@@ -29,7 +29,9 @@ def calibrate(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", help="FILE.toml: write the one scenario there; a folder: all scenarios and report.html."
+            "--out",
+            "-o",
+            help="FILE.toml: write the one scenario; a folder: all scenarios, shots.csv and report.html.",
         ),
     ] = None,
     time_column: TimeColumn = None,
@@ -67,10 +69,11 @@ def calibrate(
         written.append(file)
     page = None
     if folder is not None:
-        from bumpstop.measure.planning.plan_file import file_names
+        from bumpstop.measure.planning.plan_file import file_names, shots_text
         from bumpstop.report.measure.calibration import write_calibration
 
         page = write_calibration(made, folder)
+        write_text(folder / "shots.csv", shots_text(filled.shots, made.recorded))
         names = file_names([name for name, _ in filled.named])
         for name, found in filled.named:
             write_text(folder / names[name], calibrated_toml(made.calibration, found))

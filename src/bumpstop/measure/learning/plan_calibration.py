@@ -28,7 +28,7 @@ class PlanCalibration:
     Attributes:
         calibration: what the shots say.
         situations: of the plan.
-        readings: recordings that were read, by number of the shot.
+        readings: recordings that were read, by row of the table.
         left_out: sentences about shots that were not used.
     """
 
@@ -36,6 +36,11 @@ class PlanCalibration:
     situations: tuple[MeasuredSituation, ...]
     readings: dict[int, GaugeReading]
     left_out: tuple[str, ...]
+
+    @property
+    def recorded(self) -> dict[int, float]:
+        """Peak forces of recordings that can be relied on, by row of the table [N]."""
+        return {row: reading.peak_N for row, reading in self.readings.items() if reading.usable}
 
 
 def calibrate_plan(
@@ -107,7 +112,7 @@ def _measured(
         force, number = row.measured_N, row.shot or row.row
         if math.isnan(force) and row.recording:
             reading = read_gauge(plan.folder / row.recording, form)
-            readings[number] = reading
+            readings[row.row] = reading
             if not reading.usable:
                 why = " ".join(fault.text for fault in reading.faults if fault.spoils)
                 left_out.append(

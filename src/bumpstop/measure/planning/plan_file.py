@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -50,6 +50,7 @@ class FilledShot:
         shot: number as the plan has it; 0: the row has none.
         situation: name of it.
         speed_mm_s: of the tip [mm/s].
+        predicted_N, low_N, high_N: as the plan has them [N]; NaN: the table does not say.
         measured_N: peak force that the gauge showed [N]; NaN: not taken yet.
         recording: file of it beside the table; empty: none.
     """
@@ -58,6 +59,9 @@ class FilledShot:
     shot: int
     situation: str
     speed_mm_s: float
+    predicted_N: float
+    low_N: float
+    high_N: float
     measured_N: float
     recording: str
 
@@ -214,13 +218,19 @@ def read_shots(path: Path) -> tuple[FilledShot, ...]:
         measured = _positive(table, row, "measured_peak_force_N", path, empty=True)
         if not name:
             raise InputError(f"{path}, row {row + 1}, situation", "is empty", "wanted the name of a situation")
-        shot = _positive(table, row, "shot", path, empty=True) if "shot" in table.names else math.nan
+        shot, predicted, low, high = (
+            _positive(table, row, key, path, empty=True) if key in table.names else math.nan
+            for key in ("shot", *COLUMNS[3:6])
+        )
         found.append(
             FilledShot(
                 row=row + 1,
                 shot=0 if math.isnan(shot) else int(shot),
                 situation=name,
                 speed_mm_s=_positive(table, row, "speed_mm_s", path, empty=False),
+                predicted_N=predicted,
+                low_N=low,
+                high_N=high,
                 measured_N=measured,
                 recording=table.cell(row, "recording").strip() if "recording" in table.names else "",
             )
@@ -228,6 +238,23 @@ def read_shots(path: Path) -> tuple[FilledShot, ...]:
     if not found:
         raise InputError(str(path), "has no rows", _WANTED)
     return tuple(found)
+
+
+def shots_text(shots: Sequence[FilledShot], measured: Mapping[int, float]) -> str:
+    """Predictions and measured peak forces as CSV, in the first columns of a plan.
+
+    Args:
+        shots: rows.
+        measured: peak forces by number of the row, in place of the rows' own [N].
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS[:7])
+    for shot in shots:
+        figures = (shot.predicted_N, shot.low_N, shot.high_N, measured.get(shot.row, shot.measured_N))
+        cells = ["" if math.isnan(figure) else f"{figure:.2f}" for figure in figures]
+        writer.writerow((shot.situation, shot.shot or shot.row, f"{shot.speed_mm_s:.10g}", *cells))
+    return text.getvalue()
 
 
 def _positive(table: TextTable, row: int, name: str, path: Path, *, empty: bool) -> float:
