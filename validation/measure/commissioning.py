@@ -73,10 +73,10 @@ def compare(findings: Findings, *, quick: bool) -> None:
         f"(sd {100 * _FRICTION_SHARE:g} % of the thresholds), gauges with friction and {100 * _GAUGE_SD:g} % of noise."
     )
     _coverage(findings, cell, runs=10 if quick else 1000, quick=quick)
-    _order(findings, cell, runs=2 if quick else 60, quick=quick)
+    _order(findings, cell, runs=2 if quick else 24, quick=quick)
     _reference(findings, cell, runs=1 if quick else 12)
     if not quick:
-        _plant(findings, cell, runs=6)
+        _plant(findings, cell, runs=4)
 
 
 @dataclass
