@@ -243,6 +243,14 @@ def test_bad_input() -> None:
         plan_measurements([("a", insensitive)], points=32)
 
 
+def test_trajectories_among_lines_are_left_out_with_a_note() -> None:
+    trajectory = bs.load_scenario("examples/06_pick_and_place_trajectory.toml")
+    line = bs.load_scenario("examples/01_hand_downward.toml")
+    made = plan_measurements([("line", line), ("path", trajectory)], speed_shares=[1.0], points=32, shots=1)
+    assert [each.name for each in made.situations] == ["line"]
+    assert any(note.startswith("path is left out: its motion is a trajectory") for note in made.notes)
+
+
 def test_what_is_known_is_no_parameter() -> None:
     known = ["reaction.latency_s", "arm.rotor_inertia_kg_m2"]
     made = plan_measurements([("a", elastic())], fixed=known, speed_shares=[1.0], points=32, shots=2)

@@ -141,7 +141,7 @@ def plan_measurements(
     """Plan the measurement of contact situations.
 
     Args:
-        named: names and scenarios, of one robot, on lines.
+        named: names and scenarios, of one robot. Beside lines trajectories are left out, with a note.
         device: gauge for all of them; None: that of each body region.
         speed_shares: speeds that are measured, as shares of the situation's.
         shots: how many; None: 30, and at least one for each situation.
@@ -164,7 +164,10 @@ def plan_measurements(
             raise InputError("speeds", f"{share:g} cannot be used", "wanted shares of the speed, 0.01 to 1")
     if device is not None:
         check_device(device)
-    situations = situations_of(named, device)
+    given = list(named)
+    lines = [(name, scenario) for name, scenario in given if scenario.motion.kind == "line"]
+    left_out = [name for name, scenario in given if scenario.motion.kind != "line"]
+    situations = situations_of(lines or given, device)
     parameters = Parameters.of([each.measured for each in situations], spread, fixed=fixed)
     wanted = max(SHOTS, len(situations)) if shots is None else as_whole_number(shots, "shots", 1, 10_000)
     conditions = conditions_of(situations, parameters, speed_shares)
@@ -182,6 +185,10 @@ def plan_measurements(
     design = greedy_design(
         belief, wanted, repeats=repeats, own_speed=np.array([each.own_speed for each in ensemble.conditions])
     )
+    notes += [
+        f"{name} is left out: its motion is a trajectory, and a gauge is hit at one place. Give the line at that place."
+        for name in left_out
+    ]
     missing = {each.name for each in situations} - {
         ensemble.conditions[c].situation.name for c in design.condition if ensemble.conditions[c].own_speed
     }
