@@ -50,6 +50,7 @@ from validation.identification import (  # noqa: E402
     generic_fit,
     tx40,
 )
+from validation.measure import commissioning  # noqa: E402
 from validation.schroeder2013 import (  # noqa: E402
     chapter5,
     chapter6,
@@ -100,6 +101,7 @@ COMPARISONS = {
     "gains": gains,
     "generic_fit": generic_fit,
     "tx40": tx40,
+    "commissioning": commissioning,
 }
 
 

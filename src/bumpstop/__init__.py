@@ -176,6 +176,7 @@ _ROOMS = (
     "detection",
     "identification",
     "joint",
+    "measure",
     "model",
     "plant",
     "recording",

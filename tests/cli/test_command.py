@@ -162,6 +162,7 @@ def test_completion_answers() -> None:
         "score",
         "sensitivity",
         "stopping",
+        "measure",
     }
     options = bumpstop(COMP_WORDS="bumpstop evaluate --s", **(asked | {"COMP_CWORD": "2"})).stdout.split()
     assert set(options) == {"--sampled", "--seed", "--set"}

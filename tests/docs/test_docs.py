@@ -40,7 +40,9 @@ def test_complete_scenario_runs(text: str, tmp_path: Path) -> None:
     assert 0 < result.peak_force.quantile(0.5) < math.inf
 
 
-@pytest.mark.parametrize("name", ["collision.md", "recording.md", "register.md", "stopping.md", "uncertainty.md"])
+@pytest.mark.parametrize(
+    "name", ["collision.md", "measure.md", "recording.md", "register.md", "stopping.md", "uncertainty.md"]
+)
 def test_python_session(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = ROOT / "docs" / name
     scenario = blocks(page if name == "uncertainty.md" else ROOT / "docs" / "collision.md", "toml")[0]

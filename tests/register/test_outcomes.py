@@ -182,3 +182,21 @@ def test_a_situation_that_cannot_be_computed_is_named_with_all_others(tmp_path: 
     with pytest.raises(bs.InputError) as refused:
         bs.load_register(path)
     assert str(refused.value).count("absent.parquet") == 2
+
+
+def test_uncertain_inputs_are_judged_at_the_stated_confidence(tmp_path: Path) -> None:
+    """One situation, whose stiffness is known or only to within a factor."""
+    known = {"name": "known", "motion.velocity_mm_s": [0, 0, -50]}
+    spread = known | {
+        "name": "spread",
+        "uncertainty": {"contact.stiffness_N_m": {"distribution": "lognormal", "median": 75000.0, "sigma": 0.6}},
+    }
+    result = bs.evaluate_register(bs.load_register(write_register(tmp_path, known, spread)))
+    found = {one.situation.name: one for one in result.results}
+    assert (found["known"].outcome, found["known"].confidence) == ("pass", None)
+    judged = bs.judge_situation(found["spread"].situation.scenario)
+    assert judged.word != "PASS"
+    assert found["spread"].outcome == judged.word.lower()
+    assert found["spread"].reason == judged.reason
+    assert found["spread"].confidence == judged.confidence == 0.95
+    assert found["spread"].peak_force == found["known"].peak_force

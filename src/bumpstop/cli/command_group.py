@@ -8,7 +8,7 @@ from typer.core import TyperGroup
 
 # How hard a collision is, what brings it below the limits, recordings, and what is made of them.
 _ORDER = (
-    *("new", "evaluate", "report", "require", "sensitivity", "stopping", "study", "robots", "bodies"),
+    *("new", "evaluate", "measure", "report", "require", "sensitivity", "stopping", "study", "robots", "bodies"),
     *("recording", "plan", "identify", "validate", "tune", "detect", "score", "detector"),
     *("plant", "experiment"),
 )

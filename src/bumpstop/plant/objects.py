@@ -43,6 +43,11 @@ def gauge_regions() -> tuple[str, ...]:
     return tuple(_gauges()["spring_N_mm_and_shore_a"])
 
 
+def gauge_pad_hardness(region: str) -> float:
+    """Hardness of the pad of a region's gauge [Shore A]; the region is one of :func:`gauge_regions`."""
+    return float(_gauges()["spring_N_mm_and_shore_a"][region][1])
+
+
 def object_kinds() -> tuple[str, ...]:
     """Names of the objects whose stiffness is known: arguments of :meth:`PlantObject.of`."""
     return tuple(_kinds())

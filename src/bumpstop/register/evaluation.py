@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from bumpstop.collision import CollisionResult, Distribution, Verdict
     from bumpstop.register.register import Register
     from bumpstop.register.situation import Situation
+    from bumpstop.uncertainty import Judgement
 
 _QUANTILES = {"p50": 0.5, "p95": 0.95, "p99": 0.99, "p999": 0.999}
 
@@ -46,6 +47,8 @@ class SituationResult:
         notes: what was assumed, and what was cut short.
         inputs: values that it rests on, with where they come from.
         method: how the distribution was computed: ``"exact"`` or ``"sampled"``.
+        confidence: at which the outcome holds over the inputs of ``[uncertainty]``; None without that table. All
+            figures are of the scenario as given.
     """
 
     situation: Situation
@@ -62,6 +65,7 @@ class SituationResult:
     notes: tuple[str, ...]
     inputs: tuple[Input, ...]
     method: str
+    confidence: float | None = None
 
     @property
     def p_over(self) -> float:
@@ -88,6 +92,7 @@ class SituationResult:
             "peak_force_N": {name: _finite(value) for name, value in self.peak_force.items()},
             "pressure_N_cm2": {name: _finite(value) for name, value in self.pressure.items()},
             "law": self.method,
+            "confidence": self.confidence,
             "verdict": self.verdict.to_json() | {"warnings": list(self.warnings)},
             "notes": list(self.notes),
         }
@@ -138,8 +143,9 @@ def evaluate_register(
     Args:
         register: checked situations.
         samples: of every situation, as for :func:`bumpstop.evaluate`.
-        seed: likewise.
-        threads: situations that are computed at once, 1 to 256; they do not change the results.
+        seed: likewise, and of the points of uncertain inputs.
+        threads: situations that are computed at once, 1 to 256; they do not change the results. Those with
+            ``[uncertainty]`` are judged in as many processes.
         progress: told the share of the situations that are done.
 
     Returns:
@@ -149,11 +155,29 @@ def evaluate_register(
         RegisterError: situations that cannot be computed; it names them all.
     """
     as_whole_number(threads, "threads", 1, 256)
-    done = 0
+    uncertain = [situation for situation in register.situations if situation.scenario.uncertainty]
+    done, work = 0, len(register.situations) + len(uncertain)
+
+    def judged(share: float) -> None:
+        if progress is not None:
+            progress(share * len(uncertain) / work)
+
+    judgements: dict[int, Judgement | InputError] = {}
+    if uncertain:
+        from bumpstop.uncertainty import judge_situations
+
+        scenarios = [situation.scenario for situation in uncertain]
+        # A process takes some seconds to begin.
+        processes = min(threads, max(1, len(uncertain) // 4))
+        words = judge_situations(scenarios, seed=seed, processes=processes, progress=judged)
+        judgements = {id(situation): word for situation, word in zip(uncertain, words, strict=True)}
 
     def one(situation: Situation) -> SituationResult | InputError:
         try:
-            return _evaluate(situation, samples, seed)
+            judgement = judgements.get(id(situation))
+            if isinstance(judgement, InputError):
+                raise judgement
+            return _evaluate(situation, judgement, samples, seed)
         except InputError as error:
             where = f"{situation.file} {situation.place}".rstrip()
             return InputError(f"{where} ({situation.name!r}), {error.field}", error.problem, error.valid)
@@ -164,7 +188,7 @@ def evaluate_register(
             found.append(result)
             done += 1
             if progress is not None:
-                progress(done / len(register.situations))
+                progress((done + len(uncertain)) / work)
     faults = [result for result in found if isinstance(result, InputError)]
     if faults:
         raise RegisterError(", ".join(str(path) for path in register.files[:1]), faults)
@@ -184,9 +208,9 @@ def _badness(result: SituationResult) -> tuple[float, ...]:
     return OUTCOMES.index(result.outcome), -use, -p
 
 
-def _evaluate(situation: Situation, samples: int | None, seed: int) -> SituationResult:
-    result = evaluate(situation.scenario, samples=samples, seed=seed)
-    outcome, reason = outcome_of(situation, result)
+def _evaluate(situation: Situation, judgement: Judgement | None, samples: int | None, seed: int) -> SituationResult:
+    result = evaluate(situation.scenario.without_uncertainty(), samples=samples, seed=seed)
+    outcome, reason = outcome_of(situation, result, judgement)
     return SituationResult(
         situation=situation,
         outcome=outcome,
@@ -202,6 +226,7 @@ def _evaluate(situation: Situation, samples: int | None, seed: int) -> Situation
         notes=result.notes,
         inputs=inputs_of(situation, result),
         method=result.kind,
+        confidence=None if judgement is None else judgement.confidence,
     )
 
 

@@ -9,16 +9,23 @@ from bumpstop.register.statements import OPEN_STATUSES
 if TYPE_CHECKING:
     from bumpstop.collision import CollisionResult
     from bumpstop.register.situation import Situation
+    from bumpstop.uncertainty import Judgement
 
 Outcome = Literal["pass", "fail", "inconclusive"]
 OUTCOMES: tuple[Outcome, ...] = ("fail", "inconclusive", "pass")
 """Worst first."""
 OUTCOME_WORDS: dict[Outcome, str] = {"fail": "FAIL", "inconclusive": "INCONCLUSIVE", "pass": "PASS"}
 """As terminal and pages write them."""
+_WORDS: dict[str, Outcome] = {word: outcome for outcome, word in OUTCOME_WORDS.items()}
+_CONCLUSIONS: dict[str, Outcome] = {"not_acceptable": "fail", "acceptable": "pass"}
 
 
-def outcome_of(situation: Situation, result: CollisionResult) -> tuple[Outcome, str]:
+def outcome_of(
+    situation: Situation, result: CollisionResult, judgement: Judgement | None = None
+) -> tuple[Outcome, str]:
     """The outcome and its reason in a sentence.
+
+    Where inputs are uncertain the judgement at the stated confidence takes the place of the verdict.
 
     A situation passes where its verdict is acceptable and nothing that was only assumed decides it. It is inconclusive
     where the verdict is, where there is no limit of force or of pressure, where the contact area was not given, where
@@ -26,12 +33,14 @@ def outcome_of(situation: Situation, result: CollisionResult) -> tuple[Outcome, 
     unverified.
     """
     verdict = result.verdict
-    if verdict.conclusion == "not_acceptable":
-        return "fail", verdict.reason
-    if verdict.conclusion != "acceptable":
-        return "inconclusive", verdict.reason
+    if judgement is not None:
+        found, told = _WORDS[judgement.word], judgement.reason
+    else:
+        found, told = _CONCLUSIONS.get(verdict.conclusion, "inconclusive"), verdict.reason
+    if found != "pass":
+        return found, told
     reason = _open_question(situation, result)
-    return ("inconclusive", reason) if reason else ("pass", verdict.reason)
+    return ("inconclusive", reason) if reason else ("pass", told)
 
 
 def _open_question(situation: Situation, result: CollisionResult) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 
 from bumpstop.collision.scenario.keys import value_of
 from bumpstop.collision.scenario.scenario_words import as_written
+from bumpstop.collision.scenario.uncertainty_table import flattened
 from bumpstop.errors import InputError, near_matches
 from bumpstop.register.rows import Row, unknown_key_of_row
 from bumpstop.register.statements import Statement, read_statements
@@ -95,6 +96,10 @@ def _dotted(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]
     """Keys and values of a row; ``contact.area_cm2 = 2`` is a table to TOML."""
     found: list[tuple[str, Any]] = []
     for key, value in table.items():
+        if not prefix and key == "uncertainty" and isinstance(value, Mapping):
+            # Its keys are dotted themselves, and its values are tables.
+            found += [(f"{key}.{name}", spec) for name, spec in flattened(value).items()]
+            continue
         found += _dotted(value, f"{prefix}{key}.") if isinstance(value, Mapping) else [(prefix + key, value)]
     return found
 

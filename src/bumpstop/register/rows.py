@@ -169,7 +169,7 @@ def unknown_key_of_row(key: str) -> InputError | None:
     fields = {field: model.annotation for field, model in Scenario.model_fields.items() if field != "folder"}
     keys = getattr(fields.get(table), "model_fields", {})
     if dot:
-        if name in keys:
+        if name in keys or table == "uncertainty":
             return None
         valid = near_matches(name, keys) if keys else near_matches(table, fields)
         return InputError(key, "is not a key of a scenario", valid)

@@ -1,0 +1,1 @@
+"""Commands that plan measurements, read gauges and learn from them."""

@@ -1,0 +1,1 @@
+"""From measured shots to the parameters of a cell."""

@@ -1,0 +1,1 @@
+"""Measurement plans: gauges, places, shots in order."""

@@ -1,0 +1,184 @@
+"""One contact situation made ready to be measured: gauge, place, orientation, approach."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.collision.curve import stopping_curve
+from bumpstop.collision.problem import CollisionProblem
+from bumpstop.errors import InputError
+from bumpstop.measure.planning.gauge import Gauge, gauge_of
+
+if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
+    from bumpstop.collision.scenario.scenario import Scenario
+
+# Beyond where full speed is reached: servos settle.
+_APPROACH_MARGIN = 1.25
+_MIN_APPROACH_M = 0.02
+_FULL_SPEED = 0.999
+_FOLLOWS = 0.9
+# A gauge may yield less than the path from which the arm turns back.
+_LONGEST_APPROACH_S = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredSituation:
+    """A contact situation and what measures it.
+
+    Attributes:
+        name: unique in a plan.
+        scenario: the situation itself, with the body.
+        gauge: the device that stands for the body.
+        measured: the scenario with the gauge in the body's place.
+        contact_point: where the face of the gauge stands, base frame (3,) [m].
+        normal: the way the contact point moves, into the gauge, base frame (3,) [1].
+        approach: of the contact point along the motion, until it has full speed and a quarter beyond [m].
+        start_point: where the contact point begins to move, base frame (3,) [m].
+        limit_N: force limit of the body region; NaN where there is none.
+        notes: what a reader should know.
+    """
+
+    name: str
+    scenario: Scenario
+    gauge: Gauge
+    measured: Scenario
+    contact_point: FloatArray
+    normal: FloatArray
+    approach: float
+    start_point: FloatArray
+    limit_N: float
+    notes: tuple[str, ...]
+
+    @property
+    def clamped(self) -> bool:
+        """Whether the gauge is fixed to the ground; else it is on a slide, with the mass of the body."""
+        return self.scenario.contact.kind == "clamped"
+
+    @property
+    def speed_mm_s(self) -> float:
+        """Of the tip in the scenario [mm/s]."""
+        return 1e3 * math.hypot(*self.scenario.motion.velocity)
+
+    @classmethod
+    def of(cls, name: str, scenario: Scenario, device: str | None = None) -> MeasuredSituation:
+        """Find gauge, place and approach of a situation.
+
+        Args:
+            name: of it.
+            scenario: of a line.
+            device: gauge, see :func:`gauge_of`.
+
+        Raises:
+            InputError: the scenario cannot be computed, or its motion is a trajectory.
+        """
+        if scenario.motion.kind == "trajectory":
+            raise InputError(
+                f"{name}: motion.kind",
+                "'trajectory' is not available: a gauge is hit at one place",
+                "give the line at the place that is measured",
+            )
+        gauge = gauge_of(scenario, device)
+        measured = gauge.measured(scenario)
+        problem = CollisionProblem.from_scenario(measured)
+        curve = stopping_curve(_short(measured, {}))
+        notes = [gauge.note] if gauge.note else []
+        approach, reached = _approach(measured)
+        if not reached:
+            notes.append("From rest at the scenario's acceleration the arm does not reach full speed on this line.")
+        velocity = np.asarray(problem.start.point_velocity, dtype=np.float64)
+        way = velocity / np.linalg.norm(velocity)
+        room = _room_behind(measured, approach, problem.approach_speed)
+        if room is not None:
+            notes.append(
+                f"The approach of {1e3 * approach:.0f} mm has no room: the arm comes to {room} on the way back. Begin "
+                "in another configuration, or measure at another place."
+            )
+        limits = problem.limits
+        return cls(
+            name=name,
+            scenario=scenario,
+            gauge=gauge,
+            measured=measured,
+            contact_point=curve.start,
+            normal=curve.normal,
+            approach=approach,
+            start_point=curve.start - approach * way,
+            limit_N=limits.force_N if limits is not None and limits.permitted else math.nan,
+            notes=tuple(notes),
+        )
+
+    def at_speed(self, speed_mm_s: float) -> Scenario:
+        """The measurement at another speed of the tip [mm/s], along the same direction."""
+        v = np.asarray(self.measured.motion.velocity)
+        return self.measured.with_values({"motion.velocity_mm_s": (speed_mm_s * v / np.linalg.norm(v)).tolist()})
+
+
+def situations_of(named: Iterable[tuple[str, Scenario]], device: str | None = None) -> list[MeasuredSituation]:
+    """Situations of anything that yields names and scenarios, in its order.
+
+    Raises:
+        InputError: there is none, two have one name, they are of different robots, or one cannot be measured.
+    """
+    found: list[MeasuredSituation] = []
+    names: set[str] = set()
+    for name, scenario in named:
+        if name in names:
+            raise InputError("situation", f"{name!r} is named twice", "give each situation a name of its own")
+        names.add(name)
+        try:
+            found.append(MeasuredSituation.of(name, scenario, device))
+        except InputError as error:
+            field = error.field if error.field.startswith(f"{name}: ") else f"{name}: {error.field}"
+            raise InputError(field, error.problem, error.valid) from None
+    if not found:
+        raise InputError("situation", "there is none", "give a scenario file")
+    robots = {situation.scenario.robot for situation in found}
+    if len(robots) > 1:
+        raise InputError(
+            "robot",
+            f"the situations are of {len(robots)} robots: {', '.join(sorted(robots))}",
+            "one plan measures one arm: make a plan for each",
+        )
+    return found
+
+
+def _short(scenario: Scenario, motion: dict[str, object], seconds: float = 0.1) -> CollisionProblem:
+    step = scenario.simulation.step_s
+    duration = max(1, round(seconds / step)) * step
+    table = scenario.motion.model_copy(update={"duration_s": duration, **motion})
+    return CollisionProblem.from_scenario(scenario.model_copy(update={"motion": table}))
+
+
+def _approach(scenario: Scenario) -> tuple[float, bool]:
+    """How far the contact point goes until it has full speed, with a margin [m], and whether it gets there."""
+    seconds = 0.25
+    full = _short(scenario, {"start": "moving"}).approach_speed
+    while True:
+        curve = stopping_curve(_short(scenario, {"start": "rest"}, seconds), whole=True)
+        speed = np.diff(curve.distance) / scenario.simulation.step_s
+        there = np.flatnonzero(speed >= _FULL_SPEED * full)
+        if there.size:
+            return max(_MIN_APPROACH_M, _APPROACH_MARGIN * float(curve.distance[there[0] + 1])), True
+        if seconds >= _LONGEST_APPROACH_S or curve.end != "motion_end":
+            return max(_MIN_APPROACH_M, _APPROACH_MARGIN * float(curve.distance.max())), False
+        seconds *= 2
+
+
+def _room_behind(scenario: Scenario, approach: float, speed: float) -> str | None:
+    """What ends the way back to where the approach begins; None: there is room."""
+    velocity = scenario.motion.velocity_mm_s
+    assert velocity is not None
+    back: dict[str, object] = {"velocity_mm_s": [-v for v in velocity], "start": "moving"}
+    contact = scenario.contact.model_copy(update={"normal": None})
+    curve = stopping_curve(_short(scenario.model_copy(update={"contact": contact}), back, approach / speed), whole=True)
+    if curve.end == "joint_limit":
+        return f"the limit of joint {curve.end_joint}"
+    # Beside a singularity most arms do not meet it, but leave the line.
+    lost = curve.distance[-1] < _FOLLOWS * approach
+    return "a singularity" if lost or curve.end == "singularity" else None

@@ -1,0 +1,294 @@
+"""Plans as folders: the table to fill in, the settings, and the scenarios of the situations."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bumpstop.collision.scenario.scenario_file import load_scenario
+from bumpstop.collision.scenario.settings_file import scenario_data
+from bumpstop.errors import InputError, near_matches
+from bumpstop.measure.learning.posterior import ErrorModel
+from bumpstop.measure.reading.text_table import TextTable, read_text_table
+from bumpstop.text_files import as_path, parse_toml, read_text, to_toml, write_text
+
+if TYPE_CHECKING:
+    from bumpstop.collision.scenario.scenario import Scenario
+    from bumpstop.measure.planning.plan import MeasurementPlan
+
+TABLE, SETTINGS, SCENARIOS = "plan.csv", "plan.toml", "situations"
+COLUMNS = (
+    "situation",
+    "shot",
+    "speed_mm_s",
+    "predicted_peak_force_N",
+    "predicted_low_N",
+    "predicted_high_N",
+    "measured_peak_force_N",
+    "recording",
+    "remark",
+    "distribution_p5_N",
+    "distribution_p95_N",
+    "expected_spread_percent",
+)
+_NEEDED = ("situation", "speed_mm_s", "measured_peak_force_N")
+_WANTED = "wanted the plan.csv of bumpstop measure plan, filled in"
+
+
+@dataclass(frozen=True)
+class FilledShot:
+    """A row of a filled plan.
+
+    Attributes:
+        row: of the file, from 1, without the header.
+        shot: number as the plan has it; 0: the row has none.
+        situation: name of it.
+        speed_mm_s: of the tip [mm/s].
+        predicted_N, low_N, high_N: as the plan has them [N]; NaN: the table does not say.
+        measured_N: peak force that the gauge showed [N]; NaN: not taken yet.
+        recording: file of it beside the table; empty: none.
+    """
+
+    row: int
+    shot: int
+    situation: str
+    speed_mm_s: float
+    predicted_N: float
+    low_N: float
+    high_N: float
+    measured_N: float
+    recording: str
+
+
+def table_text(plan: MeasurementPlan) -> str:
+    """The table to fill in, as CSV."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for shot in plan.shots:
+        writer.writerow(
+            (
+                shot.situation,
+                shot.number,
+                f"{shot.speed_mm_s:.10g}",
+                f"{shot.predicted_N:.2f}",
+                f"{shot.low_N:.2f}",
+                f"{shot.high_N:.2f}",
+                "",
+                "",
+                "",
+                f"{shot.distribution_N[0]:.2f}",
+                f"{shot.distribution_N[1]:.2f}",
+                f"{100 * shot.spread:.3g}",
+            )
+        )
+    return text.getvalue()
+
+
+def write_plan(plan: MeasurementPlan, folder: Path) -> Path:
+    """Write ``plan.csv``, ``plan.toml`` and a scenario for each situation; returns the path of the table.
+
+    Raises:
+        InputError: the folder cannot be written, or has a plan whose table is filled in.
+    """
+    table = folder / TABLE
+    if table.exists() and any(not math.isnan(shot.measured_N) or shot.recording for shot in read_shots(table)):
+        raise InputError(str(table), "is filled in already", "give another folder, or move the table away")
+    try:
+        (folder / SCENARIOS).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            "--out", f"{str(folder)!r} cannot be written ({error.strerror})", "give another folder"
+        ) from None
+    rows = []
+    for name, file in file_names([each.name for each in plan.situations]).items():
+        write_text(folder / SCENARIOS / file, to_toml(scenario_data(plan.situation(name).scenario)))
+        rows.append({"name": name, "file": f"{SCENARIOS}/{file}", "gauge": plan.situation(name).gauge.device})
+    settings: dict[str, Any] = {
+        "points": plan.points,
+        "seed": plan.seed,
+        "gauge_error": plan.errors.gauge,
+        "model_error": plan.errors.model,
+        "fixed": list(plan.fixed),
+        "spread": {each.key: each.sd for each in plan.parameters.each},
+        "situation": rows,
+    }
+    write_text(folder / SETTINGS, to_toml(settings))
+    write_text(table, table_text(plan))
+    return table
+
+
+@dataclass(frozen=True)
+class PlanFolder:
+    """A plan that was written, and what has been filled in.
+
+    Attributes:
+        shots: rows of the table.
+        named: names and scenarios of the situations.
+        devices: gauge of each situation, by name; empty of a table without its folder.
+        spread: of the parameters before anything is measured, by key; empty: as assumed.
+        fixed: keys that are known.
+        errors: how far shots may be off.
+        seed, points: of the ensemble.
+        folder: where recordings start.
+    """
+
+    shots: tuple[FilledShot, ...]
+    named: tuple[tuple[str, Scenario], ...]
+    devices: Mapping[str, str]
+    spread: Mapping[str, float]
+    fixed: tuple[str, ...]
+    errors: ErrorModel
+    seed: int
+    points: int
+    folder: Path
+
+
+def load_plan(path: Path, scenarios: Mapping[str, Scenario] | None = None) -> PlanFolder:
+    """Read a plan.
+
+    Args:
+        path: the folder, or its table.
+        scenarios: by name of the situation, in place of the folder's.
+
+    Raises:
+        InputError: a file is missing or damaged, or a situation has no scenario.
+    """
+    path = as_path(path, "plan")
+    table = path / TABLE if path.is_dir() else path
+    folder = table.parent
+    shots = read_shots(table)
+    settings_file = folder / SETTINGS
+    given = dict(scenarios or {})
+    data: dict[str, Any] = {}
+    if settings_file.exists():
+        data = parse_toml(read_text(settings_file, "wanted the plan.toml of bumpstop measure plan"), str(settings_file))
+    named: dict[str, Scenario] = {}
+    devices: dict[str, str] = {}
+    for number, row in enumerate(_rows(data, settings_file), start=1):
+        for key in ("name", "file", "gauge"):
+            if not isinstance(row.get(key), str):
+                raise InputError(f"{settings_file}, situation {number}, {key}", "is missing", "wanted text")
+        own = given.pop(row["name"]) if row["name"] in given else load_scenario(folder / row["file"])
+        named[row["name"]] = own
+        if row["gauge"] != "scenario":
+            devices[row["name"]] = row["gauge"]
+    named |= given
+    for shot in shots:
+        if shot.situation not in named:
+            where = f"{table}, row {shot.row}, situation"
+            valid = near_matches(shot.situation, named) if named else "give its scenario: --scenario FILE"
+            raise InputError(where, f"{shot.situation!r} has no scenario", valid)
+    default = ErrorModel()
+    return PlanFolder(
+        shots=shots,
+        named=tuple(named.items()),
+        devices=devices,
+        spread={str(key): _number(data["spread"], key, settings_file) for key in data.get("spread", {})},
+        fixed=tuple(str(key) for key in data.get("fixed", [])),
+        errors=ErrorModel(
+            gauge=_number(data, "gauge_error", settings_file) if "gauge_error" in data else default.gauge,
+            model=_number(data, "model_error", settings_file) if "model_error" in data else default.model,
+        ),
+        seed=int(_number(data, "seed", settings_file)) if "seed" in data else 0,
+        points=int(_number(data, "points", settings_file)) if "points" in data else 128,
+        folder=folder,
+    )
+
+
+def read_shots(path: Path) -> tuple[FilledShot, ...]:
+    """Rows of a table of shots; columns in any order, further ones are passed over.
+
+    Raises:
+        InputError: a column is missing, or a value cannot be used; names row and column.
+    """
+    table = read_text_table(path, _WANTED)
+    for name in _NEEDED:
+        if name not in table.names:
+            raise InputError(f"{path}, column {name}", "is missing", _WANTED)
+    found = []
+    for row in range(len(table.rows)):
+        name = table.cell(row, "situation").strip()
+        measured = _positive(table, row, "measured_peak_force_N", path, empty=True)
+        if not name:
+            raise InputError(f"{path}, row {row + 1}, situation", "is empty", "wanted the name of a situation")
+        shot, predicted, low, high = (
+            _positive(table, row, key, path, empty=True) if key in table.names else math.nan
+            for key in ("shot", *COLUMNS[3:6])
+        )
+        found.append(
+            FilledShot(
+                row=row + 1,
+                shot=0 if math.isnan(shot) else int(shot),
+                situation=name,
+                speed_mm_s=_positive(table, row, "speed_mm_s", path, empty=False),
+                predicted_N=predicted,
+                low_N=low,
+                high_N=high,
+                measured_N=measured,
+                recording=table.cell(row, "recording").strip() if "recording" in table.names else "",
+            )
+        )
+    if not found:
+        raise InputError(str(path), "has no rows", _WANTED)
+    return tuple(found)
+
+
+def shots_text(shots: Sequence[FilledShot], measured: Mapping[int, float]) -> str:
+    """Predictions and measured peak forces as CSV, in the first columns of a plan.
+
+    Args:
+        shots: rows.
+        measured: peak forces by number of the row, in place of the rows' own [N].
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS[:7])
+    for shot in shots:
+        figures = (shot.predicted_N, shot.low_N, shot.high_N, measured.get(shot.row, shot.measured_N))
+        cells = ["" if math.isnan(figure) else f"{figure:.2f}" for figure in figures]
+        writer.writerow((shot.situation, shot.shot or shot.row, f"{shot.speed_mm_s:.10g}", *cells))
+    return text.getvalue()
+
+
+def _positive(table: TextTable, row: int, name: str, path: Path, *, empty: bool) -> float:
+    text = table.cell(row, name).strip()
+    if not text and empty:
+        return math.nan
+    value = table.number(text)
+    if not 0 < value < math.inf:
+        raise InputError(f"{path}, row {row + 1}, {name}", f"{text!r} cannot be used", "wanted a number above zero")
+    return value
+
+
+def _number(data: Mapping[str, Any], key: str, file: Path) -> float:
+    value = data[key]
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
+        raise InputError(f"{file}, {key}", f"{value!r} cannot be used", "wanted a number from zero on")
+    return float(value)
+
+
+def _rows(data: Mapping[str, Any], file: Path) -> list[dict[str, Any]]:
+    rows = data.get("situation", [])
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise InputError(f"{file}, situation", "cannot be used", "wanted [[situation]] tables")
+    return rows
+
+
+def file_names(names: list[str]) -> dict[str, str]:
+    """A file for each name: letters that every file system takes, and no two alike."""
+    found: dict[str, str] = {}
+    for name in names:
+        plain = re.sub(r"[^A-Za-z0-9_-]+", "_", name).strip("_")[:60] or "situation"
+        taken = {file.lower() for file in found.values()}
+        file, number = f"{plain}.toml", 2
+        while file.lower() in taken:
+            file, number = f"{plain}_{number}.toml", number + 1
+        found[name] = file
+    return found

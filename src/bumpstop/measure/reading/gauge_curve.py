@@ -1,0 +1,206 @@
+"""Force over time as a gauge recorded it."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.errors import InputError
+from bumpstop.measure.reading.gauge_columns import UNITS, GaugeColumn, Quantity, find_column
+from bumpstop.measure.reading.text_table import TextTable, read_text_table
+from bumpstop.text_files import as_path
+
+if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
+
+_WANTED = "wanted the CSV of a gauge: time and force with their units in the header"
+_MAX_BYTES = 100_000_000
+_MIN_SAMPLES = 8
+_MAX_VALUE = 1e9
+_SAME_TIME_S = 1e-9
+
+
+@dataclass(frozen=True)
+class GaugeFormat:
+    """What a user tells of a recording; None: found in the file.
+
+    Attributes:
+        time_column, force_column, pressure_column: names, or numbers from 1.
+        time_unit, force_unit, pressure_unit: see :data:`bumpstop.measure.reading.gauge_columns.UNITS`.
+        rate_hz: sampling rate of a file without time.
+        trigger_N: force at which contact begins.
+        full_scale_N: end of the device's range.
+    """
+
+    time_column: str | None = None
+    force_column: str | None = None
+    pressure_column: str | None = None
+    time_unit: str | None = None
+    force_unit: str | None = None
+    pressure_unit: str | None = None
+    rate_hz: float | None = None
+    trigger_N: float | None = None
+    full_scale_N: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("rate_hz", "trigger_N", "full_scale_N"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < math.inf:
+                raise InputError(name, f"is {value:g}", "wanted a number above zero")
+
+
+@dataclass(frozen=True, eq=False)
+class GaugeCurve:
+    """Samples of one recording, in the order of time.
+
+    Attributes:
+        time: (samples,) [s].
+        force: positive where the gauge is pressed (samples,) [N].
+        pressure: highest of the sensor (samples,) [N/cm2]; None: the file has none.
+        source: the file.
+        columns: names of the columns of time, force and pressure; empty: none.
+        units: their units as read.
+        full_scale_N: end of the device's range; NaN: not known.
+        unreadable: rows that held no number.
+        repeated: rows at a time that an earlier one has.
+        backward: rows that stood in the wrong order of time and were sorted.
+        rate_told: the times were made from a sampling rate.
+    """
+
+    time: FloatArray
+    force: FloatArray
+    pressure: FloatArray | None
+    source: str
+    columns: tuple[str, str, str]
+    units: tuple[str, str, str]
+    full_scale_N: float
+    unreadable: int
+    repeated: int
+    backward: int
+    rate_told: bool
+
+    @property
+    def step(self) -> float:
+        """Median time between samples [s]."""
+        return float(np.median(np.diff(self.time)))
+
+
+def load_gauge_curve(path: Path, form: GaugeFormat | None = None) -> GaugeCurve:
+    """Read a recording of a gauge.
+
+    Rows without numbers and rows at a time that was there already are dropped, rows in the wrong order of time sorted;
+    all are counted.
+
+    Args:
+        path: CSV with comma, semicolon or tab, decimal point or comma, any lines above the header.
+        form: what the user tells.
+
+    Raises:
+        InputError: the file cannot be read, has no column of force, states no unit, or has neither time nor a rate.
+    """
+    path = as_path(path, "recording")
+    form = GaugeFormat() if form is None else form
+    table = read_text_table(path, _WANTED, max_bytes=_MAX_BYTES)
+    preamble = " ; ".join(table.preamble)
+    names = table.names
+    if not table.has_header and len(names) == 2 and form.force_column is None:
+        # Two columns without a name are time and force.
+        form = _with_columns(form)
+    try:
+        force_column = find_column(names, "force", form.force_column, form.force_unit)
+        time_column = find_column(names, "time", form.time_column, form.time_unit)
+        pressure_column = find_column(names, "pressure", form.pressure_column, form.pressure_unit)
+    except InputError as error:
+        raise InputError(f"{path}, {error.field}", error.problem, error.valid) from None
+    if force_column is None:
+        raise InputError(f"{path}, force_column", "is not found", f"say which of {', '.join(map(repr, names))} it is")
+    force_unit = _unit(force_column, "force", path, preamble)
+    force = _values(table, force_column.name) * UNITS["force"][force_unit]
+    pressure, pressure_unit = None, ""
+    if pressure_column is not None:
+        pressure_unit = _unit(pressure_column, "pressure", path, preamble)
+        pressure = _values(table, pressure_column.name) * UNITS["pressure"][pressure_unit]
+    time_unit = ""
+    if time_column is None:
+        rate = form.rate_hz or _stated(preamble, r"(?:rate|frequency|frequenz|abtastrate)\D{0,20}?", r"(k?)hz")
+        if rate is None:
+            raise InputError(f"{path}, time_column", "is not found", "give it, or the sampling rate: rate_hz")
+        time = np.arange(force.size) / rate
+    else:
+        time_unit = _unit(time_column, "time", path, preamble)
+        time = _values(table, time_column.name) * UNITS["time"][time_unit]
+    full_scale = form.full_scale_N or _stated(preamble, r"(?:range|full scale|messbereich)\D{0,20}?", r"(k?)n\b")
+    time, force, pressure, counts = _sorted(time, force, pressure)
+    if time.size < _MIN_SAMPLES:
+        raise InputError(str(path), f"has {time.size} samples that can be read", f"wanted at least {_MIN_SAMPLES}")
+    return GaugeCurve(
+        time=time,
+        force=force,
+        pressure=pressure,
+        source=str(path),
+        columns=(
+            time_column.name if time_column else "",
+            force_column.name,
+            pressure_column.name if pressure_column else "",
+        ),
+        units=(time_unit, force_unit, pressure_unit),
+        full_scale_N=math.nan if full_scale is None else full_scale,
+        unreadable=counts[0],
+        repeated=counts[1],
+        backward=counts[2],
+        rate_told=time_column is None,
+    )
+
+
+def _with_columns(form: GaugeFormat) -> GaugeFormat:
+    from dataclasses import replace
+
+    return replace(form, time_column=form.time_column or "1", force_column="2")
+
+
+def _unit(column: GaugeColumn, quantity: Quantity, path: Path, preamble: str) -> str:
+    if column.unit:
+        return column.unit
+    # Some devices state the unit once above the table.
+    for unit in UNITS[quantity]:
+        if re.search(rf"\b{quantity}\b[^;]{{0,20}}[\[(]\s*{re.escape(unit)}\s*[\])]", preamble, re.IGNORECASE):
+            return unit
+    known = ", ".join(UNITS[quantity])
+    raise InputError(
+        f"{path}, {quantity}_unit", f"column {column.name!r} states no unit of {quantity}", f"give one of {known}"
+    )
+
+
+def _stated(preamble: str, words: str, unit: str) -> float | None:
+    found = re.search(rf"{words}([0-9]+(?:[.,][0-9]+)?)\s*{unit}", preamble, re.IGNORECASE)
+    if found is None:
+        return None
+    return float(found[1].replace(",", ".")) * (1e3 if found[2] else 1.0)
+
+
+def _values(table: TextTable, name: str) -> FloatArray:
+    column = table.names.index(name)
+    values = np.array([table.number(row[column]) for row in table.rows], dtype=np.float64)
+    # What no device shows is no number of one.
+    return np.where(np.abs(values) < _MAX_VALUE, values, np.nan)
+
+
+def _sorted(
+    time: FloatArray, force: FloatArray, pressure: FloatArray | None
+) -> tuple[FloatArray, FloatArray, FloatArray | None, tuple[int, int, int]]:
+    readable = np.isfinite(time) & np.isfinite(force)
+    time, force = time[readable], force[readable]
+    pressure = None if pressure is None else np.nan_to_num(pressure[readable])
+    backward = int((np.diff(time) < 0).sum())
+    order = np.argsort(time, kind="stable")
+    first = np.ones(time.size, dtype=bool)
+    first[1:] = np.diff(time[order]) > _SAME_TIME_S
+    order = order[first]
+    dropped = int(time.size - order.size)
+    counts = (int((~readable).sum()), dropped, backward)
+    return time[order], force[order], None if pressure is None else pressure[order], counts

@@ -1,0 +1,238 @@
+"""What may be wrong with a gauge recording: each fault has a name and a count."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
+
+if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
+    from bumpstop.measure.reading.gauge_curve import GaugeCurve
+
+NAMES = (
+    *("saturated", "clipped", "shifted", "inverted", "coarse", "resampled", "truncated", "wrong_unit", "wrong_column"),
+    *("unreadable", "repeated", "backward", "gaps", "uneven", "drift", "spike"),
+)
+"""Every fault there is."""
+
+# Equal samples at the top that no smooth curve has.
+_MIN_FLAT = 3
+# From the begin of contact to the peak.
+_MIN_RISE_SAMPLES = 5
+_MIN_RATE_HZ = 500.0
+# What gauges of collisions show at all.
+_MIN_PEAK_N, _MAX_PEAK_N = 2.0, 5000.0
+_MIN_STEP_S, _MAX_STEP_S = 1e-6, 0.02
+_MIN_DURATION_S, _MAX_DURATION_S = 5e-3, 600.0
+_GAP = 1.8
+_UNEVEN = 0.2
+_MIN_STAIR = 3
+_MIN_CUT_SHARE = 0.05
+
+
+@dataclass(frozen=True)
+class GaugeFault:
+    """Something that is wrong with a recording.
+
+    Attributes:
+        name: one of :data:`NAMES`.
+        count: how often.
+        text: one sentence.
+        repaired: whether it was taken away.
+        spoils: whether the peak force cannot be relied on.
+    """
+
+    name: str
+    count: int
+    text: str
+    repaired: bool = False
+    spoils: bool = False
+
+    def to_json(self) -> dict[str, Any]:
+        """By name."""
+        return dict(self.__dict__)
+
+
+def sampling_faults(curve: GaugeCurve) -> list[GaugeFault]:
+    """Faults of rows and times."""
+    found = []
+    if curve.unreadable:
+        text = f"{curve.unreadable} rows hold no number: they were dropped."
+        found.append(GaugeFault("unreadable", curve.unreadable, text, repaired=True))
+    if curve.repeated:
+        text = f"{curve.repeated} rows have the time of an earlier one: they were dropped."
+        found.append(GaugeFault("repeated", curve.repeated, text, repaired=True))
+    if curve.backward:
+        text = f"Time goes back {curve.backward} times: the rows were sorted."
+        found.append(GaugeFault("backward", curve.backward, text, repaired=True))
+    steps = np.diff(curve.time)
+    step = float(np.median(steps))
+    # Rows that were dropped leave gaps of their own, which are told already.
+    gaps = max(0, int((steps > _GAP * step).sum()) - curve.unreadable)
+    if gaps:
+        longest = 1e3 * float(steps.max())
+        found.append(GaugeFault("gaps", gaps, f"{gaps} gaps in time, the longest of {longest:.3g} ms."))
+    uneven = int((np.abs(steps - step) > _UNEVEN * step).sum()) - gaps
+    if uneven > 0.05 * steps.size:
+        found.append(GaugeFault("uneven", uneven, f"{uneven} of {steps.size} samples are unevenly spaced."))
+    if not curve.rate_told and not _MIN_STEP_S <= step <= _MAX_STEP_S:
+        text = (
+            f"A sample every {step:.3g} s is no recording of a collision: the unit of time, {curve.units[0]!r}, is "
+            "wrong, or the file is an excerpt."
+        )
+        found.append(GaugeFault("wrong_unit", 1, text, spoils=True))
+    elif not _MIN_DURATION_S <= curve.time[-1] - curve.time[0] <= _MAX_DURATION_S:
+        text = f"A recording of {curve.time[-1] - curve.time[0]:.3g} s: the unit of time, {curve.units[0]!r}, is wrong."
+        found.append(GaugeFault("wrong_unit", 1, text, spoils=True))
+    return found
+
+
+def curve_faults(
+    curve: GaugeCurve, raw: FloatArray, at: int, first: int, onset: float, peak: float, before: bool
+) -> list[GaugeFault]:
+    """Faults of the force.
+
+    Args:
+        curve: zeroed, pressing positive.
+        raw: as recorded (samples,) [N].
+        at: the highest sample of the first half second.
+        first: the first sample in contact.
+        onset: when contact begins [s].
+        peak: force there [N].
+        before: whether the recording has a time before contact.
+    """
+    wrong = _wrong_column(curve)
+    if wrong:
+        return [wrong]
+    force = curve.force
+    found = []
+    if not _MIN_PEAK_N <= peak <= _MAX_PEAK_N:
+        text = (
+            f"A peak of {peak:.3g} N is none of a gauge of collisions: the unit of force, {curve.units[1]!r}, is wrong."
+        )
+        found.append(GaugeFault("wrong_unit", 1, text, spoils=True))
+    found += _flat(curve, raw, at)
+    stairs = _repeats(force, first, at)
+    lines = _straight(curve.time, force, first, at)
+    if stairs or lines:
+        every = max(stairs, lines)
+        rate = 1 / (every * curve.step)
+        how = "each value is held" if stairs >= lines else "values lie on straight lines"
+        text = f"The curve was resampled: {how} for {every} samples, so it was measured at {rate:.4g} Hz."
+        found.append(GaugeFault("resampled", every, text, spoils=(at - first) / every < _MIN_RISE_SAMPLES))
+    rise = at - first
+    if rise < _MIN_RISE_SAMPLES or 1 / curve.step < _MIN_RATE_HZ:
+        text = f"{rise} samples from the begin of contact to the peak, at {1 / curve.step:.4g} Hz: too coarse."
+        found.append(GaugeFault("coarse", 1, text, spoils=rise < _MIN_RISE_SAMPLES))
+    found += _truncated(curve, at, onset, before)
+    neighbours = max(force[max(at - 1, 0)], force[min(at + 1, force.size - 1)])
+    if 0 < at < force.size - 1 and neighbours < 0.5 * force[at]:
+        text = "The peak is a single sample, twice as high as its neighbours."
+        found.append(GaugeFault("spike", 1, text, spoils=True))
+    return found
+
+
+def _wrong_column(curve: GaugeCurve) -> GaugeFault | None:
+    force, name = curve.force, curve.columns[1]
+    steps = np.diff(force)
+    if not steps.any():
+        return GaugeFault("wrong_column", 1, f"Column {name!r} never changes: it is no force.", spoils=True)
+    if (steps >= 0).all() or (steps <= 0).all():
+        even = np.ptp(steps) < 1e-3 * np.abs(steps).max()
+        what = "a time or a counter" if even else "a time, a travel or an integral"
+        if even or np.count_nonzero(steps) > 0.9 * steps.size:
+            text = f"Column {name!r} only goes one way: it is {what}, no force."
+            return GaugeFault("wrong_column", 1, text, spoils=True)
+    return None
+
+
+def _flat(curve: GaugeCurve, raw: FloatArray, at: int) -> list[GaugeFault]:
+    found = []
+    top = _run_at(curve.force, at)
+    if top >= _MIN_FLAT and not _holds(curve.force, at, top):
+        level = float(np.abs(raw[at]))
+        scale = curve.full_scale_N
+        known = math.isfinite(scale)
+        name = "clipped" if known and level < 0.98 * scale else "saturated"
+        where = f"the device's range of {scale:.4g} N" if name == "saturated" and known else f"{level:.4g} N"
+        text = f"{top} samples stand at {where}: the peak is higher than what is recorded."
+        found.append(GaugeFault(name, top, text, spoils=True))
+    lowest = raw == (raw.min() if raw[at] > np.median(raw) else raw.max())
+    count = int(lowest.sum())
+    if count > _MIN_CUT_SHARE * raw.size and np.unique(raw).size > 10 and _one_sided(curve.force, lowest):
+        text = f"{count} samples stand at the lowest value while others scatter above: what lies below was cut off."
+        found.append(GaugeFault("clipped", count, text))
+    return found
+
+
+def _run_at(force: FloatArray, at: int) -> int:
+    """How many neighbouring samples are equal to the one at an index."""
+    same = force == force[at]
+    left = int(np.argmin(same[at::-1])) if not same[: at + 1].all() else at + 1
+    right = int(np.argmin(same[at:])) if not same[at:].all() else force.size - at
+    return left + right - 1
+
+
+def _holds(force: FloatArray, at: int, run: int) -> bool:
+    """Whether equal neighbours are met elsewhere on the curve as well: then it is held, not cut at the top."""
+    height = float(force[at])
+    flank = force[(force > 0.1 * height) & (force < 0.9 * height)]
+    if flank.size < 2 * run:
+        return False
+    return float((np.diff(flank) == 0).mean()) > 0.5
+
+
+def _one_sided(force: FloatArray, lowest: FloatArray) -> bool:
+    """Whether samples of the baseline scatter, but to one side only."""
+    peak = float(force.max())
+    base = force[force < 0.05 * peak]
+    scattered = base[base > base.min()]
+    return bool(scattered.size > 0.1 * lowest.sum())
+
+
+def _repeats(force: FloatArray, first: int, at: int) -> int:
+    """For how many samples each value is held on the way to the peak; 0: none."""
+    rise = force[max(first - 1, 0) : at + 1]
+    if rise.size < 2 * _MIN_STAIR:
+        return 0
+    changes = np.flatnonzero(np.diff(rise) != 0)
+    if changes.size < 2 or changes.size > rise.size / 2:
+        return 0
+    return int(np.median(np.diff(changes)))
+
+
+def _straight(time: FloatArray, force: FloatArray, first: int, at: int) -> int:
+    """For how many samples the curve runs straight between corners on the way to the peak; 0: it is curved."""
+    rise, when = force[max(first - 1, 0) : at + 1], time[max(first - 1, 0) : at + 1]
+    if rise.size < 4 * _MIN_STAIR:
+        return 0
+    slope = np.diff(rise) / np.diff(when)
+    bend = np.abs(np.diff(slope))
+    corners = np.flatnonzero(bend > 1e-5 * np.abs(slope).max())
+    if corners.size < 2 or corners.size > bend.size / _MIN_STAIR:
+        return 0
+    return int(np.median(np.diff(corners)))
+
+
+def _truncated(curve: GaugeCurve, at: int, onset: float, before: bool) -> list[GaugeFault]:
+    found = []
+    force, last = curve.force, curve.force.size - 1
+    peak = float(force[at])
+    if not before and force[0] > 0.05 * peak:
+        text = f"The recording begins in contact, at {force[0]:.4g} N: what was before is missing."
+        found.append(GaugeFault("truncated", 1, text, spoils=force[0] > 0.5 * peak))
+    if at >= last - 1:
+        text = "The recording ends at its highest force: the peak is not in it."
+        found.append(GaugeFault("truncated", 1, text, spoils=True))
+    elif curve.time[-1] - onset < FIRST_PHASE_S and force[-1] > 0.05 * peak:
+        text = (
+            f"The recording ends {1e3 * (curve.time[-1] - onset):.4g} ms after the begin of contact, with "
+            f"{force[-1]:.4g} N: what is left after {FIRST_PHASE_S:g} s is not in it."
+        )
+        found.append(GaugeFault("truncated", 1, text))
+    return found

@@ -1,0 +1,231 @@
+"""What a gauge recording says: peak force, what is left of it, drift, and what is wrong with the recording."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
+from bumpstop.measure.reading.gauge_curve import GaugeCurve, GaugeFormat, load_gauge_curve
+from bumpstop.measure.reading.gauge_faults import GaugeFault, curve_faults, sampling_faults
+
+if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
+
+# Contact begins where the force passes this share of the peak, unless a trigger is told.
+_TRIGGER_SHARE = 0.03
+_NOISE_SDS = 6.0
+# A zero that is off by more than a share of the peak, and by more than this, is told [N].
+_OFFSET_SHARE, _MIN_OFFSET_N = 0.01, 1.0
+# What is left is taken over this long after the first half second [s].
+_LASTING_S = 0.5
+_MIN_BASELINE = 5
+# A recording that begins with more than this share of its highest force, and ends elsewhere, begins in contact.
+_IN_CONTACT = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class GaugeReading:
+    """Figures of one recording.
+
+    Attributes:
+        curve: as read, zeroed and with pressing positive.
+        onset: when contact begins [s].
+        peak_N: greatest force in the first 0.5 s of contact, between samples: the summit of the parabola through the
+            highest sample and its neighbours [N].
+        sampled_peak_N: the highest sample in that time [N].
+        peak_time: of the peak, after the onset [s].
+        lasting_N: greatest force after the first 0.5 s [N]; NaN where the recording ends before.
+        left_N: median force from 0.5 s to 1 s after the onset [N]; NaN where the recording ends before.
+        zero_N: force before contact, as the recording has it [N]; NaN: it begins in contact.
+        drift_N: force once the gauge is free again less that before contact [N]; NaN: it is never free again.
+        noise_N: standard deviation before contact [N]; NaN: too few samples.
+        peak_pressure_N_cm2, lasting_pressure_N_cm2: highest pressure in and after the first 0.5 s; NaN: none recorded.
+        rate_hz: sampling rate [1/s].
+        faults: what is wrong, each with its count.
+    """
+
+    curve: GaugeCurve
+    onset: float
+    peak_N: float
+    sampled_peak_N: float
+    peak_time: float
+    lasting_N: float
+    left_N: float
+    zero_N: float
+    drift_N: float
+    noise_N: float
+    peak_pressure_N_cm2: float
+    lasting_pressure_N_cm2: float
+    rate_hz: float
+    faults: tuple[GaugeFault, ...]
+
+    @property
+    def usable(self) -> bool:
+        """Whether the peak force can be relied on: no fault spoils it."""
+        return not any(fault.spoils for fault in self.faults)
+
+    def to_json(self) -> dict[str, Any]:
+        """Figures by name; those that there are not are None."""
+        names = (
+            *("peak_N", "sampled_peak_N", "peak_time", "lasting_N", "left_N", "onset", "zero_N", "drift_N", "noise_N"),
+            *("peak_pressure_N_cm2", "lasting_pressure_N_cm2", "rate_hz"),
+        )
+        spelt = {"peak_time": "peak_time_s", "onset": "onset_s"}
+        figures: dict[str, Any] = {}
+        for name in names:
+            value = float(getattr(self, name))
+            figures[spelt.get(name, name)] = value if math.isfinite(value) else None
+        return {
+            "file": self.curve.source,
+            **figures,
+            "samples": int(self.curve.time.size),
+            "columns": dict(zip(("time", "force", "pressure"), self.curve.columns, strict=True)),
+            "units": dict(zip(("time", "force", "pressure"), self.curve.units, strict=True)),
+            "usable": self.usable,
+            "faults": [fault.to_json() for fault in self.faults],
+        }
+
+
+def read_gauge(path: str | Path, form: GaugeFormat | None = None) -> GaugeReading:
+    """Read a recording and what it says.
+
+    Args:
+        path: of a CSV.
+        form: what the user tells of it.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    form = GaugeFormat() if form is None else form
+    return analyse(load_gauge_curve(Path(path), form), form.trigger_N)
+
+
+def analyse(curve: GaugeCurve, trigger_N: float | None = None) -> GaugeReading:
+    """Figures and faults of a curve.
+
+    A curve that presses downward is turned over, a zero that is off is taken away; both are named.
+
+    Args:
+        curve: as recorded.
+        trigger_N: force at which contact begins [N]; None: 3 % of the peak, and six standard deviations of the noise.
+    """
+    raw, faults = curve.force, list(sampling_faults(curve))
+    zero, noise, before = _baseline(raw)
+    force = raw - zero
+    if -force.min() > force.max():
+        force = -force
+        faults.append(GaugeFault("inverted", 1, "The force is negative: it was turned over.", repaired=True))
+    peak = float(force.max())
+    if before and abs(zero) > max(_MIN_OFFSET_N, _OFFSET_SHARE * peak):
+        text = f"The gauge shows {zero:.3g} N before contact: that was taken away."
+        faults.append(GaugeFault("shifted", 1, text, repaired=True))
+    zeroed = replace(curve, force=force)
+    trigger = trigger_N
+    if trigger is None:
+        trigger = max(_TRIGGER_SHARE * peak, _NOISE_SDS * noise if math.isfinite(noise) else 0.0)
+    first, onset = _crossing(zeroed, trigger)
+    if trigger_N is None and before:
+        onset = _begin(zeroed, first, onset)
+    since = curve.time - onset
+    early = (since >= 0) & (since <= FIRST_PHASE_S)
+    early[first] = True
+    late = since > FIRST_PHASE_S
+    at = int(np.flatnonzero(early)[np.argmax(force[early])])
+    summit, summit_time = _summit(curve.time, force, at)
+    lasting = late & (since <= FIRST_PHASE_S + _LASTING_S)
+    drift = _drift(force, trigger, at)
+    pressure = curve.pressure
+    faults += curve_faults(zeroed, raw, at, first, onset, summit, before)
+    if math.isfinite(drift) and abs(drift) > max(_MIN_OFFSET_N, _OFFSET_SHARE * peak):
+        text = f"The gauge shows {drift:.3g} N more after the contact than before it."
+        faults.append(GaugeFault("drift", 1, text))
+    return GaugeReading(
+        curve=zeroed,
+        onset=onset,
+        peak_N=summit,
+        sampled_peak_N=float(force[at]),
+        peak_time=summit_time - onset,
+        lasting_N=float(force[late].max()) if late.any() else math.nan,
+        left_N=float(np.median(force[lasting])) if lasting.any() else math.nan,
+        zero_N=zero if before else math.nan,
+        drift_N=drift,
+        noise_N=noise,
+        peak_pressure_N_cm2=math.nan if pressure is None else float(pressure[early].max()),
+        lasting_pressure_N_cm2=math.nan if pressure is None or not late.any() else float(pressure[late].max()),
+        rate_hz=1.0 / curve.step,
+        faults=tuple(faults),
+    )
+
+
+def _baseline(force: FloatArray) -> tuple[float, float, bool]:
+    """Force before contact, its standard deviation, and whether the recording has such a time."""
+    span = float(force.max() - force.min())
+    if span == 0:
+        return 0.0, math.nan, False
+    # Until the force first leaves what it begins with.
+    away = np.abs(force - np.median(force[:_MIN_BASELINE])) > 0.1 * span
+    count = int(np.argmax(away)) if away.any() else force.size
+    # The rise itself is no baseline.
+    count = count - max(1, count // 10) if count > _MIN_BASELINE else count
+    if count < _MIN_BASELINE:
+        return 0.0, math.nan, False
+    begin, highest = force[:count], float(np.abs(force).max())
+    zero, end = float(np.median(begin)), float(np.median(force[-_MIN_BASELINE:]))
+    one_sign = min(float(force.max()), -float(force.min())) < 0.02 * highest
+    in_contact = one_sign and abs(zero) > _IN_CONTACT * highest and abs(end - zero) > 0.1 * highest
+    return (0.0, math.nan, False) if in_contact else (zero, float(begin.std()), True)
+
+
+def _crossing(curve: GaugeCurve, trigger: float) -> tuple[int, float]:
+    """First sample above the trigger, and when the force passes it, straight between samples [s]."""
+    above = curve.force >= trigger
+    first = int(np.argmax(above)) if above.any() else int(np.argmax(curve.force))
+    if first == 0:
+        return first, float(curve.time[0])
+    low, high = curve.force[first - 1], curve.force[first]
+    share = (trigger - low) / (high - low) if high > low else 1.0
+    share = min(1.0, max(0.0, float(share)))
+    return first, float(curve.time[first - 1] + share * (curve.time[first] - curve.time[first - 1]))
+
+
+def _begin(curve: GaugeCurve, first: int, crossing: float) -> float:
+    """Where the rise began that passes the trigger at a time [s]: it is straight at first."""
+    force, time = curve.force, curve.time
+    beyond = np.flatnonzero(force[first:] >= 2 * force[first])
+    other = first + int(beyond[0]) if beyond.size else first
+    if other == first or not force[first] > 0:
+        return crossing
+    slope = (force[other] - force[first]) / (time[other] - time[first])
+    return min(crossing, float(time[first] - force[first] / slope))
+
+
+def _summit(time: FloatArray, force: FloatArray, at: int) -> tuple[float, float]:
+    """Height and time of the parabola through the highest sample and its neighbours.
+
+    A sine of angular frequency w sampled every h is met to (w h)^4 / 128 of its height at most.
+    """
+    if not 0 < at < force.size - 1:
+        return float(force[at]), float(time[at])
+    x = time[at - 1 : at + 2] - time[at]
+    y = force[at - 1 : at + 2]
+    rise, fall = (y[1] - y[0]) / -x[0], (y[2] - y[1]) / x[2]
+    curvature = (fall - rise) / (x[2] - x[0])
+    if not curvature < 0:
+        return float(y[1]), float(time[at])
+    slope = rise - curvature * x[0]
+    top = float(np.clip(-slope / (2 * curvature), x[0], x[2]))
+    return float(y[1] + slope * top + curvature * top**2), float(time[at] + top)
+
+
+def _drift(force: FloatArray, trigger: float, at: int) -> float:
+    """Force after the contact, where the gauge is free again at the end [N]."""
+    tail = force[at:]
+    pressed = np.flatnonzero(tail >= max(trigger, 0.1 * float(force.max())))
+    free = tail[int(pressed[-1]) + 1 :] if pressed.size else tail
+    free = free[free.size // 2 :]
+    return float(np.median(free)) if free.size >= _MIN_BASELINE else math.nan

@@ -1,0 +1,235 @@
+"""Learning from shots: against quadrature where there is one parameter, and planted truth elsewhere."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bumpstop as bs
+from bumpstop.errors import InputError
+from bumpstop.measure import MeasuredShot, calibrate_plan, load_plan, plan_measurements, write_plan
+from bumpstop.measure.learning.calibrated_scenario import calibrated_toml, uncertainty
+from bumpstop.measure.learning.calibration import calibrate
+from bumpstop.measure.learning.peak_force_ensemble import PeakForceEnsemble, Surfaces
+from bumpstop.measure.learning.posterior import ErrorModel, forces_after, sample_posterior
+from bumpstop.measure.learning.response_surface import ResponseSurface, normal_points
+from bumpstop.measure.parameters import CONTACT, LATENCY, THRESHOLDS, Parameters
+from bumpstop.measure.peak_force_model import shot_force
+from bumpstop.measure.planning.measured_situation import situations_of
+from bumpstop.measure.planning.plan import conditions_of
+from bumpstop.measure.planning.plan_file import COLUMNS, read_shots, shots_text
+from measure.cells import rigid
+from measure.gauge_cases import pressed, write
+
+
+@cache
+def ensemble() -> PeakForceEnsemble:
+    """A rigid arm at two places and speeds, and one place more that is never measured."""
+    named = [
+        ("hand", rigid()),
+        ("belly", rigid(contact__body="abdomen", motion__velocity_mm_s=[0, 0, -200])),
+        ("side", rigid(contact__body="chest", motion__velocity_mm_s=[0, 150, 0])),
+    ]
+    situations = situations_of(named)
+    parameters = Parameters.of([each.measured for each in situations])
+    conditions = conditions_of(situations, parameters, (0.5, 1.0))
+    return PeakForceEnsemble.of(parameters, conditions, points=96, seed=3)
+
+
+def shots_at(z: np.ndarray, columns: list[int], *, bad: dict[int, float] | None = None) -> list[MeasuredShot]:
+    """Shots without gauge error of a cell whose parameters are z."""
+    found = []
+    for number, c in enumerate(columns, start=1):
+        condition = ensemble().conditions[c]
+        force = np.exp(shot_force(ensemble().parameters.at(condition.scenario, z)).log_mean)
+        force *= (bad or {}).get(number, 1.0)
+        found.append(MeasuredShot(condition.situation.name, condition.speed_mm_s, float(force), number))
+    return found
+
+
+def _line(slope: float, scatter: float) -> Surfaces:
+    z = np.linspace(-3, 3, 41)[:, None]
+    surface = ResponseSurface.fit(z, 4.0 + slope * z)
+    return Surfaces(ResponseSurface(surface.coefficients, np.array([1e-9])), np.array([scatter]))
+
+
+def test_posterior_against_quadrature() -> None:
+    """One parameter and the gauge's error on a fine grid."""
+    slope, errors = 0.2, ErrorModel(gauge=0.05, gauge_spread=0.5, model=0.05)
+    measured = 4.0 + np.array([0.08, 0.11, 0.14, 0.9])
+    surfaces = _line(slope, 0.03)
+    found = sample_posterior(surfaces, np.zeros(4, dtype=np.int64), measured, errors, parameters=1, seed=1)
+    z, w = np.meshgrid(np.linspace(-4, 6, 801), np.linspace(-4, 4, 401), indexing="ij")
+    variance = (0.05 * np.exp(0.5 * w)) ** 2 + 0.03**2 + 4 * 0.05**2
+    log = -0.5 * (z**2 + w**2)
+    for y in measured:
+        log += -2.5 * np.log1p((y - 4.0 - slope * z) ** 2 / (4 * variance)) - 0.5 * np.log(variance)
+    p = np.exp(log - log.max())
+    p /= p.sum()
+    mean = float((p * z).sum())
+    sd = math.sqrt(float((p * (z - mean) ** 2).sum()))
+    # 2000 draws, of which so many count effectively.
+    assert found.effective > 800
+    assert found.z.mean() == pytest.approx(mean, abs=5 * sd / math.sqrt(800))
+    assert found.z.std() == pytest.approx(sd, rel=0.12)
+    assert found.shot_weight[3] < 0.25 < found.shot_weight[:3].min()
+
+
+def test_without_information_the_posterior_is_the_prior() -> None:
+    found = sample_posterior(_line(0.0, 0.03), np.zeros(3, dtype=np.int64), np.full(3, 4.0), ErrorModel(), parameters=1)
+    assert found.z.mean() == pytest.approx(0, abs=0.12)
+    assert found.z.std() == pytest.approx(1, abs=0.08)
+
+
+def test_a_measured_place_is_known_by_its_own_shots() -> None:
+    """What the model is off at a place is learned there, whatever the parameters say."""
+    surfaces, columns = _line(0.01, 0.01), np.zeros(20, dtype=np.int64)
+    measured = np.full(20, 4.05)
+    errors = ErrorModel(gauge=0.02, model=0.05)
+    found = sample_posterior(surfaces, columns, measured, errors, parameters=1)
+    forces = np.log(forces_after(found, surfaces, columns, measured, errors))
+    assert forces.mean() == pytest.approx(4.05, abs=0.006)
+    assert forces.std() < 0.012
+
+
+def test_surfaces_meet_a_polynomial_of_the_second_degree() -> None:
+    random = np.random.default_rng(0)
+    z, A = random.standard_normal((60, 3)), random.standard_normal((3, 3))
+    values = (1 + z @ [1.0, 2.0, 3.0] + np.einsum("ij,jk,ik->i", z, A, z))[:, None]
+    found = ResponseSurface.fit(z, values)
+    assert found(z) == pytest.approx(values, abs=2e-3)
+    assert found.error[0] < 5e-3
+
+
+def test_left_out_error_is_that_of_refits_without_the_point() -> None:
+    random = np.random.default_rng(1)
+    z = random.standard_normal((40, 2))
+    values = np.abs(z[:, :1]) + z[:, 1:]
+    found = ResponseSurface.fit(z, values)
+    missed = []
+    for i in range(40):
+        others = np.arange(40) != i
+        missed.append(float(ResponseSurface.fit(z[others], values[others])(z[i : i + 1])[0, 0] - values[i, 0]))
+    assert found.error[0] == pytest.approx(np.sqrt(np.mean(np.square(missed))), rel=1e-3)
+
+
+def test_points_are_standard_normal_numbers() -> None:
+    z = normal_points(512, 3, 1)
+    assert np.abs(z.mean(axis=0)).max() < 0.02
+    assert z.std(axis=0) == pytest.approx(1, abs=0.03)
+    assert np.array_equal(z[:256], normal_points(256, 3, 1))
+
+
+def test_planted_parameters_are_recovered() -> None:
+    parameters = ensemble().parameters
+    z = np.zeros(len(parameters))
+    z[parameters.index(THRESHOLDS)], z[parameters.index(LATENCY)] = 1.2, -0.8
+    made = calibrate(ensemble(), shots_at(z, [0, 1, 2, 3] * 4), refine=0)
+    found = {each.key: each for each in made.found}
+    thresholds = found[THRESHOLDS]
+    assert thresholds.shown
+    assert thresholds.low < math.exp(1.2 * thresholds.sd_before) < thresholds.high
+    # The place that no shot has seen.
+    for c in (4, 5):
+        truth = np.exp(shot_force(parameters.at(ensemble().conditions[c].scenario, z)).log_mean)
+        _, low, high = made.forces[c].expected_N
+        _, before_low, before_high = made.forces[c].before_N
+        assert made.forces[c].shots == 0
+        assert low < truth < high
+        assert high - low < 0.75 * (before_high - before_low)
+
+
+def test_what_the_shots_do_not_tell_stays_as_assumed() -> None:
+    made = calibrate(ensemble(), shots_at(np.zeros(len(ensemble().parameters)), [0, 1, 0]), refine=0)
+    for each in made.assumed:
+        assert each.sd > 0.7 * each.sd_before
+        assert each.label in made.notes[0]
+    assert any(each.key == CONTACT for each in made.assumed)
+
+
+def test_a_bad_shot_is_named_and_hardly_counts() -> None:
+    z = np.zeros(len(ensemble().parameters))
+    columns = [0, 1, 2, 3, 0, 1, 2, 3, 1, 3]
+    whole = calibrate(ensemble(), shots_at(z, columns), refine=0)
+    spoilt = calibrate(ensemble(), shots_at(z, columns, bad={6: 2.0}), refine=0)
+    assert whole.bad_shots == {}
+    assert list(spoilt.bad_shots) == [6]
+    assert spoilt.bad_shots[6] == pytest.approx(2.0, rel=0.15)
+    for a, b in zip(whole.forces, spoilt.forces, strict=True):
+        assert b.expected_N[0] == pytest.approx(a.expected_N[0], rel=0.03)
+
+
+def test_same_seed_same_figures() -> None:
+    shots = shots_at(np.zeros(len(ensemble().parameters)), [0, 1, 2])
+    one, two = (calibrate(ensemble(), shots, refine=0, seed=4).to_json() for _ in range(2))
+    assert one == two
+
+
+def test_next_shot_is_where_no_shot_was() -> None:
+    made = calibrate(ensemble(), shots_at(np.zeros(len(ensemble().parameters)), [0, 1, 2, 3] * 3), refine=0)
+    assert made.next_shot.situation == "side"
+    assert made.next_shot.spread_after < made.next_shot.spread_now
+
+
+def test_calibrated_scenario() -> None:
+    z = np.zeros(len(ensemble().parameters))
+    z[ensemble().parameters.index(THRESHOLDS)] = 1.5
+    made = calibrate(ensemble(), shots_at(z, [0, 1, 2, 3] * 3), refine=0)
+    scenario = rigid()
+    data = tomllib.loads(calibrated_toml(made, scenario))
+    spread = data.pop("uncertainty")
+    carried = bs.Scenario.from_dict(data)
+    factor = np.array(carried.detector.thresholds_Nm) / np.array(scenario.detector.thresholds_Nm)
+    assert factor == pytest.approx(factor[0], rel=1e-5)
+    found = {each.key: each for each in made.found}
+    assert factor[0] == pytest.approx(found[THRESHOLDS].median, rel=1e-4)
+    assert spread == uncertainty(made, scenario)
+    assert spread[THRESHOLDS] == {"distribution": "lognormal", "sigma": pytest.approx(found[THRESHOLDS].sd, rel=1e-5)}
+    # The pad belongs to the gauge, not to the body; what no shot told is marked as assumed.
+    assert CONTACT not in spread
+    assert all(spread[each.key].get("assumed") is True for each in made.assumed if each.key in spread)
+    assert "assumed" not in spread[THRESHOLDS]
+
+
+def test_bad_input() -> None:
+    with pytest.raises(InputError, match="measured_peak_force_N: no shot is measured; fill in one row"):
+        calibrate(ensemble(), [])
+    with pytest.raises(InputError, match="shot 7: 'hand' at 33 mm/s is not among the conditions"):
+        calibrate(ensemble(), [MeasuredShot("hand", 33.0, 100.0, 7)])
+
+
+def test_plan_filled_by_forces_and_recordings(tmp_path: Path) -> None:
+    """From the plan over a table and a recording to figures; a spoilt recording is left out and said to be."""
+    plan = plan_measurements(
+        [("hand", rigid())], speed_shares=[1.0], points=40, repeats=3, fixed=["contact.stiffness_N_m"]
+    )
+    table = write_plan(plan, tmp_path)
+    time, force = pressed(noise=0.1)
+    scale = plan.shots[0].predicted_N / force.max()
+    write(tmp_path / "good.csv", time, scale * force)
+    write(tmp_path / "bad.csv", time, np.minimum(scale * force, 50.0))
+    lines = table.read_text().splitlines()
+    for i, (measured, recording) in enumerate(
+        [(f"{plan.shots[0].predicted_N:.2f}", ""), ("", "good.csv"), ("", "bad.csv")]
+    ):
+        cells = lines[i + 1].split(",")
+        cells[6], cells[7] = measured, recording
+        lines[i + 1] = ",".join(cells)
+    table.write_text("\n".join(lines) + "\n")
+    made = calibrate_plan(load_plan(tmp_path))
+    assert [shot.number for shot in made.calibration.shots] == [1, 2]
+    assert made.calibration.shots[1].force_N == pytest.approx(plan.shots[0].predicted_N, rel=5e-3)
+    rows = shots_text(load_plan(tmp_path).shots, made.recorded).splitlines()
+    assert rows[0] == ",".join(COLUMNS[:7])
+    assert [row.rpartition(",")[2] != "" for row in rows[1:]] == [True, True, False]
+    (tmp_path / "shots.csv").write_text("\n".join(rows))
+    assert read_shots(tmp_path / "shots.csv")[1].measured_N == pytest.approx(plan.shots[0].predicted_N, rel=5e-3)
+    assert len(made.left_out) == 1
+    assert made.left_out[0].startswith("Shot 3 is left out, its recording 'bad.csv' cannot be relied on: ")
+    assert made.calibration.forces[0].expected_N[0] == pytest.approx(plan.shots[0].predicted_N, rel=0.03)
+    assert "contact.stiffness_N_m" not in made.calibration.parameters.keys

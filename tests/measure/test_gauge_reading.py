@@ -1,0 +1,271 @@
+"""Recordings of gauges: peak force against a closed form, and every kind of damage by its name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bumpstop.errors import InputError
+from bumpstop.measure.reading.gauge_curve import GaugeFormat, load_gauge_curve
+from bumpstop.measure.reading.gauge_faults import NAMES
+from bumpstop.measure.reading.gauge_reading import GaugeReading, read_gauge
+from measure.gauge_cases import Array, pressed, sprung_mass, write
+
+
+@pytest.mark.parametrize("rate", [1000.0, 4000.0, 10_000.0])
+@pytest.mark.parametrize(("mass", "stiffness"), [(4.0, 75e3), (12.0, 25e3), (2.0, 10e3)])
+def test_peak_is_that_of_a_sprung_mass(tmp_path: Path, mass: float, stiffness: float, rate: float) -> None:
+    """The parabola meets a sine to (w h)^4 / 128, which is 1e-6 of it at w h = 0.1."""
+    time, force, peak = sprung_mass(mass, stiffness, 0.25, rate=rate)
+    reading = read_gauge(write(tmp_path / "curve.csv", time, force))
+    wh = np.sqrt(stiffness / mass) / rate
+    assert reading.peak_N == pytest.approx(peak, rel=max(1e-6, wh**4 / 100))
+    # The highest sample alone would be too low by far more.
+    assert abs(reading.sampled_peak_N / peak - 1) <= wh**2 / 8 * 1.01
+    assert reading.usable
+    assert reading.peak_time == pytest.approx(
+        np.pi / 2 * np.sqrt(mass / stiffness), abs=0.03 / np.sqrt(stiffness / mass)
+    )
+
+
+def test_peak_at_10_kHz_is_within_a_millionth(tmp_path: Path) -> None:
+    for stiffness in (10e3, 75e3, 150e3):
+        time, force, peak = sprung_mass(4.0, stiffness, 0.25, rate=10_000.0)
+        assert read_gauge(write(tmp_path / "curve.csv", time, force)).peak_N == pytest.approx(peak, rel=1e-6)
+
+
+def test_figures_of_a_clamped_contact(tmp_path: Path) -> None:
+    time, force = pressed()
+    reading = read_gauge(write(tmp_path / "curve.csv", time, force))
+    exact = pressed(noise=0.0)[1].max()
+    assert reading.peak_N == pytest.approx(exact, abs=1.0)
+    assert reading.left_N == pytest.approx(60, abs=0.5)
+    assert reading.lasting_N == pytest.approx(60, abs=2.0)
+    assert reading.drift_N == pytest.approx(0, abs=0.2)
+    assert reading.noise_N == pytest.approx(0.3, rel=0.3)
+    assert reading.onset == pytest.approx(0.0, abs=1e-3)
+    assert reading.faults == ()
+
+
+FORMS: dict[str, tuple[str, str, bool, float, float]] = {
+    "milliseconds and kilonewtons": ("t_ms,F_kN", ",", False, 1e3, 1e-3),
+    "German": ("Zeit [ms];Kraft [N]", ";", True, 1e3, 1.0),
+    "pounds, tabs": ("Elapsed time (s)\tLoad (lbf)", "\t", False, 1.0, 1 / 4.4482216152605),
+    "microseconds": ("time_us;force_N", ";", False, 1e6, 1.0),
+    "units in a line of their own": ("Time;Force\ns;N", ";", False, 1.0, 1.0),
+    "text above": ("Device: PRMS 1\nSerial: 4711\nOperator: somebody\nTime [s];Force [N]", ";", False, 1.0, 1.0),
+}
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_every_form_gives_the_same_figures(tmp_path: Path, name: str) -> None:
+    header, separator, comma, per_second, per_newton = FORMS[name]
+    time, force = pressed()
+    plain = read_gauge(write(tmp_path / "plain.csv", time, force))
+    path = write(
+        tmp_path / "curve.csv", time * per_second, force * per_newton, header, separator=separator, comma=comma
+    )
+    other = read_gauge(path)
+    assert other.peak_N == pytest.approx(plain.peak_N, rel=1e-9)
+    assert other.left_N == pytest.approx(plain.left_N, rel=1e-9)
+    assert other.faults == ()
+
+
+def test_rate_told_or_stated(tmp_path: Path) -> None:
+    time, force = pressed()
+    path = tmp_path / "curve.csv"
+    path.write_text("Force [N]\n" + "\n".join(map(repr, force.tolist())) + "\n")
+    with pytest.raises(InputError, match=r"time_column: is not found; give it, or the sampling rate"):
+        read_gauge(path)
+    told = read_gauge(path, GaugeFormat(rate_hz=5000))
+    path.write_text("Sampling rate: 5 kHz\nForce [N]\n" + "\n".join(map(repr, force.tolist())) + "\n")
+    stated = read_gauge(path)
+    whole = read_gauge(write(path, time, force))
+    assert told.peak_time == pytest.approx(whole.peak_time, abs=1e-9)
+    assert stated.peak_time == pytest.approx(whole.peak_time, abs=1e-9)
+
+
+def test_columns_told(tmp_path: Path) -> None:
+    time, force = pressed()
+    rows = [f"{t!r},{f!r},{0.5 * f!r}" for t, f in zip(time.tolist(), force.tolist(), strict=True)]
+    path = tmp_path / "curve.csv"
+    path.write_text("clock,channel a,channel b\n" + "\n".join(rows) + "\n")
+    with pytest.raises(InputError, match=r"force_column: is not found; say which of 'clock', 'channel a'"):
+        read_gauge(path)
+    with pytest.raises(InputError, match=r"force_unit: column 'channel b' states no unit"):
+        read_gauge(path, GaugeFormat(force_column="channel b", time_column="clock", time_unit="s"))
+    form = GaugeFormat(force_column="3", time_column="clock", time_unit="s", force_unit="kN")
+    reading = read_gauge(path, form)
+    assert reading.peak_N == pytest.approx(500 * force.max(), rel=0.02)
+
+
+def test_pressure(tmp_path: Path) -> None:
+    time, force = pressed()
+    rows = [f"{t!r};{f!r};{f / 100!r}" for t, f in zip(time.tolist(), force.tolist(), strict=True)]
+    path = tmp_path / "curve.csv"
+    path.write_text("time_s;force_N;pressure_MPa\n" + "\n".join(rows) + "\n")
+    reading = read_gauge(path)
+    assert reading.peak_pressure_N_cm2 == pytest.approx(force[time < 0.5].max())
+    assert reading.lasting_pressure_N_cm2 == pytest.approx(force[time > 0.501].max(), rel=0.02)
+
+
+Damage = Callable[[Array, Array], tuple[Array, Array]]
+
+
+def _resampled(time: Array, force: Array) -> tuple[Array, Array]:
+    every = np.arange(0, time.size, 10)
+    return time, np.interp(time, time[every], force[every])
+
+
+def _held(time: Array, force: Array) -> tuple[Array, Array]:
+    return time, force[(np.arange(time.size) // 10) * 10]
+
+
+DAMAGES: dict[str, tuple[str, bool, Damage, GaugeFormat]] = {
+    "saturated": ("saturated", True, lambda t, f: (t, np.minimum(f, 90)), GaugeFormat()),
+    "saturated at its range": ("saturated", True, lambda t, f: (t, np.minimum(f, 100)), GaugeFormat(full_scale_N=100)),
+    "clipped below its range": ("clipped", True, lambda t, f: (t, np.minimum(f, 90)), GaugeFormat(full_scale_N=500)),
+    "clipped at zero": ("clipped", False, lambda t, f: (t, np.maximum(f, 0)), GaugeFormat()),
+    "shifted": ("shifted", False, lambda t, f: (t, f + 12.0), GaugeFormat()),
+    "inverted": ("inverted", False, lambda t, f: (t, -f), GaugeFormat()),
+    "coarse": ("coarse", True, lambda t, f: (t[::60], f[::60]), GaugeFormat()),
+    "resampled along straight lines": ("resampled", False, _resampled, GaugeFormat()),
+    "resampled by holding": ("resampled", False, _held, GaugeFormat()),
+    "truncated at its peak": (
+        "truncated",
+        True,
+        lambda t, f: (t[: f.argmax() + 1], f[: f.argmax() + 1]),
+        GaugeFormat(),
+    ),
+    "truncated at its begin": ("truncated", True, lambda t, f: (t[t > 0.01], f[t > 0.01]), GaugeFormat()),
+    "truncated after 0.2 s": ("truncated", False, lambda t, f: (t[t < 0.2], f[t < 0.2]), GaugeFormat()),
+    "milliseconds called seconds": ("wrong_unit", True, lambda t, f: (1e3 * t, f), GaugeFormat()),
+    "seconds called milliseconds": ("wrong_unit", True, lambda t, f: (t, f), GaugeFormat(time_unit="ms")),
+    "kilonewtons called newtons": ("wrong_unit", True, lambda t, f: (t, f / 1e3), GaugeFormat()),
+    "newtons called kilonewtons": ("wrong_unit", True, lambda t, f: (t, f), GaugeFormat(force_unit="kN")),
+    "time for force": ("wrong_column", True, lambda t, f: (t, t + 1), GaugeFormat()),
+    "an empty channel": ("wrong_column", True, lambda t, f: (t, 0 * f), GaugeFormat()),
+    "an integral": ("wrong_column", True, lambda t, f: (t, np.cumsum(np.abs(f))), GaugeFormat()),
+    "a spike": ("spike", True, lambda t, f: (t, np.where(np.arange(t.size) == 900, 900.0, f)), GaugeFormat()),
+    "drift": ("drift", False, lambda t, f: (t, f + 8 * (t > 0.4)), GaugeFormat()),
+    "backward": ("backward", False, lambda t, f: (np.roll(t, 500), np.roll(f, 500)), GaugeFormat()),
+    "repeated": ("repeated", False, lambda t, f: (np.repeat(t, 2), np.repeat(f, 2)), GaugeFormat()),
+    "gaps": (
+        "gaps",
+        False,
+        lambda t, f: (np.delete(t, slice(3000, 3100)), np.delete(f, slice(3000, 3100))),
+        GaugeFormat(),
+    ),
+    "uneven": ("uneven", False, lambda t, f: (t + 7e-5 * np.sin(np.arange(t.size)), f), GaugeFormat()),
+    "unreadable": (
+        "unreadable",
+        False,
+        lambda t, f: (t, np.where(np.arange(t.size) % 97 == 5, np.nan, f)),
+        GaugeFormat(),
+    ),
+}
+
+
+def damaged(tmp_path: Path, name: str) -> GaugeReading:
+    _, _, damage, form = DAMAGES[name]
+    noise = 0.0 if "resampled along" in name else 0.3
+    return read_gauge(write(tmp_path / "curve.csv", *damage(*pressed(noise=noise))), form)
+
+
+@pytest.mark.parametrize("name", DAMAGES)
+def test_damage_is_named_and_counted(tmp_path: Path, name: str) -> None:
+    fault, spoils, _, _ = DAMAGES[name]
+    reading = damaged(tmp_path, name)
+    found = {each.name: each for each in reading.faults}
+    assert fault in found, reading.faults
+    assert found[fault].count > 0
+    assert found[fault].text.endswith(".")
+    assert reading.usable is not spoils, reading.faults
+
+
+def test_every_fault_is_tested() -> None:
+    assert {fault for fault, *_ in DAMAGES.values()} == set(NAMES)
+
+
+@pytest.mark.parametrize("name", ["shifted", "inverted", "repeated", "backward", "unreadable"])
+def test_what_is_repaired_gives_the_same_peak(tmp_path: Path, name: str) -> None:
+    time, force = pressed()
+    whole = read_gauge(write(tmp_path / "whole.csv", time, force))
+    reading = damaged(tmp_path, name)
+    assert reading.peak_N == pytest.approx(whole.peak_N, rel=5e-3)
+    assert reading.left_N == pytest.approx(whole.left_N, rel=5e-3)
+
+
+def test_counts(tmp_path: Path) -> None:
+    assert {f.name: f.count for f in damaged(tmp_path, "unreadable").faults} == {"unreadable": 65}
+    assert {f.name: f.count for f in damaged(tmp_path, "repeated").faults} == {"repeated": 6250}
+    assert [f.count for f in damaged(tmp_path, "resampled by holding").faults if f.name == "resampled"] == [10]
+    assert [f.count for f in damaged(tmp_path, "resampled along straight lines").faults] == [10]
+
+
+def test_round_trip_of_a_recording(tmp_path: Path) -> None:
+    time, force = pressed()
+    first = load_gauge_curve(write(tmp_path / "a.csv", time, force))
+    again = load_gauge_curve(write(tmp_path / "b.csv", first.time, first.force, "time_s,force_N", separator=","))
+    assert np.array_equal(first.time, again.time)
+    assert np.array_equal(first.force, again.force)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("", "is empty"),
+        ("time_s;force_N\n1;2\n", "has 1 samples that can be read; wanted at least 8"),
+        ("time_s;force_N\na;b\n", "holds no numbers|has 0 samples"),
+        ("time_s;force_N;force2_N\n" + "1;2;3\n" * 9, "may be any of 'force_N', 'force2_N'; say which one"),
+        ("time;force_N\n" + "1;2\n" * 9, "column 'time' states no unit of time; give one of s, ms, us"),
+    ],
+)
+def test_bad_files(tmp_path: Path, text: str, problem: str) -> None:
+    path = tmp_path / "curve.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=problem):
+        read_gauge(path)
+
+
+@pytest.mark.parametrize(
+    ("form", "problem"),
+    [
+        ({"force_unit": "pound"}, "force_unit: 'pound' is no unit of force"),
+        ({"force_column": "fource"}, "force_column: 'fource' is no column; did you mean"),
+        ({"time_column": "9"}, "time_column: '9' is no column"),
+    ],
+)
+def test_bad_options(tmp_path: Path, form: dict[str, str], problem: str) -> None:
+    path = write(tmp_path / "curve.csv", *pressed())
+    with pytest.raises(InputError, match=problem):
+        read_gauge(path, replace(GaugeFormat(), **form))  # type: ignore[arg-type]
+
+
+def test_bad_numbers() -> None:
+    with pytest.raises(InputError, match="rate_hz: is -1; wanted a number above zero"):
+        GaugeFormat(rate_hz=-1)
+
+
+def test_garbled_files_are_read_or_refused(tmp_path: Path) -> None:
+    """Letters lost, repeated and replaced by chance: figures or an InputError, never anything else."""
+    time, force = pressed(rate=500.0)
+    whole = write(tmp_path / "whole.csv", time, force, "time_s;force_N").read_text()
+    random = np.random.default_rng(1)
+    read = 0
+    for _ in range(200):
+        letters = list(whole)
+        for at in random.integers(0, len(letters), random.choice([1, 20, 300])).tolist():
+            letters[at] = random.choice(["", ";", "\n", "-", "e9", "1e308", "nan", "ü", "0,1", '"', "12345"])
+        path = tmp_path / "garbled.csv"
+        path.write_text("".join(letters), encoding="utf-8")
+        try:
+            read_gauge(path).to_json()
+            read += 1
+        except InputError:
+            pass
+    assert read > 50

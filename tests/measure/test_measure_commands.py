@@ -1,0 +1,162 @@
+"""``bumpstop measure`` from the plan to the calibrated scenario, and bad input."""
+
+from __future__ import annotations
+
+import csv
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bumpstop as bs
+from bumpstop.cli.main import main
+from bumpstop.text_files import to_toml
+from measure.cells import RIGID
+from measure.gauge_cases import pressed, write
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    capsys.readouterr()
+    with pytest.raises(SystemExit) as ended:
+        main(["measure", *arguments])
+    printed = capsys.readouterr()
+    assert "Traceback" not in printed.err
+    return int(ended.value.code or 0), printed.out, printed.err
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "120")
+    (tmp_path / "hand.toml").write_text(to_toml(RIGID))
+    (tmp_path / "belly.toml").write_text(to_toml(RIGID | {"contact": {"body": "abdomen", "limits": "ts15066"}}))
+    return tmp_path
+
+
+def fill(table: Path, forces: list[float], *, ratio: float) -> None:
+    rows = list(csv.reader(table.read_text().splitlines()))
+    for row, bad in zip(rows[1:], forces, strict=False):
+        row[rows[0].index("measured_peak_force_N")] = f"{ratio * bad * float(row[3]):.2f}"
+    with table.open("w", newline="") as file:
+        csv.writer(file).writerows(rows)
+
+
+def test_from_plan_to_calibrated_scenarios(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    small = ("--points", "32", "--speeds", "60,100", "--shots", "8")
+    status, printed, _ = run(capsys, "plan", "hand.toml", "second=belly.toml", "-o", "plan", *small)
+    assert status == 0
+    assert "fill in: plan/plan.csv" in printed
+    assert {"plan.csv", "plan.toml", "report.html", "situations"} <= {path.name for path in Path("plan").iterdir()}
+    page = Path("plan/report.html").read_text()
+    assert "second" in page
+    assert "<script" not in page
+    fill(Path("plan/plan.csv"), [1, 1, 1, 1.9, 1, 1, 1, 1], ratio=1.12)
+    status, printed, _ = run(capsys, "calibrate", "plan", "-o", "learned", "--json")
+    assert status == 0
+    said = json.loads(printed)
+    assert [each["shot"] for each in said["bad_shots"]] == [4]
+    assert said["shots"] == 8
+    at_own = [force for force in said["forces"] if force["speed_mm_s"] == pytest.approx(100)]
+    assert {force["situation"] for force in at_own} == {"hand", "second"}
+    assert all(force["expected_N"][0] > 1.03 * force["before_N"][0] for force in at_own)
+    for name in ("hand", "second"):
+        data = tomllib.loads(Path(f"learned/{name}.toml").read_text())
+        spread = data.pop("uncertainty")
+        assert "reaction.latency_s" in spread
+        assert bs.Scenario.from_dict(data).contact.body in ("hand_finger", "abdomen")
+    assert "next best shot" in Path("learned/report.html").read_text().lower()
+    status, _, said_wrong = run(capsys, "plan", "hand.toml", "-o", "plan", *small)
+    assert status == 2
+    assert said_wrong.startswith("error: plan/plan.csv: is filled in already")
+
+
+def test_one_scenario_into_one_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("shots.csv").write_text("situation;speed_mm_s;measured_peak_force_N\nhand;100,0;141,5\nhand;100;139\n")
+    status, printed, _ = run(capsys, "calibrate", "shots.csv", "--scenario", "hand.toml", "-o", "carried.toml")
+    assert status == 0
+    assert "scenario: carried.toml" in printed
+    assert "next best shot: hand at 100 mm/s" in printed
+    assert Path("carried.toml").read_text().startswith("# Calibrated by measured peak forces.")
+    status, _, wrong = run(capsys, "calibrate", "shots.csv")
+    assert status == 2
+    assert "row 1, situation: 'hand' has no scenario; give its scenario: --scenario FILE" in wrong
+
+
+def test_plan_as_json_repeats(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    small = ("plan", "hand.toml", "--points", "32", "--speeds", "100", "--shots", "2", "--json")
+    (status, first, _), (_, again, _) = run(capsys, *small), run(capsys, *small)
+    assert status == 0
+    assert first == again
+    said = json.loads(first)
+    assert said["situations"][0]["gauge"]["spring_N_mm"] == 75
+    assert said["situations"][0]["normal"] == pytest.approx([0, 0, -1], abs=1e-9)
+    assert len(said["shots"]) == 2
+    other = json.loads(run(capsys, *small, "--seed", "5")[1])
+    assert other["shots"][0]["predicted_peak_force_N"] == said["shots"][0]["predicted_peak_force_N"]
+    assert other["spread"] != said["spread"]
+
+
+def test_read(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    time, force = pressed()
+    write(folder / "good.csv", time, force)
+    write(folder / "bad.csv", time, np.minimum(force, 80.0))
+    status, printed, _ = run(capsys, "read", "good.csv")
+    assert status == 0
+    assert "good.csv" in printed
+    status, printed, _ = run(capsys, "read", "good.csv", "bad.csv", "-o", "page")
+    assert status == 3
+    assert "bad.csv: saturated (" in printed
+    rows = list(csv.DictReader(Path("page/readings.csv").read_text().splitlines()))
+    assert [row["usable"] for row in rows] == ["True", "False"]
+    assert rows[1]["faults"].startswith("saturated:")
+    assert "saturated" in Path("page/report.html").read_text()
+    said = json.loads(run(capsys, "read", "good.csv", "bad.csv", "--json")[1])["recordings"]
+    assert said[0]["peak_N"] == pytest.approx(float(rows[0]["peak_N"]))
+    assert said[1]["faults"][0]["name"] == "saturated"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "wrong"),
+    [
+        (("plan", "nothing.toml"), "error: nothing.toml: cannot be read (No such file or directory)"),
+        (("plan", "hand.toml", "hand.toml"), "error: SCENARIO: 'hand' is named twice; give one of them as NAME=FILE"),
+        (("plan", "hand.toml", "--gauge", "hnd"), "error: --gauge: 'hnd' is no device; did you mean 'hand'"),
+        (("plan", "hand.toml", "--speeds", "fast"), "error: --speeds: 'fast' cannot be used; wanted percent"),
+        (("plan", "hand.toml", "--speeds", "200"), "error: --speeds: '200' cannot be used; wanted percent"),
+        (("plan", "hand.toml", "--spread", "latency"), "error: --spread: 'latency' is not KEY=SD"),
+        (("plan", "hand.toml", "--spread", "latency=1"), "error: --spread: 'latency' is no key that measured forces"),
+        (("plan", "hand.toml", "--gauge-error", "0"), "error: --gauge-error: is 0; wanted percent"),
+        (("plan", "hand.toml", "--shots", "none"), "error: --shots: 'none' cannot be used; wanted a whole number"),
+        (("read", "hand.toml"), "error: hand.toml"),
+        (("read", "nothing.csv"), "error: nothing.csv: cannot be read"),
+        (("read", "x.csv", "--rate", "-3"), "error: --rate: is -3; wanted a number above zero"),
+        (("calibrate", "nothing"), "error: nothing: cannot be read"),
+    ],
+)
+def test_bad_input(folder: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], wrong: str) -> None:
+    status, _, printed = run(capsys, *arguments)
+    assert status == 2
+    assert printed.splitlines()[-1].startswith(wrong)
+
+
+def test_nothing_is_measured(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("shots.csv").write_text("situation,speed_mm_s,measured_peak_force_N\nhand,100,\n")
+    status, _, printed = run(capsys, "calibrate", "shots.csv", "--scenario", "hand.toml")
+    assert (status, printed) == (2, "error: measured_peak_force_N: no shot is measured; fill in one row at least\n")
+
+
+def test_damaged_settings(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run(capsys, "plan", "hand.toml", "-o", "plan", "--points", "32", "--speeds", "100", "--shots", "1")
+    settings = Path("plan/plan.toml")
+    text = settings.read_text()
+    for before, after, wrong in (
+        ("points = 32", 'points = "many"', "error: plan/plan.toml, points: 'many' cannot be used"),
+        ("points = 32", "points = ", "error: plan/plan.toml: is not valid TOML"),
+        ('name = "hand"', "name = 3", "error: plan/plan.toml, situation 1, name: is missing; wanted text"),
+    ):
+        settings.write_text(text.replace(before, after))
+        status, _, printed = run(capsys, "calibrate", "plan")
+        assert status == 2
+        assert printed.startswith(wrong)

@@ -1,0 +1,1 @@
+"""Comparisons of what measured forces tell."""
