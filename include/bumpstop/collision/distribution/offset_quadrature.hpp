@@ -377,10 +377,9 @@ class OffsetQuadrature {
         zero_force_from_ -= result_.early_reactions.total;
     }
 
-    static constexpr double rare_alarms = 1e-4;  ///< before contact, in all
-    static constexpr int max_group = 8;          ///< ticks
-    static constexpr double negligible_chance =
-        1e-18;  ///< of an alarm before contact: nothing that is printed changes by it
+    static constexpr double rare_alarms = 1e-4;         ///< before contact, in all
+    static constexpr int max_group = 8;                 ///< ticks
+    static constexpr double negligible_chance = 1e-18;  ///< of an alarm before contact: it changes nothing printed
 
     const CollisionSetup& setup_;
     const GaussianThresholds& detector_;

@@ -10,9 +10,8 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 inline constexpr int max_reaction_adams_step = 128, max_line_adams_step = 256;  ///< sub-steps
 
 /// Changes extrapolated over an Adams step and those found at its end may differ by this much, relative to the largest
-/// change, for the Adams step to stand; the difference then corrects the Adams step, which is some thirty times better.
-/// Roundings decide about the length of Adams steps, and instruction sets, which round differently, must still agree to
-/// 1e-12: with 1e-10 they differ by 2e-12 where the arm is fast.
+/// change, for the step to stand; the difference then corrects it, some thirty times better. Instruction sets, which round
+/// differently, must still agree to 1e-12: with 1e-10 they differ by 2e-12 where the arm is fast.
 inline constexpr double exact_tolerance = 1e-11;
 /// The same in batches, and where a reaction matters little, for nothing is gained by more. `make validate` (batches)
 /// tells how accurate distributions are with them.
