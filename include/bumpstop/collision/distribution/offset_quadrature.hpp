@@ -268,8 +268,7 @@ class OffsetQuadrature {
 
     /// Returns the sum of their chances.
     double sort_alarms(const PiecewiseDensity::Panel& panel) {
-        const auto begin = result_.density.alarm.begin() + panel.first_alarm;
-        const auto end = result_.density.alarm.begin() + panel.end_alarm;
+        const auto all = result_.density.alarm.begin(), begin = all + panel.first_alarm, end = all + panel.end_alarm;
         const auto farther = [](const PreContactAlarm& a, const PreContactAlarm& b) { return a.reach > b.reach; };
         if (!std::is_sorted(begin, end, farther)) std::sort(begin, end, farther);
         double chances = 0;
