@@ -33,7 +33,7 @@ def inputs(table: dict[str, Any], **changes: Any) -> Any:
         ({"distribution": "triangular", "low": 1.0, "mode": 1.5, "high": 4.0}, stats.triang(0.5 / 3, 1.0, 3.0)),
         ({"distribution": "triangular", "low": 1.0, "mode": 1.0, "high": 4.0}, stats.triang(0.0, 1.0, 3.0)),
     ],
-    ids=str,
+    ids=["normal", "sd alone", "relative sd", "lognormal", "uniform", "triangular", "mode at the low end"],
 )
 def test_quantiles(form: dict[str, Any], known: Any) -> None:
     (found,) = inputs({"contact.area_cm2": form})
