@@ -12,6 +12,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.cli.main import main
+from bumpstop.cli.measure.scenarios import named_scenarios
 from bumpstop.text_files import to_toml
 from measure.cells import RIGID
 from measure.gauge_cases import pressed, write
@@ -160,3 +161,14 @@ def test_damaged_settings(folder: Path, capsys: pytest.CaptureFixture[str]) -> N
         status, _, printed = run(capsys, "calibrate", "plan")
         assert status == 2
         assert printed.startswith(wrong)
+
+
+def test_the_rows_of_a_register_are_situations(folder: Path) -> None:
+    """Each is the scenario that its row makes, and no two situations have one name."""
+    register = {"scenario": "hand.toml", "situation": [{"name": "slow", "contact.area_cm2": 2.0}, {"name": "hand"}]}
+    (folder / "register.toml").write_text(to_toml(register), encoding="utf-8")
+    rows = named_scenarios(["register.toml"], {}, "SCENARIO")
+    assert [name for name, _ in rows] == ["slow", "hand"]
+    assert rows[0][1].contact.area_cm2 == 2.0
+    with pytest.raises(bs.InputError, match="SCENARIO: 'hand'"):
+        named_scenarios(["register.toml", "hand.toml"], {}, "SCENARIO")

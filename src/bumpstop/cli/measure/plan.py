@@ -25,9 +25,7 @@ _SHOWN = 12  # shots on the terminal
 def plan(
     scenarios: Annotated[
         list[str],
-        typer.Argument(
-            metavar="SCENARIO...", help="Scenario files, or NAME=FILE; one each situation.", show_default=False
-        ),
+        typer.Argument(metavar="SCENARIO...", help="Scenario files, or NAME=FILE, and registers.", show_default=False),
     ],
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Write the sheet, plan.csv to fill in and the scenarios there.")
