@@ -114,6 +114,5 @@ def test_a_rigid_arm_has_the_elastic_one_beside_it_where_its_drives_are_known(mo
     assert beside is not None
     assert beside.peak_force.mean == elastic.peak_force.mean
     # What goes with a rigid arm alone has none.
-    phases = {"contact": {"stiffness_N_m": None, "body": "chest", "limits": "ts15066"}}
-    alone = scenario(arm={"model": "rigid"}, verdict={"clamped_limit": "two_phase"}, **phases)
-    assert bs.evaluate(alone).other_arm is None
+    free = {"contact": {"kind": "free", "body_mass_kg": 4.0, "arm": "two_mass"}}
+    assert bs.evaluate(scenario(arm={"model": "rigid"}, **free)).other_arm is None

@@ -212,7 +212,7 @@ void joints_in_lanes() {
             JointAngles<double> angle;
             angle.set(made.chain, q);
             const Vector3 g{checks::uniform(-9, 9), checks::uniform(-9, 9), checks::uniform(-9, 9)};
-            newton_euler<false>(made.chain, inertias, q, angle, qd, qdd, g, expected);
+            newton_euler<false>(made.chain, inertias, JointMotion<double>{q, angle, qd, qdd}, g, expected);
             JointFrames frames;
             frames.set(inertias.lanes, angle, qd);
             const Point3<double> fall = into_first_frame(made.chain, Point3<double>{-g[0], -g[1], -g[2]});

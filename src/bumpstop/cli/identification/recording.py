@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -119,21 +120,21 @@ def _print(recording: Recording, robot: Robot | None, console: Console) -> None:
     joints = "joint" if recording.dof == 1 else "joints"
     console.print(f"{recording.source}: {recording.t.size} rows, {recording.dof} {joints}{arm}")
     steps = 1e3 * np.diff(recording.t)
+    begin, end = (_seconds(t, recording) for t in (recording.t[0], recording.t[-1]))
     console.print(
-        f"time: {_seconds(recording.t[0])} to {_seconds(recording.t[-1])} s ({recording.duration:.4g} s), median rate "
+        f"time: {begin} to {end} s ({recording.duration:.4g} s), median rate "
         f"{recording.rate_hz:.4g} Hz, intervals {steps.min():.4g} to {steps.max():.4g} ms"
     )
     if recording.t[0] != 0:
         console.print(
-            f"--from and --until count from its beginning: 0 to {recording.duration:.4g} s are "
-            f"{_seconds(recording.t[0])} to {_seconds(recording.t[-1])} s here"
+            f"--from and --until count from its beginning: 0 to {recording.duration:.4g} s are {begin} to {end} s here"
         )
     _print_table(recording, robot, console)
     if recording.wrench is not None:
         force, torque = (np.linalg.norm(recording.wrench[:, part], axis=1).max() for part in (slice(3), slice(3, 6)))
         console.print(f"wrench: up to {force:.4g} N and {torque:.4g} Nm")
     longest = sorted(report.gaps, key=lambda gap: -gap[1])[:_MAX_GAPS]
-    places = ", ".join(f"{1e3 * length:.4g} ms at {_seconds(start)} s" for start, length in longest)
+    places = ", ".join(f"{1e3 * length:.4g} ms at {_seconds(start, recording)} s" for start, length in longest)
     where = f": {places}" if places else ""
     console.print(f"gaps: {len(report.gaps)}{where}" + (" ..." if len(report.gaps) > _MAX_GAPS else ""))
     console.print(f"bad rows: {report.rows_dropped} of {report.rows_read}" + _counts(report.counts))
@@ -149,9 +150,11 @@ def _print(recording: Recording, robot: Robot | None, console: Console) -> None:
         console.print(f"note: {note}")
 
 
-def _seconds(t: float) -> str:
-    """A time of a recording [s]: four digits, to a tenth of a second where it counts from long before."""
-    return f"{t:.1f}" if abs(t) >= 1e4 else f"{t:.4g}"
+def _seconds(t: float, recording: Recording) -> str:
+    """A time of a recording [s], with the decimals of four digits of its duration."""
+    decimals = max(0, 3 - math.floor(math.log10(max(recording.duration, 1e-9))))
+    text = f"{t:.{decimals}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 def _counts(counts: Mapping[str, int]) -> str:
