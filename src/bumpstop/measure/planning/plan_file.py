@@ -16,6 +16,7 @@ from bumpstop.collision.scenario.settings_file import scenario_data
 from bumpstop.errors import InputError, near_matches
 from bumpstop.measure.learning.posterior import ErrorModel
 from bumpstop.measure.reading.text_table import TextTable, read_text_table
+from bumpstop.register.shots import COLUMNS as SHOT_COLUMNS
 from bumpstop.text_files import as_path, parse_toml, read_text, to_toml, write_text
 
 if TYPE_CHECKING:
@@ -24,13 +25,7 @@ if TYPE_CHECKING:
 
 TABLE, SETTINGS, SCENARIOS = "plan.csv", "plan.toml", "situations"
 COLUMNS = (
-    "situation",
-    "shot",
-    "speed_mm_s",
-    "predicted_peak_force_N",
-    "predicted_low_N",
-    "predicted_high_N",
-    "measured_peak_force_N",
+    *SHOT_COLUMNS,
     "recording",
     "remark",
     "distribution_p5_N",
