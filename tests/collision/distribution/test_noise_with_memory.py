@@ -270,7 +270,7 @@ def test_measured_residuals_are_drawn_by_default_and_have_no_exact_law(tmp_path:
         (lambda t: t.with_columns(residual_8=pl.lit(1.0)), "residual_8"),
         (lambda t: t.with_columns(residual_2=pl.when(pl.col("t") > 1).then(math.nan).otherwise(0.0)), "'residual_2'"),
         (lambda t: t.with_columns(residual_2=pl.lit("much")), "does not hold numbers"),
-        (lambda t: t.with_columns(t=pl.col("t") * 2), "a row every 0.008 s"),
+        (lambda t: t.with_columns(t=pl.col("t") * 1.011), "a row every 0.004044 s"),
         (lambda t: t.with_columns(t=-pl.col("t")), "time does not grow"),
         (lambda t: t.head(20), "20 rows"),
     ],
@@ -280,6 +280,12 @@ def test_records_that_cannot_be_used(tmp_path: Path, spoil: Any, message: str) -
     spoil(pl.read_parquet(path)).write_parquet(path)
     with pytest.raises(bs.InputError, match=message):
         bs.CollisionProblem.from_scenario(with_record(path))
+
+
+def test_a_clock_that_differs_by_less_than_a_hundredth_is_that_of_the_feedback(tmp_path: Path) -> None:
+    path = record_file(tmp_path, np.zeros((1000, 7)))
+    pl.read_parquet(path).with_columns(t=pl.col("t") * 1.009).write_parquet(path)
+    bs.CollisionProblem.from_scenario(with_record(path))
 
 
 def test_files_that_are_no_records(tmp_path: Path) -> None:

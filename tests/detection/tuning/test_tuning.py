@@ -13,6 +13,7 @@ from scipy import stats
 import bumpstop as bs
 from bumpstop.detection import ResidualSeries, residual_record, tune
 from bumpstop.detection.tuning.extreme_values import PeaksOverThreshold, clusters
+from bumpstop.detection.tuning.joint_scales import block_rows, joint_scales
 from bumpstop.identification import identify_dynamics
 from bumpstop.recording import Recording
 from detection.tuning_cases import achieved, residuals
@@ -98,6 +99,16 @@ def test_joints_share_the_alarms() -> None:
     alone = [achieved(_only(series, j), tuning.thresholds()[j : j + 1], tuning.cluster_rows) for j in range(4)]
     assert 8 <= sum(alone) <= 30  # wanted: 15, and a little more as joints alarm together
     assert max(alone) <= 12
+
+
+def test_every_joint_is_asked_for_its_part_of_the_rate() -> None:
+    """Tails of unlike joints stand to each other otherwise at another rate, so the rate is not all the same."""
+    heavy, normal = residuals(0.2, 6, degrees=3.0, joints=1), residuals(0.2, 7, degrees=None, joints=1)
+    series = ResidualSeries(heavy.t, np.hstack([heavy.rows, normal.rows]))
+    tuning, sizes = tune(series, 60.0), [np.abs(series.rows)]
+    halved, whole = (joint_scales(sizes, block_rows(sizes), passed * 0.2) for passed in (30.0, 60.0))
+    assert tuning.shares[0] / tuning.shares[1] == pytest.approx(halved[0] / halved[1], rel=1e-9)
+    assert whole[0] / whole[1] != pytest.approx(halved[0] / halved[1], rel=5e-3)
 
 
 def _only(series: ResidualSeries, joint: int) -> ResidualSeries:
@@ -186,8 +197,8 @@ def test_refusals() -> None:
         (ResidualSeries(one.t, one.rows * [1, 0, 1]), {"joints": [0, 1]}, "residual of joint 2: never changes"),
         (ResidualSeries(one.t, 0 * one.rows), {}, "residuals: of no joint ever change"),
         ([one, residuals(0.02, 2, joints=4)], {}, "noise 2: has 4 joints; noise 1 has 3"),
-        ([one, ResidualSeries(2 * one.t, one.rows)], {}, "has a row every 0.02 s"),
-        ([ResidualSeries(2 * one.t, one.rows), one], {}, "has a row every 0.01 s"),
+        ([one, ResidualSeries(1.02 * one.t, one.rows)], {}, "has a row every 0.0102 s"),
+        ([ResidualSeries(1.02 * one.t, one.rows), one], {}, "has a row every 0.01 s"),
     ]
     for series, given, message in cases:
         arguments: dict[str, object] = {"per_hour": 20.0} | given
