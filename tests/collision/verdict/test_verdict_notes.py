@@ -194,6 +194,7 @@ SWINGING: dict[str, Any] = {
     ("changes", "said"),
     [
         ({"contact.kind": "free", "contact.body_mass_kg": 20.0}, "contact that gives way follows the latest reaction"),
+        ({"arm.model": "elastic"}, "contact that gives way follows the latest reaction"),
         ({"verdict.clamped_limit": "two_phase"}, "the second phase of contact follows the latest reaction"),
         ({}, ""),
         ({"contact.kind": "free", "contact.body_mass_kg": 20.0, "reaction.latency_s": 0.0}, ""),
