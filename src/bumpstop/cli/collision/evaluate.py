@@ -31,6 +31,17 @@ def whole(low: int, high: int) -> Callable[[str | int], int]:
     return read
 
 
+Sampled = Annotated[
+    int | None,
+    typer.Option(
+        parser=whole(1, MAX_SAMPLES), metavar="RUNS", help="Draw this many collisions instead of integrating."
+    ),
+]
+SampleSeed = Annotated[
+    int, typer.Option(parser=whole(0, 2**64 - 1), metavar="NUMBER", help="Seed of the sampled collisions.")
+]
+
+
 def command(
     scenarios: Annotated[
         list[Path],
@@ -43,15 +54,8 @@ def command(
         Path | None,
         typer.Option("--out", "-o", help="Write report.html, figures, law.parquet and settings.toml there."),
     ] = None,
-    sampled: Annotated[
-        int | None,
-        typer.Option(
-            parser=whole(1, MAX_SAMPLES), metavar="RUNS", help="Draw this many collisions instead of integrating."
-        ),
-    ] = None,
-    seed: Annotated[
-        int, typer.Option(parser=whole(0, 2**64 - 1), metavar="NUMBER", help="Seed of the sampled collisions.")
-    ] = 0,
+    sampled: Sampled = None,
+    seed: SampleSeed = 0,
     threads: Annotated[
         int,
         typer.Option(

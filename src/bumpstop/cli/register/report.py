@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from bumpstop.cli.collision.evaluate import MAX_SAMPLES, MAX_THREADS, change, whole
+from bumpstop.cli.collision.evaluate import MAX_THREADS, Sampled, SampleSeed, change, whole
 from bumpstop.cli.register.evaluate import EXIT_STATUS, evaluate_paths, print_table
 from bumpstop.errors import InputError
 
@@ -29,15 +29,8 @@ def command(
         list[Path] | None,
         typer.Option("--shots", metavar="CSV", help="Shots of a force gauge, planned and measured; may be repeated."),
     ] = None,
-    sampled: Annotated[
-        int | None,
-        typer.Option(
-            parser=whole(1, MAX_SAMPLES), metavar="RUNS", help="Draw this many collisions instead of integrating."
-        ),
-    ] = None,
-    seed: Annotated[
-        int, typer.Option(parser=whole(0, 2**64 - 1), metavar="NUMBER", help="Seed of the sampled collisions.")
-    ] = 0,
+    sampled: Sampled = None,
+    seed: SampleSeed = 0,
     threads: Annotated[
         int,
         typer.Option(
