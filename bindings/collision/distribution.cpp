@@ -44,7 +44,7 @@ void bind_distribution(nb::module_& module) {
         .def_ro("rests", &Distribution::rests,
                 "The arm comes to rest where its path ends: collisions never detected have a force, and count with it.")
         .def_ro("no_contact", &Distribution::no_contact)
-        .def_ro("several", &Distribution::several)
+        .def_ro("multi_joint", &Distribution::multi_joint)
         .def_ro("interpolated", &Distribution::interpolated)
         .def_prop_ro("trigger", [](const Distribution& self) { return view(self.trigger, {max_joints}); })
         .def(

@@ -89,7 +89,7 @@ void bind_setup(nb::module_& module) {
             "alarm_probability",
             [](const GaussianThresholds& self, Vector torque) {
                 const auto chance = any_alarm<double>(self, [&](int w) { return torque(self.joint[w]); });
-                return nb::make_tuple(chance.alarm, chance.silent);
+                return nb::make_tuple(chance.alarm, chance.no_alarm);
             },
             nb::arg("torque"), "Probability that a tick with these noiseless residuals alarms, and its complement.");
 }

@@ -60,7 +60,7 @@ void bind_onsets(nb::module_& module) {
         .def_prop_ro("false_alarm", &All::of_onsets<&One::false_alarm>, owned)
         .def_prop_ro("undetected", &All::of_onsets<&One::undetected>, owned)
         .def_prop_ro("no_contact", &All::of_onsets<&One::no_contact>, owned)
-        .def_prop_ro("several", &All::of_onsets<&One::several>, owned)
+        .def_prop_ro("multi_joint", &All::of_onsets<&One::multi_joint>, owned)
         .def_prop_ro("zero_force", &All::of_onsets<&One::zero_force>, owned)
         .def_prop_ro("undetected_distance", &All::of_onsets<&One::undetected_distance>, owned)
         .def_prop_ro("undetected_peak", &All::of_onsets<&One::undetected_peak>, owned)

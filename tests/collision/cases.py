@@ -221,8 +221,8 @@ def swinging_forward(offset_mm: float, tick: int, **changes: Any) -> Scenario:
 
 
 def reference_trace(scenario: Scenario, **changes: Any) -> ReferenceTrace:
-    """The reference simulator's one run of a scenario with a fixed offset, its noise the mean, until arm and body have
-    parted."""
+    """The reference simulator's one run of a scenario with a fixed offset, its noise the mean, until arm and body
+    separate."""
     problem, settings = (
         CollisionProblem.from_scenario(scenario),
         reference_settings(scenario, run_until_free=True, **changes),

@@ -68,7 +68,7 @@ void check_case(const Arm& arm, OffsetDistribution offset) {
     constexpr int runs = 1025;
     const MonteCarloRuns drawn = monte_carlo<L>(arm, curve, arm.detector, contact, {.seed = 42, .count = runs});
     double over = 0;
-    const double end = curve.path.greatest(std::size_t(arm.timing.steps));
+    const double end = curve.path.max_distance(std::size_t(arm.timing.steps));
     for (int i = 0; i < runs; ++i) {
         const int tick = drawn.tick[i];
         require((tick >= 0) == (drawn.triggers[i] != 0), "a detected run has a joint that detected it");
@@ -79,7 +79,7 @@ void check_case(const Arm& arm, OffsetDistribution offset) {
     require(std::fabs(over / runs - half) < 5 * std::sqrt(0.25 / runs), "exact and sampled agree");
 }
 
-// Noise that remembers, an observer, and a body that gets away.
+// Correlated noise, an observer, and a body that nothing holds.
 void check_memory_and_free_contact(Arm arm) {
     const Contact contact{{20000, 0, 3.0}, {OffsetKind::uniform, 0.0005}};
     arm.timing.steps = 60;

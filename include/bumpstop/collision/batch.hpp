@@ -278,8 +278,8 @@ BatchResult evaluate_batch(const CollisionSetup& setup, const GaussianThresholds
     }
     const std::vector<int> order = detail::order_of_work(problem);
     const AlarmTable table(detector);
-    const bool tabulated =
-        !detector.remembers() && detector.monitored > 0 && table.usable() && contact.offset.kind != OffsetKind::fixed;
+    const bool tabulated = !detector.correlated_noise() && detector.monitored > 0 && table.usable() &&
+                           contact.offset.kind != OffsetKind::fixed;
     const int ticks = (setup.timing.steps + setup.timing.period - 1) / setup.timing.period;
     const PreContactAlarms before(setup, detector, tabulated ? ticks : 0);
     // Lanes that follow their lines take one pose after another, so a round is best long, and short enough for no thread to

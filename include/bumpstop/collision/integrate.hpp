@@ -30,7 +30,7 @@ CollisionDistribution integrate(const CollisionSetup& setup, const StoppingCurve
         quadrature.finish(curve.max_distance);
         return quadrature.take();
     };
-    return detector.remembers() ? by(CorrelatedAlarms<T>(detector, *before)) : by(ExactAlarms<T>(detector));
+    return detector.correlated_noise() ? by(CorrelatedAlarms<T>(detector, *before)) : by(ExactAlarms<T>(detector));
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

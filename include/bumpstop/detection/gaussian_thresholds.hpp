@@ -25,7 +25,7 @@ struct GaussianThresholds {
     /// Whether it is armed at this time since the motion began [s].
     bool armed(double time) const { return time >= arming_delay - 1e-12; }
     /// Ticks are not judged each by itself.
-    bool remembers() const { return correlation != 0 || filter != 0; }
+    bool correlated_noise() const { return correlation != 0 || filter != 0; }
 
     /// The noiseless residual of a joint whose contact torque is `torque`, from that of the tick before.
     template <class T>
@@ -54,7 +54,7 @@ struct GaussianThresholds {
 /// Probability that one tick alarms, and its complement, neither by subtraction from one where it is small.
 template <class T>
 struct AlarmProbability {
-    T alarm, silent;
+    T alarm, no_alarm;
 };
 
 /// P(|r| > threshold) of one monitored joint for the noiseless residual `r` (without the noise mean).
@@ -80,8 +80,8 @@ AlarmProbability<T> any_alarm(const GaussianThresholds& detector, Torque torque)
     AlarmProbability<T> total{T(0.0), T(1.0)};
     for (int w = 0; w < detector.monitored; ++w) {
         const AlarmProbability<T> one = joint_alarm(detector, w, T(torque(w)));
-        total.alarm = total.alarm + total.silent * one.alarm;
-        total.silent = total.silent * one.silent;
+        total.alarm = total.alarm + total.no_alarm * one.alarm;
+        total.no_alarm = total.no_alarm * one.no_alarm;
     }
     return total;
 }

@@ -15,7 +15,7 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// standard deviation and c the correlation from tick to tick. No alarm up to a tick leaves the residual inside its
 /// thresholds; the nodes lie there, and nowhere farther than `reach` standard deviations from where the noise is
 /// centred.
-struct NoiseMemory {
+struct CorrelatedNoise {
     static constexpr double reach = 9;
 
     double threshold = 0, sd = 0, mean = 0;  ///< Nm or N
@@ -25,7 +25,7 @@ struct NoiseMemory {
     /// exp(-(a_i - c a_l)^2 / 2) with a_i = node_i threshold / s, [i][l]: how noise moves between the thresholds.
     std::vector<double> spread;
 
-    NoiseMemory(double limit, double noise_sd, double noise_mean, double noise_correlation)
+    CorrelatedNoise(double limit, double noise_sd, double noise_mean, double noise_correlation)
         : threshold(limit), sd(noise_sd), mean(noise_mean), correlation(noise_correlation) {
         innovation = sd * std::sqrt((1 - correlation) * (1 + correlation));
         // The integrand is a product of two bells as narrow as the innovation; nodes this close leave 1e-13 of it.
@@ -62,18 +62,18 @@ struct SurvivingNoiseDensity {
     T centre;              ///< what the noise is added to: contact torque and noise mean
     T known = 0.0;         ///< 0: nothing has been monitored yet, so the noise is as it always is; else 1
 
-    void forget(const NoiseMemory& memory) {
-        value.assign(std::size_t(memory.size()), T(0.0));
-        low = -memory.threshold;
-        high = memory.threshold;
-        centre = memory.mean;
+    void reset(const CorrelatedNoise& noise) {
+        value.assign(std::size_t(noise.size()), T(0.0));
+        low = -noise.threshold;
+        high = noise.threshold;
+        centre = noise.mean;
         known = 0.0;
     }
 };
 
 namespace detail {
 
-/// exp(x), x of either sign and within `NoiseMemory::max_shift` of zero.
+/// exp(x), x of either sign and within `CorrelatedNoise::max_shift` of zero.
 template <class T>
 T exp_either(T x) {
     const T below = exp_minus(abs(x), T(0.0));
@@ -83,12 +83,12 @@ T exp_either(T x) {
 /// The density at the nodes where they lie between the thresholds before and after the tick: with the shift d of the
 /// centre, in innovations, exp(-(a_i - c a_l + d)^2 / 2) is a constant times exp(-d a_i - d^2 / 2) exp(d c a_l).
 template <class T>
-void spread_between_thresholds(const NoiseMemory& memory, T shift, T* mass, std::vector<T>& value) {
-    const int n = memory.size();
-    const T away = shift * memory.widest(), constant = 0.5 * shift * shift;
-    for (int l = 0; l < n; ++l) mass[l] *= exp_either(T(away * (memory.correlation * memory.node[l])));
+void spread_between_thresholds(const CorrelatedNoise& noise, T shift, T* mass, std::vector<T>& value) {
+    const int n = noise.size();
+    const T away = shift * noise.widest(), constant = 0.5 * shift * shift;
+    for (int l = 0; l < n; ++l) mass[l] *= exp_either(T(away * (noise.correlation * noise.node[l])));
     for (int i = 0; i < n; ++i) {
-        const double* row = &memory.spread[std::size_t(i) * n];
+        const double* row = &noise.spread[std::size_t(i) * n];
         T sum[4] = {T(0.0), T(0.0), T(0.0), T(0.0)};
         int l = 0;
         for (; l + 4 <= n; l += 4) {
@@ -97,7 +97,7 @@ void spread_between_thresholds(const NoiseMemory& memory, T shift, T* mass, std:
         }
         for (; l < n; ++l) sum[0] += mass[l] * row[l];
         const T all = (sum[0] + sum[1]) + (sum[2] + sum[3]);
-        value[i] = all * exp_either(T(-(away * memory.node[i]) - constant));
+        value[i] = all * exp_either(T(-(away * noise.node[i]) - constant));
     }
 }
 
@@ -106,20 +106,20 @@ void spread_between_thresholds(const NoiseMemory& memory, T shift, T* mass, std:
 /// The next tick: noise moves on, the noiseless residual becomes `torque`, alarms are taken out. `work` holds two values
 /// a node.
 template <class T>
-AlarmProbability<T> propagate_tick(const NoiseMemory& memory, SurvivingNoiseDensity<T>& density, T torque,
+AlarmProbability<T> propagate_tick(const CorrelatedNoise& noise, SurvivingNoiseDensity<T>& density, T torque,
                                    std::vector<T>& work) {
-    const int n = memory.size();
-    const double s = memory.innovation, root_half = 0.70710678118654752440, per_root = 0.39894228040143267794;
-    const T centre = torque + memory.mean;
-    const double furthest = NoiseMemory::reach * memory.sd;
+    const int n = noise.size();
+    const double s = noise.innovation, root_half = 0.70710678118654752440, per_root = 0.39894228040143267794;
+    const T centre = torque + noise.mean;
+    const double furthest = CorrelatedNoise::reach * noise.sd;
     // Where the residual lies beyond reach of its thresholds the range shrinks to next to nothing, not to less.
-    const double least = 1e-3 * std::min(memory.sd, memory.threshold);
+    const double least = 1e-3 * std::min(noise.sd, noise.threshold);
     // There are nodes enough for all that lies between the thresholds, until the centre is well beyond one of them.
-    const double all_within = memory.threshold <= furthest ? memory.threshold + 2 * s : -1.0;
+    const double all_within = noise.threshold <= furthest ? noise.threshold + 2 * s : -1.0;
     const auto whole = abs(centre) <= T(all_within);
-    const T low = select(whole, T(-memory.threshold),
-                         min(max(T(-memory.threshold), centre - furthest), T(memory.threshold - least)));
-    const T high = select(whole, T(memory.threshold), max(min(T(memory.threshold), centre + furthest), low + least));
+    const T low = select(whole, T(-noise.threshold),
+                         min(max(T(-noise.threshold), centre - furthest), T(noise.threshold - least)));
+    const T high = select(whole, T(noise.threshold), max(min(T(noise.threshold), centre + furthest), low + least));
     const T middle = 0.5 * (low + high), half = 0.5 * (high - low);
     const auto known = density.known > T(0.5);
 
@@ -129,27 +129,27 @@ AlarmProbability<T> propagate_tick(const NoiseMemory& memory, SurvivingNoiseDens
     const T old_middle = 0.5 * (density.low + density.high), old_half = 0.5 * (density.high - density.low);
     T alarm = 0.0;
     for (int l = 0; l < n; ++l) {
-        arrival[l] = centre + memory.correlation * (old_middle + old_half * memory.node[l] - density.centre);
-        mass[l] = old_half * memory.weight[l] * density.value[l];
-        const T above = erfc((memory.threshold - arrival[l]) * (root_half / s));
-        const T below = erfc((memory.threshold + arrival[l]) * (root_half / s));
+        arrival[l] = centre + noise.correlation * (old_middle + old_half * noise.node[l] - density.centre);
+        mass[l] = old_half * noise.weight[l] * density.value[l];
+        const T above = erfc((noise.threshold - arrival[l]) * (root_half / s));
+        const T below = erfc((noise.threshold + arrival[l]) * (root_half / s));
         alarm += mass[l] * (0.5 * (above + below));
     }
-    const T fresh_alarm = 0.5 * (erfc((memory.threshold - centre) * (root_half / memory.sd)) +
-                                 erfc((memory.threshold + centre) * (root_half / memory.sd)));
+    const T fresh_alarm = 0.5 * (erfc((noise.threshold - centre) * (root_half / noise.sd)) +
+                                 erfc((noise.threshold + centre) * (root_half / noise.sd)));
     alarm = select(known, alarm, fresh_alarm);
 
     T no_alarm = 0.0;
     const bool any_known = any(known), all_known = all(known);
     std::vector<T>& value = density.value;
-    const T shift = (memory.correlation * density.centre - centre) * (1 / s);
-    const T limit = memory.threshold;
-    const bool between = any_known && !memory.spread.empty() &&
+    const T shift = (noise.correlation * density.centre - centre) * (1 / s);
+    const T limit = noise.threshold;
+    const bool between = any_known && !noise.spread.empty() &&
                          all((low == -limit) & (high == limit) & (density.low == -limit) & (density.high == limit) &
-                             (abs(shift) * (memory.widest() + abs(shift)) < T(NoiseMemory::max_shift)));
-    if (between) detail::spread_between_thresholds(memory, shift, mass, value);
+                             (abs(shift) * (noise.widest() + abs(shift)) < T(CorrelatedNoise::max_shift)));
+    if (between) detail::spread_between_thresholds(noise, shift, mass, value);
     for (int i = 0; i < n; ++i) {
-        const T x = middle + half * memory.node[i];
+        const T x = middle + half * noise.node[i];
         T sum = 0.0;
         if (between) {
             sum = value[i] * (per_root / s);
@@ -163,12 +163,12 @@ AlarmProbability<T> propagate_tick(const NoiseMemory& memory, SurvivingNoiseDens
             sum *= per_root / s;
         }
         if (!all_known) {
-            const T z = (x - centre) * (1 / memory.sd);
-            const T fresh = exp_minus(min(T(0.5 * z * z), T(700.0)), T(0.0)) * (per_root / memory.sd);
+            const T z = (x - centre) * (1 / noise.sd);
+            const T fresh = exp_minus(min(T(0.5 * z * z), T(700.0)), T(0.0)) * (per_root / noise.sd);
             sum = select(known, sum, fresh);
         }
         value[i] = sum;
-        no_alarm += half * memory.weight[i] * sum;
+        no_alarm += half * noise.weight[i] * sum;
     }
     const T scale = 1.0 / max(no_alarm, T(1e-290));
     for (int i = 0; i < n; ++i) value[i] *= scale;

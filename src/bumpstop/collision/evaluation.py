@@ -130,7 +130,7 @@ def integrate(problem: CollisionProblem, curve: StoppingCurve, *, refinement: in
         transient_contact_duration=contact_duration,
         detection_delay=ExactDistribution(law, "detection_delay", condition=after_contact),
         trigger_joint_probability=triggers,
-        multi_joint_probability=min(1.0, law.several / detected) if detected > 0 else math.nan,
+        multi_joint_probability=min(1.0, law.multi_joint / detected) if detected > 0 else math.nan,
         false_alarm_probability=law.false_alarm,
         undetected_probability=undetected,
         no_contact_probability=max(0.0, law.no_contact),

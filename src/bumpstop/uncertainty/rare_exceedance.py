@@ -198,7 +198,7 @@ class _GaussianRuns:
         bent = np.flatnonzero(noise.any(axis=(1, 2)))
         if not bent.size:
             return noise
-        # What is farther away than the noise remembers stays at zero.
+        # Noise beyond the correlation time stays at zero.
         first = max(0, int(bent[0]) - math.ceil(math.log(_FORGOTTEN) / math.log(abs(rho))))
         last = int(bent[-1])
         for _ in range(_SWEEPS):

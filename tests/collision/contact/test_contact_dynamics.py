@@ -110,7 +110,7 @@ def test_force_and_residual(simulate: Simulate, kind: str, seed: int) -> None:
     rows = slice(parts, None, parts)
     ends = [int(end / STEP) for _, end in expected.contacts if np.isfinite(end)]
     first, until = (ends[0] if ends else len(found.force)), len(found.force)
-    # A body that nothing holds is gone when it has parted; whether the reference's is met again is its own affair.
+    # A body that nothing holds is gone when it has separated; whether the reference's is met again is its own affair.
     until = first if kind == "free" else until
     peak = expected.force.max()
     assert peak > 0

@@ -60,7 +60,7 @@ class ContactReactions {
         return load<T>(here);
     }
 
-    /// Until all lanes have parted, or their arms have come to rest. A held body that the arm has left is met again only if
+    /// Until all lanes have separated, or their arms have come to rest. A held body that the arm has left is met again only if
     /// the reference comes back to it: what the arm's oscillation brings about then is less than before.
     void follow(State& state, const PathAfter* path, int longest, T offset) const {
         const int block = dynamics_.propagator().block_steps;
@@ -75,15 +75,15 @@ class ContactReactions {
                         dynamics_.rest(state, from - offset, lane);
                         set_lane(active, lane, 0.0);
                     }
-                    over = over && (lane_of(active, lane) < 0.5 || !lane_of(state.together(), lane));
+                    over = over && (lane_of(active, lane) < 0.5 || !lane_of(state.in_contact(), lane));
                 }
                 if (over && (late || !may_return(state))) return;
             }
             for (int lane = 0; lane < lanes; ++lane) {
-                if (!lane_of(state.together(), lane) && path[lane].later(i) <= lane_of(offset, lane))
+                if (!lane_of(state.in_contact(), lane) && path[lane].later(i) <= lane_of(offset, lane))
                     set_lane(active, lane, 0.0);
             }
-            if (all((active < T(0.5)) | (state.parted > T(0.5)))) return;
+            if (all((active < T(0.5)) | (state.separated > T(0.5)))) return;
             const bool ends = i < longest + swing_ && i + block > longest + swing_;
             if (wait <= 0 && block > 0 && !ends && any((active > T(0.5)) & (state.touched > T(0.5)))) {
                 T ahead[ContactBlock::points + 1];
@@ -115,7 +115,7 @@ class ContactReactions {
     }
     /// Arms that may come back by themselves to a body that is held.
     bool may_return(const State& state) const {
-        return dynamics_.propagator().elastic && any((state.touched > T(0.5)) & (state.parted < T(0.5)));
+        return dynamics_.propagator().elastic && any((state.touched > T(0.5)) & (state.separated < T(0.5)));
     }
 
     const ContactPaths* paths_;
@@ -152,7 +152,7 @@ class ContactCollision {
     }
     T force(int i) { return i < 0 ? T(0.0) : at(i).force; }
     /// 1 where the body has not got away by the i-th tick in contact.
-    T touched(int i) { return 1.0 - at(i).parted; }
+    T touched(int i) { return 1.0 - at(i).separated; }
 
     /// The collision is detected at tick tick[lane] + i[lane] of each lane; i below zero: before contact.
     Outcome detected(const int* i) {

@@ -41,7 +41,7 @@ class ContactCuts {
     /// The undetected collision with one body.
     struct Probe {
         double offset = 0;
-        double parted = HUGE_VAL;      // after the start of the motion, in steps
+        double separated = HUGE_VAL;   // after the start of the motion, in steps
         int first = 0;                 // tick
         std::vector<double> residual;  // [tick from the first on][monitored joint], without noise
 
@@ -61,12 +61,12 @@ class ContactCuts {
         // The first touch comes inside a step.
         const double rise = paths_.undisturbed(i + 1) - paths_.undisturbed(i);
         const double touch = rise > 0 ? i + std::clamp((offset - paths_.undisturbed(i)) / rise, 0.0, 1.0) : i + 1.0;
-        for (; i < paths_.last_step() && !(state.parted > 0.5); ++i) {
+        for (; i < paths_.last_step() && !(state.separated > 0.5); ++i) {
             allow_interruption();
             dynamics_.step(state, paths_.undisturbed(i), paths_.undisturbed(i + 1), offset, 1.0);
             if (narrow_ != nullptr && i % paths_.period == 0) feel(made, i / paths_.period, state);
         }
-        if (state.parted > 0.5) made.parted = touch + state.since / paths_.step;
+        if (state.separated > 0.5) made.separated = touch + state.since / paths_.step;
         return made;
     }
 
@@ -83,7 +83,7 @@ class ContactCuts {
     }
 
     /// The step in which contact ends, with the path at the latest.
-    double contact_end(const Probe& at) const { return std::min(at.parted, double(paths_.last_step())); }
+    double contact_end(const Probe& at) const { return std::min(at.separated, double(paths_.last_step())); }
 
     void push_on(const Probe& low, const Probe& high, std::vector<double>& cuts) const {
         double a = low.offset, b = high.offset, end_a = contact_end(low), end_b = contact_end(high);
@@ -99,10 +99,10 @@ class ContactCuts {
     }
 
     void between(const Probe& low, const Probe& high, std::vector<double>& cuts) const {
-        for (int k = low.first; k < paths_.path->ticks && paths_.tick_step(k) <= high.parted; ++k) {
+        for (int k = low.first; k < paths_.path->ticks && paths_.tick_step(k) <= high.separated; ++k) {
             const double tick = paths_.tick_step(k);
-            if (low.parted < tick && high.parted >= tick && std::isfinite(high.parted))
-                cuts.push_back(root(low, high, [&](const Probe& at) { return at.parted - tick; }));
+            if (low.separated < tick && high.separated >= tick && std::isfinite(high.separated))
+                cuts.push_back(root(low, high, [&](const Probe& at) { return at.separated - tick; }));
             if (narrow_ == nullptr) continue;
             for (int w = 0; w < narrow_->monitored; ++w) pass(w, k, low, high, cuts);
         }

@@ -13,17 +13,17 @@ inline constexpr double transient_phase = 0.5;
 /// One collision in each lane.
 template <class T>
 struct ContactState {
-    int states = 0;   ///< entries of `z` in use; the others are not set
-    T touched = 0.0;  ///< 1 since the first touch
-    T contact = 0.0;  ///< 1 while arm and body push one another
-    T parted = 0.0;   ///< 1 once a body that nothing holds has got away
-    T force = 0.0;    ///< of the contact [N]
-    T peak = 0.0;     ///< greatest force so far [N]
-    T lasting = 0.0;  ///< greatest force after the transient phase [N]
-    T elapsed = 0.0;  ///< since the first touch [s]
-    T since = 0.0;    ///< time in contact [s]
-    T begun = 0.0;    ///< 1 after the first step, before which the reference went on as in it
-    T speed = 0.0;    ///< of the reference in the step before [m/s]
+    int states = 0;     ///< entries of `z` in use; the others are not set
+    T touched = 0.0;    ///< 1 since the first touch
+    T contact = 0.0;    ///< 1 while arm and body push one another
+    T separated = 0.0;  ///< 1 once a body that nothing holds has got away
+    T force = 0.0;      ///< of the contact [N]
+    T peak = 0.0;       ///< greatest force so far [N]
+    T lasting = 0.0;    ///< greatest force after the transient phase [N]
+    T elapsed = 0.0;    ///< since the first touch [s]
+    T since = 0.0;      ///< time in contact [s]
+    T begun = 0.0;      ///< 1 after the first step, before which the reference went on as in it
+    T speed = 0.0;      ///< of the reference in the step before [m/s]
     std::array<T, ContactSystem::max_states> z;
 
     explicit ContactState(int count = 0) : states(count) { std::fill_n(z.begin(), count, T(0.0)); }
@@ -53,7 +53,7 @@ struct ContactState {
     }
 
     /// Lanes in which arm and body push one another.
-    MaskOf<T> together() const { return contact > T(0.5); }
+    MaskOf<T> in_contact() const { return contact > T(0.5); }
     /// Notes a force of some lanes, `later` after what has elapsed.
     void meet(MaskOf<T> lanes, T found, T later) {
         peak = select(lanes, max(peak, found), peak);
@@ -61,14 +61,15 @@ struct ContactState {
     }
     /// Lanes in which something goes on in a step that ends at `to`: the body has been touched, or is touched then.
     MaskOf<T> meets(T to, T offset) const {
-        return (parted < T(0.5)) & ((touched > T(0.5)) | (to > offset - T(separation_tolerance)));
+        return (separated < T(0.5)) & ((touched > T(0.5)) | (to > offset - T(separation_tolerance)));
     }
 
   private:
     static constexpr auto values() {
-        return std::array{&ContactState::touched, &ContactState::contact, &ContactState::parted,  &ContactState::force,
-                          &ContactState::peak,    &ContactState::lasting, &ContactState::elapsed, &ContactState::begun,
-                          &ContactState::since,   &ContactState::speed};
+        return std::array{&ContactState::touched, &ContactState::contact, &ContactState::separated,
+                          &ContactState::force,   &ContactState::peak,    &ContactState::lasting,
+                          &ContactState::elapsed, &ContactState::begun,   &ContactState::since,
+                          &ContactState::speed};
     }
 };
 
@@ -88,7 +89,7 @@ class ContactDynamics {
     /// rest. Lanes with `active` 0 stay as they are.
     void step(State& at, T from, T to, T offset, T active) const {
         const T speed = (to - from) * (1 / by_->step);
-        const auto moves = (active > T(0.5)) & (at.parted < T(0.5));
+        const auto moves = (active > T(0.5)) & (at.separated < T(0.5));
         if (by_->jerks) {
             const T change = select(moves & (at.begun > T(0.5)), speed - at.speed, T(0.0));
             for (int i = 0; i < states_; ++i) at.z[std::size_t(i)] += by_->jump[std::size_t(i)] * change;
@@ -96,7 +97,7 @@ class ContactDynamics {
         at.speed = select(moves, speed, at.speed);
         at.begun = select(moves, T(1.0), at.begun);
         for (int piece = 0; piece < by_->pieces; ++piece)
-            advance(at, from - offset + speed * (by_->piece * piece), speed, moves & (at.parted < T(0.5)));
+            advance(at, from - offset + speed * (by_->piece * piece), speed, moves & (at.separated < T(0.5)));
     }
 
     /// Goes on by a block of steps, whose begins and end are `place`, where no active lane meets or parts in it before its
@@ -105,7 +106,7 @@ class ContactDynamics {
     int leap(State& at, const T* place, T offset, T active, T until) const {
         constexpr int points = ContactBlock::points;
         const int steps = by_->block_steps;
-        const auto moves = (active > T(0.5)) & (at.parted < T(0.5));
+        const auto moves = (active > T(0.5)) & (at.separated < T(0.5));
         std::array<T, ContactBlock::max_columns> in;
         std::copy_n(at.z.begin(), states_, in.begin());
         in[std::size_t(states_)] = place[0] - offset;
@@ -122,9 +123,9 @@ class ContactDynamics {
                 next.z[std::size_t(i)] = select(lanes, out[std::size_t(i)], next.z[std::size_t(i)]);
             return &out[std::size_t(states_)];
         };
-        const auto in_contact = moves & at.together(), loose = moves & !at.together();
+        const auto in_contact = moves & at.in_contact(), loose = moves & !at.in_contact();
         if (any(in_contact)) {
-            const T* force = go(by_->block_together, in_contact);
+            const T* force = go(by_->block_in_contact, in_contact);
             for (int i = points; i-- > 0;) broken = select(in_contact & (force[i] < T(-by_->grazing)), T(i), broken);
             const double piece = by_->piece, square = piece * piece;
             const T* rate = force + points;
@@ -185,7 +186,7 @@ class ContactDynamics {
     }
     /// The arm of a lane stands still for good, its reference `beyond` the body's place: a clamped body is pressed on.
     void rest(State& at, T beyond, int lane) const {
-        if (!lane_of(at.together(), lane) || by_->gets_away) return;
+        if (!lane_of(at.in_contact(), lane) || by_->gets_away) return;
         set_lane(at.force, lane, std::max(0.0, lane_of(beyond, lane)) * by_->static_stiffness);
         set_lane(at.peak, lane, std::max(lane_of(at.peak, lane), lane_of(at.force, lane)));
         set_lane(at.lasting, lane, std::max(lane_of(at.lasting, lane), lane_of(at.force, lane)));
@@ -245,7 +246,7 @@ class ContactDynamics {
 
     /// Lanes in contact, and lanes that drift apart from the body, go on by a share of a piece.
     void move(State& at, MaskOf<T> in_contact, MaskOf<T> drifts, T r, T speed, T share, bool whole) const {
-        for (const auto& [lanes, by] : {std::pair{in_contact, &by_->together}, std::pair{drifts, &by_->apart}}) {
+        for (const auto& [lanes, by] : {std::pair{in_contact, &by_->in_contact}, std::pair{drifts, &by_->apart}}) {
             if (!any(lanes)) continue;
             if (all(lanes)) return propagate(*by, at.z.data(), r, speed, share, whole);
             std::array<T, ContactSystem::max_states> z;
@@ -260,7 +261,7 @@ class ContactDynamics {
         if (!by_->jerks && !any(open & ((at.touched > T(0.5)) | (r + speed * by_->piece > T(0.0))))) return;
         T left = 1.0;  // share of the piece
         for (int cut = 0; any(open) && cut < max_cuts; ++cut) {
-            const auto in_contact = open & at.together(), loose = open & !at.together();
+            const auto in_contact = open & at.in_contact(), loose = open & !at.in_contact();
             // An arm that has touched nothing yet, and feeds its acceleration forward, is where its reference is.
             const auto drifts = by_->jerks ? loose : loose & (at.touched > T(0.5));
             const T time = left * by_->piece, end = r + speed * time;
@@ -305,13 +306,13 @@ class ContactDynamics {
             }
             next.contact = select(meets, T(1.0), select(parts, T(0.0), next.contact));
             next.touched = select(meets, T(1.0), next.touched);
-            if (by_->gets_away) next.parted = select(parts, T(1.0), next.parted);
+            if (by_->gets_away) next.separated = select(parts, T(1.0), next.separated);
             next.force = select(in_contact & !parts, force1, T(0.0));
             next.elapsed = select(at.touched > T(0.5), at.elapsed + share * time, next.elapsed);
             at.take_lanes(next, open);
             r = select(cuts, r + speed * time * share, end);
             left = select(cuts, left * (1.0 - share), T(0.0));
-            open = open & cuts & (at.parted < T(0.5)) & (left > T(0.0));
+            open = open & cuts & (at.separated < T(0.5)) & (left > T(0.0));
         }
     }
 

@@ -124,7 +124,7 @@ inline std::vector<double> least_touched(const ContactPaths& paths, const Contac
         int i = std::min(last, paths.tick_step(std::min(j + certain, ticks)));
         if (by.gets_away) {
             ContactState<double> state = dynamics.begin();
-            for (i = first; i < last && !(state.parted > 0.5); ++i) {
+            for (i = first; i < last && !(state.separated > 0.5); ++i) {
                 allow_interruption();
                 dynamics.step(state, paths.undisturbed(i), paths.undisturbed(i + 1), offset, 1.0);
             }

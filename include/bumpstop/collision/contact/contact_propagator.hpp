@@ -166,12 +166,12 @@ struct ContactPropagator {
           grazing(system.body().stiffness * separation_tolerance),
           static_stiffness(system.static_stiffness()),
           half_oscillation(system.frequency() > 0 ? std::numbers::pi / system.frequency() : 0) {
-        const detail::SquareMatrix in_contact = system.matrix(true), alone = system.matrix(false);
-        together = Transitions(in_contact, piece);
+        const detail::SquareMatrix pressed = system.matrix(true), alone = system.matrix(false);
+        in_contact = Transitions(pressed, piece);
         apart = Transitions(alone, piece);
         force[0] = system.force();
-        force[1] = system.rate(force[0], in_contact);
-        force[2] = system.rate(force[1], in_contact);
+        force[1] = system.rate(force[0], pressed);
+        force[2] = system.rate(force[1], pressed);
         gap[0] = system.gap();
         gap[1] = system.rate(gap[0], alone);
         jerks = elastic && !system.arm().feeds_all_forward();
@@ -182,7 +182,7 @@ struct ContactPropagator {
         }
         block_steps = pieces > ContactBlock::points ? 0 : ContactBlock::points / pieces;
         if (block_steps > 0) {
-            block_together = ContactBlock(together, pieces, piece, states, jump, force);
+            block_in_contact = ContactBlock(in_contact, pieces, piece, states, jump, force);
             block_apart = ContactBlock(apart, pieces, piece, states, jump, {gap.data(), 1});
         }
         for (int j = 0; j < system.arm().dof; ++j) residual.push_back(system.residual(j));
@@ -199,15 +199,15 @@ struct ContactPropagator {
     double grazing;           ///< a force that is none: of a gap within the separation tolerance [N]
     double static_stiffness;  ///< ContactSystem::static_stiffness [N/m]
     double half_oscillation;  ///< of contact [s]
-    Transitions together, apart;
+    Transitions in_contact, apart;
     std::array<Row, 3> force;          ///< and its rates in contact
     std::array<double, 3> by_speed{};  ///< what a change of the reference's speed does to them [N s/m, N/m, N/(m s)]
     std::array<Row, 2> gap;            ///< and its rate apart
     bool jerks;                        ///< some acceleration of the reference is not fed forward:
     Row jump{};                        ///< what a change of its speed does
     int block_steps;                   ///< of a block; 0: oscillations are too quick for blocks
-    ContactBlock block_together, block_apart;  ///< the force, its rate and bend are told; the gap
-    std::vector<Row> residual;                 ///< by joint, of an elastic arm
+    ContactBlock block_in_contact, block_apart;  ///< the force, its rate and bend are told; the gap
+    std::vector<Row> residual;                   ///< by joint, of an elastic arm
 
   private:
     /// Blocks want a power of two.

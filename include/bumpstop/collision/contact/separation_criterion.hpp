@@ -43,9 +43,9 @@ inline bool all_separated(const LinePath& path, const ContactPropagator& by, con
         offset = std::min(path.s[first], largest_offset);
         ContactState<double> state = dynamics.begin();
         // The farthest body stands before this step.
-        for (std::size_t i = first > 0 ? first - 1 : 0; i < last && !(state.parted > 0.5); ++i)
+        for (std::size_t i = first > 0 ? first - 1 : 0; i < last && !(state.separated > 0.5); ++i)
             dynamics.step(state, path.s[i], path.s[i + 1], offset, 1.0);
-        if (!(state.parted > 0.5)) return false;
+        if (!(state.separated > 0.5)) return false;
     }
     return true;
 }

@@ -161,7 +161,7 @@ class CorrelatedAlarms {
         T& own = residual_[place(w, r)];
         own = detector_.filtered(own, torque);
         if (!before_.correlated(w)) return joint_alarm(detector_, w, own);
-        return propagate_tick(*before_.memory(w), density_[place(w, r)], own, work_);
+        return propagate_tick(*before_.noise(w), density_[place(w, r)], own, work_);
     }
 
     const GaussianThresholds& detector_;

@@ -19,7 +19,7 @@ struct CollisionDistribution {
     double zero_force = 0;            ///< of those, and of motions that end before contact: no force at all
     double undetected = 0;            ///< contact, and no detection by the end of the motion
     double no_contact = 0;            ///< the motion ends before contact, no alarm
-    double several = 0;               ///< two or more joints over their threshold at the tick of detection
+    double multi_joint = 0;           ///< two or more joints over their threshold at the tick of detection
     double trigger[max_joints] = {};  ///< joint over its threshold at the tick of detection
     bool interpolated = false;        ///< detection probabilities come from a few panels
     ContactNodes nodes;               ///< where something gives way, instead of the forces above

@@ -187,11 +187,12 @@ class DetectionIntegrator {
                     DetectionProbabilities& out) {
         const GaussRule& rule = gauss_rule(order);
         const double mid = 0.5 * (panel.low + panel.high), half = 0.5 * (panel.high - panel.low);
-        T offset[registers], survival[registers], several[registers], armed[registers], single[max_joints][registers];
+        T offset[registers], survival[registers], multi_joint[registers], armed[registers],
+            single[max_joints][registers];
         for (int r = 0; r < registers; ++r) {
             offset[r] = mid + half * load<T>(&rule.node[std::size_t(first + r * lanes)]);
             survival[r] = 1.0;
-            several[r] = armed[r] = 0.0;
+            multi_joint[r] = armed[r] = 0.0;
             for (int f = 0; f < touched_count_; ++f) single[f][r] = 0.0;
         }
         TickContact<T> here;
@@ -235,17 +236,17 @@ class DetectionIntegrator {
                 for (int r = 0; r < registers; ++r) {
                     const AlarmProbability<T> joint = tick.chance(touched_[f], r);
                     single[f][r] += weight[r] * joint.alarm;
-                    one[r] = one[r] * joint.silent + no_alarm[r] * joint.alarm;
+                    one[r] = one[r] * joint.no_alarm + no_alarm[r] * joint.alarm;
                     alarm[r] += no_alarm[r] * joint.alarm;
-                    no_alarm[r] = no_alarm[r] * joint.silent;
+                    no_alarm[r] = no_alarm[r] * joint.no_alarm;
                 }
             }
             for (int r = 0; r < registers; ++r) {
-                several[r] += weight[r] * max(alarm[r] - one[r], T(0.0));
+                multi_joint[r] += weight[r] * max(alarm[r] - one[r], T(0.0));
                 store(weight[r] * alarm[r], detected + r * lanes);
                 T left = survival[r] * no_alarm[r];
                 if constexpr (Contact::parts) {
-                    // What has parted is detected no more.
+                    // A body that has separated is detected no more.
                     const auto touches = contact.touched(slot, r) > T(0.0);
                     survival[r] = select(touches, left, survival[r]);
                     left = select(touches, left, T(0.0));
@@ -272,7 +273,7 @@ class DetectionIntegrator {
             store(survival[r], &out.survived[own.row * std::size_t(order) + at]);
             for (int w = 0; w < detector_.monitored; ++w) store(armed[r] * untouched_.single[std::size_t(w)], row(w));
             for (int f = 0; f < touched_count_; ++f) store(single[f][r], row(touched_[f]));
-            store(several[r], row(detector_.monitored));
+            store(multi_joint[r], row(detector_.monitored));
         }
         contact.finish(own, std::size_t(first), std::size_t(order), out);
     }

@@ -161,7 +161,7 @@ class MonteCarlo {
             keep_outcome(collision, touch, index, used, out);
             return;
         }
-        if (record_ != nullptr || detector_.remembers()) {
+        if (record_ != nullptr || detector_.correlated_noise()) {
             tick_by_tick(number, runs, offset, open, index, used, out, nullptr, nullptr);
             return;
         }
@@ -275,7 +275,7 @@ class MonteCarlo {
                     if (i < 0 || !open[lane]) continue;
                     const ContactState<T>& state = collision->at(i);
                     // A body that has got away cannot be felt.
-                    if (lane_of(state.parted, lane) > 0.5) {
+                    if (lane_of(state.separated, lane) > 0.5) {
                         open[lane] = false;
                         --remaining;
                         continue;

@@ -60,8 +60,8 @@ class OffsetMesh {
     /// Panels, and the order that suits the noise. `every_tick`: no panel holds several.
     void build(const LinePath& path, const QuadratureSettings& settings, bool every_tick = false) {
         begin(path, settings);
-        groups_ =
-            !settings.delays && !every_tick && settings.refinement == 1 && !detector_.remembers() && rare_alarms();
+        groups_ = !settings.delays && !every_tick && settings.refinement == 1 && !detector_.correlated_noise() &&
+                  rare_alarms();
         choose_width();
         cut(std::numeric_limits<int>::max());
     }

@@ -120,7 +120,7 @@ class OffsetQuadrature {
         legendre_.prepare(order);
         PiecewiseDensity& density = result_.density;
         density.clear(order);
-        alarm_before_ = result_.undetected = result_.several = 0;
+        alarm_before_ = result_.undetected = result_.multi_joint = 0;
         std::fill(result_.trigger, result_.trigger + max_joints, 0.0);
         contact_from_.assign(std::size_t(ticks) + 1, 0.0);
         detection_.assign(std::size_t(ticks), 0.0);
@@ -202,7 +202,7 @@ class OffsetQuadrature {
                     sum[w] += load<T>(&node_weight_[row * step + g]) * load<T>(trigger + g);
         }
         for (std::size_t w = 0; w < monitored; ++w) result_.trigger[detector_.joint[w]] = sum_of_lanes(sum[w]);
-        result_.several = sum_of_lanes(sum[monitored]);
+        result_.multi_joint = sum_of_lanes(sum[monitored]);
     }
 
     void count_false_alarms() {
@@ -223,7 +223,7 @@ class OffsetQuadrature {
             const double here = waiting * before_.survival_before(k);
             for (int w = 0; w < detector_.monitored; ++w)
                 result_.trigger[detector_.joint[std::size_t(w)]] += here * tick.single[std::size_t(w)];
-            result_.several += here * std::max(0.0, tick.alarm - tick.one);
+            result_.multi_joint += here * std::max(0.0, tick.alarm - tick.one);
         }
     }
 
@@ -288,7 +288,7 @@ class OffsetQuadrature {
         force.of_alarms = true;
         force.of_end = result_.rests;
         force.reach.assign(max_distance.begin(), max_distance.begin() + ticks);
-        force.end_reach = path_->greatest(mesh_.end_step());
+        force.end_reach = path_->max_distance(mesh_.end_step());
         summarise(density, force);
         find_moments<T>(density, force);
         LinearQuantity& end = result_.end_force;

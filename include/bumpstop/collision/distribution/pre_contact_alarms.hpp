@@ -14,8 +14,8 @@ struct NoContactTick {
 
     void add(int w, const AlarmProbability<double>& joint) {
         alarm += no_alarm * joint.alarm;
-        one = one * joint.silent + no_alarm * joint.alarm;
-        no_alarm *= joint.silent;
+        one = one * joint.no_alarm + no_alarm * joint.alarm;
+        no_alarm *= joint.no_alarm;
         single[std::size_t(w)] = joint.alarm;
     }
     /// Never from one minus what rounding may have put above one.
@@ -68,8 +68,8 @@ class PreContactAlarms {
     }
 
     /// The noise of a monitored joint, null where it is not correlated.
-    const NoiseMemory* memory(int w) const { return correlated(w) ? &memory_[std::size_t(place_[w])] : nullptr; }
-    bool correlated(int w) const { return !memory_.empty() && place_[w] >= 0; }
+    const CorrelatedNoise* noise(int w) const { return correlated(w) ? &noise_[std::size_t(place_[w])] : nullptr; }
+    bool correlated(int w) const { return !noise_.empty() && place_[w] >= 0; }
 
     /// The noise of a correlated joint after tick k - 1, nothing having alarmed.
     const SurvivingNoiseDensity<double>& density_before(int w, int k) const {
@@ -86,13 +86,13 @@ class PreContactAlarms {
         for (int w = 0; w < detector_.monitored; ++w) {
             place_[w] = -1;
             if (!(detector_.sd[w] > 0)) continue;
-            place_[w] = int(memory_.size());
-            memory_.emplace_back(detector_.threshold[w], detector_.sd[w], detector_.mean[w], detector_.correlation);
+            place_[w] = int(noise_.size());
+            noise_.emplace_back(detector_.threshold[w], detector_.sd[w], detector_.mean[w], detector_.correlation);
         }
-        density_.resize(memory_.size());
-        std::vector<SurvivingNoiseDensity<double>> now(memory_.size());
-        for (std::size_t m = 0; m < memory_.size(); ++m) {
-            now[m].forget(memory_[m]);
+        density_.resize(noise_.size());
+        std::vector<SurvivingNoiseDensity<double>> now(noise_.size());
+        for (std::size_t m = 0; m < noise_.size(); ++m) {
+            now[m].reset(noise_[m]);
             density_[m].push_back(now[m]);
         }
         idle_.resize(std::size_t(ticks) + 1);
@@ -105,13 +105,13 @@ class PreContactAlarms {
             } else if (armed(k)) {
                 for (int w = 0; w < detector_.monitored; ++w) {
                     const int m = place_[w];
-                    idle.add(w, m < 0 ? joint_alarm(detector_, w, 0.0) : propagate_tick(memory_[m], now[m], 0.0, work));
+                    idle.add(w, m < 0 ? joint_alarm(detector_, w, 0.0) : propagate_tick(noise_[m], now[m], 0.0, work));
                 }
                 settled = k > 0 && idle.alarm > 0 &&
                           std::fabs(idle.alarm - idle_[std::size_t(k) - 1].alarm) <= 1e-14 * idle.alarm;
             }
             // Later ticks share the last density there is.
-            for (std::size_t m = 0; m < memory_.size() && !settled; ++m) density_[m].push_back(now[m]);
+            for (std::size_t m = 0; m < noise_.size() && !settled; ++m) density_[m].push_back(now[m]);
             log_survival[std::size_t(k) + 1] = log_survival[std::size_t(k)] + idle.log_no_alarm();
         }
         if (ticks > 0) idle_[std::size_t(ticks)] = idle_[std::size_t(ticks) - 1];
@@ -125,7 +125,7 @@ class PreContactAlarms {
     std::vector<double> survival_, false_alarm_;  ///< by tick: of those before it
     std::vector<NoContactTick> idle_;             ///< by tick, where the noise is correlated
     std::array<int, max_joints> place_{};
-    std::vector<NoiseMemory> memory_;
+    std::vector<CorrelatedNoise> noise_;
     std::vector<std::vector<SurvivingNoiseDensity<double>>> density_;  ///< [correlated joint][tick]
 };
 

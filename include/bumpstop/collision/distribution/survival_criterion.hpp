@@ -35,7 +35,7 @@ class SurvivalCriterion {
         for (int w = 0; w < detector_->monitored; ++w) residual_[w] = residual[detector_->joint[std::size_t(w)]];
         no_alarm_ = 1.0;
         if (detector_->filter == 0 && any(touched > T(0.0)))
-            no_alarm_ = any_alarm<T>(*detector_, [&](int w) { return residual_[w]; }).silent;
+            no_alarm_ = any_alarm<T>(*detector_, [&](int w) { return residual_[w]; }).no_alarm;
     }
     /// Called once for each moment that is a tick, in order: whether no further tick is needed.
     bool finished(int moment) {
@@ -44,7 +44,7 @@ class SurvivalCriterion {
         if (detector_->filter != 0) {
             for (int w = 0; w < detector_->monitored; ++w)
                 filtered_[w] = detector_->filtered(filtered_[w], lane_of(residual_[w], moment));
-            if (touched) no_alarm = any_alarm<double>(*detector_, [&](int w) { return filtered_[w]; }).silent;
+            if (touched) no_alarm = any_alarm<double>(*detector_, [&](int w) { return filtered_[w]; }).no_alarm;
         }
         if (tick_++ >= unarmed_ticks_ && touched) {
             // Ticks with common noise do not multiply, but no silence is more probable than that of its loudest tick.

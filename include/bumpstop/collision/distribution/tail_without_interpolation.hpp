@@ -80,7 +80,7 @@ double tail_without_interpolation(const CollisionSetup& setup, const StoppingCur
     const PreContactAlarms before(setup, detector, path.ticks);
     OffsetMesh mesh(setup, detector, before);
     mesh.build(path, settings, true);
-    const double end = path.greatest(mesh.end_step()), depth = force / contact.body.stiffness;
+    const double end = path.max_distance(mesh.end_step()), depth = force / contact.body.stiffness;
     std::vector<double> reach = curve.max_distance;
     reach.push_back(path.max_braking_distance());
     std::vector<OffsetPanel> panels = mesh.panels();
@@ -93,7 +93,7 @@ double tail_without_interpolation(const CollisionSetup& setup, const StoppingCur
         integrator.begin(path, contact.body.stiffness * std::max(0.0, mesh.edges().back()));
         return detail::sum_beyond<T>(curve, contact, mesh.order(), depth, end, panels, before, integrator);
     };
-    return detector.remembers() ? by(CorrelatedAlarms<T>(detector, before)) : by(ExactAlarms<T>(detector));
+    return detector.correlated_noise() ? by(CorrelatedAlarms<T>(detector, before)) : by(ExactAlarms<T>(detector));
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -43,7 +43,7 @@ struct LinePath {
     /// The arm has come to rest where the path ends: an undetected contact presses no harder after that.
     bool rests() const { return end == PathEnd::joint_limit || end == PathEnd::singularity; }
     /// The farthest that the undisturbed motion gets by step `last`, or by its end, braking included [m].
-    double greatest(std::size_t last) const {
+    double max_distance(std::size_t last) const {
         if (ticks == 0) return 0;
         return std::max(*std::max_element(s.begin(), s.begin() + std::ptrdiff_t(std::min(last, s.size() - 1)) + 1),
                         max_braking_distance());

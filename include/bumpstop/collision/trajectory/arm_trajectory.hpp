@@ -168,7 +168,7 @@ class ArmTrajectory {
                 path.end = PathEnd::all_detected;
                 break;
             }
-            away = body.parted > 0.5;
+            away = body.separated > 0.5;
         }
         return curve;
     }

@@ -21,7 +21,7 @@ struct OnsetDistribution {
         double peak = 0, duration = 0, force = 0;  // where something gives way [N, s, N]
     };
     std::vector<Detection> detection;
-    double false_alarm, undetected, no_contact, several;
+    double false_alarm, undetected, no_contact, multi_joint;
     double zero_force;           ///< false alarms whose stopping path does not arrive, and no contact
     double undetected_distance;  ///< distance of the undisturbed motion from contact to its end
     double undetected_peak = 0, undetected_duration = 0;  ///< where something gives way [N, s]
@@ -57,7 +57,7 @@ OnsetDistribution integrate_onset(const ArmTrajectory& trajectory, double begin,
     out.false_alarm = found.false_alarm;
     out.undetected = found.undetected;
     out.no_contact = found.no_contact;
-    out.several = found.several;
+    out.multi_joint = found.multi_joint;
     out.zero_force = found.zero_force;
     out.undetected_distance = std::max(0.0, *std::max_element(curve.path.s.begin(), curve.path.s.end()));
     std::copy(found.trigger, found.trigger + max_joints, out.trigger.begin());

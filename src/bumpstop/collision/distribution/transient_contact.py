@@ -35,13 +35,13 @@ def body_displacement(path: FloatArray, offset: float, stiffness: float, mass: f
     pieces = max(1, math.ceil(frequency * step / 0.5))
     short = step / pieces
     displaced, body_speed, compression = np.zeros(path.size), 0.0, 0.0
-    touching = parted = False
+    touching = separated = False
     pushed = 0.0
     for i in range(path.size - 1):
         speed = float(path[i + 1] - path[i]) / step
         for piece in range(pieces):
             begin = float(path[i]) + speed * short * piece
-            if parted:
+            if separated:
                 pushed += body_speed * short
                 continue
             left = short
@@ -56,7 +56,7 @@ def body_displacement(path: FloatArray, offset: float, stiffness: float, mass: f
             body_speed = speed - (closing * c - compression * frequency * s)
             compression = compression * c + closing / frequency * s
             # A body first touched where a piece ends is still being approached.
-            parted = compression <= 0 and speed <= body_speed
+            separated = compression <= 0 and speed <= body_speed
             pushed = begin + speed * short - offset - max(compression, 0.0)
         displaced[i + 1] = pushed
     return displaced

@@ -249,7 +249,7 @@ def integrate_trajectory(problem: CollisionProblem, *, refinement: int = 1) -> T
         force_at_detection=mixer.distribution(np.where(after, force, math.nan), mass),
         detection_delay=mixer.distribution(np.where(after, late, math.nan), mass),
         trigger_joint_probability=triggers,
-        multi_joint_probability=min(1.0, float(weight @ out["several"]) / detected) if detected > 0 else math.nan,
+        multi_joint_probability=min(1.0, float(weight @ out["multi_joint"]) / detected) if detected > 0 else math.nan,
         false_alarm_probability=false_alarm,
         undetected_probability=min(1.0, float(never.sum())),
         no_contact_probability=max(0.0, float(weight @ out["no_contact"])),
@@ -265,7 +265,7 @@ def integrate_trajectory(problem: CollisionProblem, *, refinement: int = 1) -> T
 
 # Of onsets, then of their detections.
 _COLUMNS = (
-    *("false_alarm", "undetected", "no_contact", "several", "zero_force", "undetected_distance", "trigger"),
+    *("false_alarm", "undetected", "no_contact", "multi_joint", "zero_force", "undetected_distance", "trigger"),
     *("undetected_peak", "undetected_duration"),
     *("tick", "probability", "max_distance", "distance", "peak", "duration", "force"),
 )
