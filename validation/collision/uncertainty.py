@@ -28,7 +28,7 @@ Array = npt.NDArray[np.float64]
 
 def compare(findings: Findings, *, quick: bool) -> None:
     """Coverage, order of the tornado, inconclusive verdicts, importance sampling."""
-    _coverage(findings, 5 if quick else 500)
+    _coverage(findings, 3 if quick else 500)
     _order(findings, 3 if quick else 200)
     _swaps(findings, 6 if quick else 200, 40 if quick else 400)
     _swaps_at_confidence(findings, 1 if quick else 30)

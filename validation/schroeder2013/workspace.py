@@ -72,7 +72,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
     """Draw poses and directions, and compute the distribution of each."""
     facts = load("dissertation")
     study, pose_facts = facts["workspace_study"], facts["robot"]["simulation_pose"]
-    count = 100 if quick else 2000
+    count = 30 if quick else 2000
     robot = bs.Robot.load("sia5d")
     findings.say(
         f"{count} poses, each joint even between its limits, joint 7 held at 0; the tool moves at "
