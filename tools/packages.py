@@ -104,8 +104,9 @@ def main() -> None:
         print(f"CPython {version} with headers is not on this machine: no wheel for it", flush=True)
     if not here or (missing and chosen.require_all):
         sys.exit(f"wanted CPython {', '.join(missing)}")
-    shutil.rmtree(out, ignore_errors=True)
-    out.mkdir(parents=True)
+    out.mkdir(parents=True, exist_ok=True)
+    for old in out.glob("bumpstop-*"):
+        old.unlink()
     sdist = build_sdist(next(iter(here.values())), work, out)
     print(f"sdist: {sdist.name}, {sdist.stat().st_size / 1e6:.1f} MB", flush=True)
     for version, python in here.items():
