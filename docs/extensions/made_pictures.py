@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -15,18 +16,17 @@ from figures import PICTURES
 from sphinx.util.docutils import SphinxDirective
 
 ROOT = Path(__file__).resolve().parents[2]
+_HAND, _SIGNED = "examples/01_hand_downward.toml", '--cell Press --author "A. Smith" --revision A'
 # Name of the page, the command that makes it, its first page, what it shows.
 GALLERY = (
-    ("hand", "evaluate examples/01_hand_downward.toml", "report.html", "A collision that is acceptable"),
+    ("hand", f"evaluate {_HAND}", "report.html", "A collision that is acceptable"),
     ("lower_arm", "evaluate examples/02_lower_arm_downward.toml", "report.html", "A collision that is not"),
     ("uncertain", "evaluate examples/07_hand_uncertain.toml", "report.html", "A verdict with an interval"),
     ("cell", "evaluate examples/register/sia5d_downward.csv", "report.html", "All contact situations of a cell"),
-    ("dossier", 'report examples/register/sia5d_downward.csv --cell Press --author "A. Smith" --revision A', "report.html",
-     "A dossier to print and sign"),
-    ("parameters", "study parameters examples/01_hand_downward.toml --vary motion.speed=10:100", "report.html",
-     "What lowers the force"),
+    ("dossier", f"report examples/register/sia5d_downward.csv {_SIGNED}", "report.html", "A dossier to print and sign"),
+    ("parameters", f"study parameters {_HAND} --vary motion.speed=10:100", "report.html", "What lowers the force"),
     ("gauge", "measure read examples/measure/hand.csv", "report.html", "A recording of a force gauge"),
-)  # fmt: skip
+)
 
 
 class MadeFigure(SphinxDirective):
@@ -72,8 +72,6 @@ def make_pages(app: Any, failure: Exception | None) -> None:
     if failure is not None or app.builder.name != "html":
         return
     program = "from bumpstop.cli.main import main; main()"
-    import shlex
-
     for name, command, page, _ in GALLERY:
         out = Path(app.outdir) / "made" / name
         words = [sys.executable, "-c", program, *shlex.split(command), "--out", str(out)]

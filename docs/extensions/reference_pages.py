@@ -11,13 +11,27 @@ from types import NoneType
 from typing import Any, get_args
 
 from docutils import nodes
+from pygments.lexers.special import TextLexer
 from sphinx.util.docutils import SphinxDirective
 
 import bumpstop as bs
 from bumpstop.cli.completion import scenario_keys
 
 ROOT = Path(__file__).resolve().parents[2]
-ELSEWHERE = ("index", "gallery", "faq", "cheat_sheet", "glossary", "packages")
+# Pages beside the index that its own table or those of other chapters name.
+PLACED = (
+    "index",
+    "gallery",
+    "faq",
+    "cheat_sheet",
+    "glossary",
+    "packages",
+    "live",
+    "program",
+    "view",
+    "scale",
+    "reliability",
+)
 CPP_NAMES = ("CollisionSetup", "GaussianThresholds", "Contact", "Detector", "DetectorOutput", "DetectorEvent")
 
 
@@ -54,7 +68,11 @@ class ScenarioKeys(_Written):
 
 
 def _shown(value: Any) -> str:
-    return {None: "none", True: "true", False: "false"}.get(value, str(value)) if not isinstance(value, list) else str(value)
+    return (
+        {None: "none", True: "true", False: "false"}.get(value, str(value))
+        if not isinstance(value, list)
+        else str(value)
+    )
 
 
 def _kind(field: Any) -> str:
@@ -154,7 +172,9 @@ class Headers(_Written):
     def lines(self) -> list[str]:
         """An entry for each struct."""
         if not shutil.which("doxygen"):
-            return ["Doxygen was not installed where this site was built: the comments of the headers are not shown here."]
+            return [
+                "Doxygen was not installed where this site was built: the comments of the headers are not shown here."
+            ]
         text = ["```{eval-rst}"]
         for name in CPP_NAMES:
             kind = "class" if name == "Detector" else "struct"
@@ -163,12 +183,17 @@ class Headers(_Written):
 
 
 class RoomPages(_Written):
-    """A table of contents of the pages beside the index that no other page lists: those of the rooms."""
+    """A table of contents of pages beside the index: those that are named and exist, or all that are not placed."""
+
+    optional_arguments = 20
 
     def lines(self) -> list[str]:
-        """The table."""
-        pages = sorted(path.stem for path in (ROOT / "docs").glob("*.md"))
-        return ["```{toctree}", ":maxdepth: 1", *(f"/{page}" for page in pages if page not in ELSEWHERE), "```"]
+        """The table; nothing where no page exists."""
+        there = sorted(path.stem for path in (ROOT / "docs").glob("*.md"))
+        pages = [page for page in self.arguments if page in there] or [p for p in there if p not in PLACED]
+        if self.arguments and not set(self.arguments) & set(there):
+            return []
+        return ["```{toctree}", ":maxdepth: 1", *(f"/{page}" for page in pages), "```"]
 
 
 def run_doxygen(app: Any) -> None:
@@ -193,11 +218,25 @@ def run_doxygen(app: Any) -> None:
         "WARNINGS": "NO",
         "EXTRACT_ALL": "YES",
         "JAVADOC_AUTOBRIEF": "YES",
+        "AUTOLINK_SUPPORT": "NO",
         "MACRO_EXPANSION": "YES",
         "EXPAND_ONLY_PREDEF": "YES",
     }
     text = "\n".join(f"{name} = {value}" for name, value in settings.items())
     subprocess.run(["doxygen", "-"], input=text, text=True, check=True, capture_output=True)
+
+
+def unlink_what_is_outside(app: Any, page: str, source: list[str]) -> None:
+    """Keep the words of links to files of the repository that are no pages of the site."""
+    folder = (Path(app.srcdir) / page).parent
+
+    def words(link: re.Match[str]) -> str:
+        path = link[2].partition("#")[0]
+        if not path or ":" in path or (folder / path).resolve().is_relative_to(Path(app.srcdir).resolve()):
+            return link[0]
+        return link[1]
+
+    source[0] = re.sub(r"\[([^\]]+)\]\(([^)\s]+)\)", words, source[0])
 
 
 def setup(app: Any) -> dict[str, bool]:
@@ -208,4 +247,6 @@ def setup(app: Any) -> dict[str, bool]:
     app.add_directive("headers", Headers)
     app.add_directive("room-pages", RoomPages)
     app.connect("builder-inited", run_doxygen, priority=100)
+    app.connect("source-read", unlink_what_is_outside)
+    app.add_lexer("csv", TextLexer)
     return {"parallel_read_safe": False}
