@@ -66,6 +66,7 @@ autosummary_generate = False
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_use_ivar = True
+napoleon_attr_annotations = False
 
 nitpicky = True
 # Types in signatures are those of numpy, polars and the standard library, whose pages are not here.

@@ -74,6 +74,7 @@ def make_pages(app: Any, failure: Exception | None) -> None:
     program = "from bumpstop.cli.main import main; main()"
     for name, command, page, _ in GALLERY:
         out = Path(app.outdir) / "made" / name
+        shutil.rmtree(out, ignore_errors=True)
         words = [sys.executable, "-c", program, *shlex.split(command), "--out", str(out)]
         done = subprocess.run(words, cwd=ROOT, env=os.environ, capture_output=True, text=True, check=False)
         if done.returncode not in (0, 3, 4) or not (out / page).exists():

@@ -239,6 +239,13 @@ def unlink_what_is_outside(app: Any, page: str, source: list[str]) -> None:
     source[0] = re.sub(r"\[([^\]]+)\]\(([^)\s]+)\)", words, source[0])
 
 
+def keep_bars(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Escape the bars of absolute values in docstrings: Sphinx would take what is between them for a substitution."""
+    for number, line in enumerate(lines):
+        parts = line.split("``")
+        lines[number] = "``".join(part if k % 2 else part.replace("|", r"\|") for k, part in enumerate(parts))
+
+
 def setup(app: Any) -> dict[str, bool]:
     """Register the directives."""
     app.add_directive("scenario-keys", ScenarioKeys)
@@ -247,6 +254,7 @@ def setup(app: Any) -> dict[str, bool]:
     app.add_directive("headers", Headers)
     app.add_directive("room-pages", RoomPages)
     app.connect("builder-inited", run_doxygen, priority=100)
+    app.connect("autodoc-process-docstring", keep_bars)
     app.connect("source-read", unlink_what_is_outside)
     app.add_lexer("csv", TextLexer)
     return {"parallel_read_safe": False}
