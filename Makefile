@@ -9,7 +9,7 @@ INSTRUCTION_SETS ?= runnable
 EXTRA = $(BIN)/python -c 'import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"][sys.argv[1]])'
 SOURCES := pyproject.toml CMakeLists.txt README.md $(shell find include bindings cmake src -type f -not -name '*.pyc')
 
-.PHONY: build run test lower-bounds validate bench lint format clean
+.PHONY: build run test lower-bounds validate bench lint format wheel docs clean
 
 build: $(VENV)/.built
 
@@ -84,5 +84,20 @@ format: $(VENV)/.linted
 	$(BIN)/ruff format .
 	clang-format -i $$(git ls-files '*.hpp' '*.cpp')
 
+# An sdist and a wheel for each CPython here, with the kernels of all instruction sets, each tried in an empty environment.
+wheel:
+	$(PYTHON) tools/packages.py
+
+$(VENV)/.documented: $(VENV)/.built
+	$(BIN)/pip install --quiet $$($(EXTRA) docs)
+	touch $@
+
+# Warnings are errors; then links, requests to other hosts, figures and the search are checked.
+docs: $(VENV)/.documented
+	@command -v doxygen >/dev/null || echo "doxygen is not installed: the reference of C++ will say so"
+	rm -rf build/site
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m sphinx -b html -W --keep-going -q docs build/site
+	$(BIN)/python tools/check_site.py build/site
+
 clean:
-	rm -rf $(VENV) build out .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist out docs/made .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -7,11 +7,17 @@ from typing import Annotated
 
 import typer
 
+from bumpstop.cli.completion import complete_limits
+
 
 def bodies(
     limits: Annotated[
         str | None,
-        typer.Option(help="Only this table: a built-in name or a path.", show_default="all built-in"),
+        typer.Option(
+            help="Only this table: a built-in name or a path.",
+            show_default="all built-in",
+            autocompletion=complete_limits,
+        ),
     ] = None,
     form: Annotated[
         Path | None,

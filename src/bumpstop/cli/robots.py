@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bumpstop.cli.command_group import CommandGroup
+from bumpstop.cli.completion import complete_robot
 from bumpstop.cli.picture_files import check_picture, save_picture
 from bumpstop.errors import InputError
 from bumpstop.text_files import is_path
@@ -53,7 +54,12 @@ def robots(context: typer.Context) -> None:
 
 @app.command("show")
 def show(
-    robot: Annotated[str, typer.Argument(help="A built-in name, or the path of a URDF file.", show_default=False)],
+    robot: Annotated[
+        str,
+        typer.Argument(
+            help="A built-in name, or the path of a URDF file.", show_default=False, autocompletion=complete_robot
+        ),
+    ],
     base: Annotated[str | None, typer.Option(help="Link of the URDF where the chain begins.")] = None,
     tip: Annotated[str | None, typer.Option(help="Link of the URDF where the chain ends.")] = None,
     strict_inertia: Annotated[
@@ -82,7 +88,12 @@ def show(
 
 @app.command("export")
 def export(
-    robot: Annotated[str, typer.Argument(help="A built-in name, or the path of a URDF file.", show_default=False)],
+    robot: Annotated[
+        str,
+        typer.Argument(
+            help="A built-in name, or the path of a URDF file.", show_default=False, autocompletion=complete_robot
+        ),
+    ],
     file: Annotated[Path, typer.Argument(help="Where to write it.", show_default=False)],
     base: Annotated[str | None, typer.Option(help="Link of the URDF where the chain begins.")] = None,
     tip: Annotated[str | None, typer.Option(help="Link of the URDF where the chain ends.")] = None,

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, cast
+from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
 
 from bumpstop import _native
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.problem import CollisionProblem
+from bumpstop.display import CURVE, EVENT, Displayed
 from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # Ends of a line at which the arm comes to rest; at the others it would go on.
 AT_REST = ("joint_limit", "singularity")
@@ -33,7 +37,7 @@ class TrajectoryReactions:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class StoppingCurve:
+class StoppingCurve(Displayed):
     """Where the contact point is at every feedback tick, and the farthest it still gets if the arm reacts there.
 
     Attributes:
@@ -65,6 +69,13 @@ class StoppingCurve:
     def __repr__(self) -> str:
         """How long it is, and why it ends."""
         return f"StoppingCurve({self.ticks} ticks, {1e3 * self.distance[-1]:.4g} mm, end={self.end!r})"
+
+    def _draw(self, axes: Axes) -> None:
+        """Draw where the contact point is at every control cycle, and how far it gets if the arm reacts then."""
+        axes.plot(1e3 * self.tick_time, 1e3 * self.max_distance, color=CURVE, label="stopping distance")
+        axes.plot(1e3 * self.tick_time, 1e3 * self.tick_distance, "--", color=EVENT, label="distance")
+        axes.set(xlabel="time of the control cycle, ms", ylabel="along the normal, mm")
+        axes.legend()
 
     @property
     def line(self) -> _native.LineStoppingCurve:

@@ -32,13 +32,17 @@ from bumpstop.collision.verdict.alarm_rate import alarm_rate
 from bumpstop.collision.verdict.two_phase import TwoPhaseUse, phase_shares
 from bumpstop.collision.verdict.verdict import Verdict, judge
 from bumpstop.collision.verdict.verdict_notes import nothing_hit, verdict_notes
+from bumpstop.display import CURVE, FAINT, LIMIT, Displayed
 
 if TYPE_CHECKING:
+    import polars as pl
+    from matplotlib.axes import Axes
+
     from bumpstop.collision.scenario.scenario import Scenario
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CollisionResult:
+class CollisionResult(Displayed):
     """The distribution of one collision over contact offset and sensor noise.
 
     Attributes:
@@ -305,6 +309,29 @@ class CollisionResult:
         from bumpstop.collision.summary import summary_text
 
         return summary_text(self)
+
+    def to_frame(self) -> pl.DataFrame:
+        """Data frame of quantiles of an integrated distribution, or of the runs of a sampled one: ``law.parquet``."""
+        from bumpstop.collision.tables import result_table
+
+        return result_table(self)
+
+    def _draw(self, axes: Axes) -> None:
+        """Draw the probability of a larger peak force, with the force that the limits allow."""
+        from bumpstop.collision.distribution.distribution import NEGLIGIBLE
+
+        levels = 1 - np.logspace(-0.001, -9, 73)
+        quantiles = {float(self.peak_force.quantile(float(p))) for p in levels}
+        force = np.array(sorted(value for value in quantiles if np.isfinite(value)))
+        shown = [max(self.peak_force.exceedance(float(value)), NEGLIGIBLE) for value in force]
+        axes.semilogy(force, shown, color=CURVE)
+        axes.axhline(self.verdict.accepted_probability, color=FAINT, linewidth=1, linestyle="--")
+        if self.verdict.limits is not None:
+            contact = self.scenario.contact
+            allowed = self.verdict.limits.allowed_force_N(contact.area_cm2, contact.peak_factor)
+            axes.axvline(allowed, color=LIMIT, label="allowed force")
+            axes.legend()
+        axes.set(xlabel="peak force, N", ylabel="probability of a larger one", ylim=(1e-9, 2), xlim=(0, None))
 
     def to_json(self) -> dict[str, Any]:
         """The object that ``bumpstop evaluate --json`` prints; figures that are not finite are None."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_number
+from bumpstop.display import EVENT, LIMIT, Displayed
 from bumpstop.errors import InputError
 from bumpstop.terminal import table, text_of
 
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import numpy.typing as npt
+    import polars as pl
+    from matplotlib.axes import Axes
     from rich.console import Console
 
 STATES = ("no_data", "arming", "monitoring", "alarm")
@@ -137,7 +140,7 @@ class Event:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DetectionRun:
+class DetectionRun(Displayed):
     """A detector over a recording.
 
     Attributes:
@@ -178,6 +181,28 @@ class DetectionRun:
 
     def __str__(self) -> str:
         return text_of(self.show)
+
+    def to_frame(self) -> pl.DataFrame:
+        """Data frame with a row for each sample: ``t``, ``state``, ``residual_1`` .., ``threshold_1`` .."""
+        import polars as pl
+
+        columns: dict[str, Any] = {"t": self.t, "state": [STATES[place] for place in self.state]}
+        for stem, values in (("residual", self.residual), ("threshold", self.threshold)):
+            columns |= {f"{stem}_{j + 1}": values[:, j] for j in range(values.shape[1])}
+        return pl.DataFrame(columns)
+
+    def _draw(self, axes: Axes) -> None:
+        """Draw each monitored joint's residual over its threshold, and the events."""
+        for event in self.events:
+            axes.axvspan(event.t, event.end, color=EVENT, alpha=0.3, linewidth=0)
+        for j in range(self.residual.shape[1]):
+            if np.isfinite(self.threshold[:, j]).any():
+                axes.plot(
+                    self.t, np.abs(self.residual[:, j]) / self.threshold[:, j], linewidth=0.8, label=f"joint {j + 1}"
+                )
+        axes.axhline(1, color=LIMIT)
+        axes.set(xlabel="time, s", ylabel="residual over threshold", ylim=(0, None))
+        axes.legend(fontsize="x-small", ncols=4)
 
     def show(self, console: Console) -> None:
         """Print what ``bumpstop detect`` prints."""

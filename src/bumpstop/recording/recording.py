@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.errors import InputError
 from bumpstop.model import Robot
 from bumpstop.recording.read_report import ReadReport
+
+if TYPE_CHECKING:
+    import polars as pl
 
 _NOTHING_READ = ReadReport()
 
@@ -98,6 +101,28 @@ class Recording:
         from bumpstop.text_files import as_path
 
         return cls(**read(as_path(path, "path"), columns, as_number(max_bad, "max_bad"), robot, topic, rate_hz))
+
+    @classmethod
+    def from_frame(cls, frame: pl.DataFrame, *, joint_names: tuple[str, ...] = (), robot: str = "") -> Recording:
+        """A recording of a polars data frame with the columns of Parquet recordings, in SI.
+
+        Args:
+            frame: ``t``, ``q_1`` .. ``q_n``; perhaps ``qd_j``, ``current_j``, ``tau_j``, ``q_ref_j``, ``wrench_fx`` ..
+            joint_names: of the n joints.
+            robot: its built-in name or the path of its URDF.
+
+        Raises:
+            InputError: ``t`` or ``q_1`` is missing, or what :class:`Recording` rejects.
+        """
+        from bumpstop.recording.formats.writing import arrays_of
+
+        return cls(**arrays_of(frame), joint_names=joint_names, robot=robot)
+
+    def to_frame(self) -> pl.DataFrame:
+        """Polars data frame with the columns ``t``, ``q_1`` .. and what else there is, as in Parquet recordings."""
+        from bumpstop.recording.formats.writing import table_of
+
+        return table_of(self)
 
     def save(self, path: str | Path) -> None:
         """Write ``.parquet`` (everything), ``.csv`` (without names) or ``.mcap`` (``sensor_msgs/msg/JointState``).

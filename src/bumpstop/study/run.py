@@ -8,11 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bumpstop.display import CURVE, LIMIT, Displayed
 from bumpstop.errors import InputError
 from bumpstop.study.folder import StudyFolder
 
 if TYPE_CHECKING:
     import polars as pl
+    from matplotlib.axes import Axes
 
     from bumpstop.study.study import Study
 
@@ -21,7 +23,7 @@ Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
-class StudyResult:
+class StudyResult(Displayed):
     """What a study found. ``rows, summary = run(study)`` unpacks it.
 
     Attributes:
@@ -40,6 +42,26 @@ class StudyResult:
     def __str__(self) -> str:
         """What ``bumpstop study`` prints."""
         return "\n".join(self.study.lines(self.summary))
+
+    def to_frame(self) -> pl.DataFrame:
+        """The rows, as a data frame."""
+        return self.rows
+
+    def _draw(self, axes: Axes) -> None:
+        """Draw peak force against the first varied key, or how the first force or speed of the rows is distributed."""
+        if "kind" in self.rows.columns and "p99_N" in self.rows.columns:
+            sweep = self.rows.filter(self.rows["kind"] == "sweep")
+            key = sweep["key"][0]
+            points = sweep.filter(sweep["key"] == key).sort("value")
+            axes.plot(points["value"].to_numpy(), points["mean_N"].to_numpy(), color=CURVE, label="mean")
+            axes.plot(points["value"].to_numpy(), points["p99_N"].to_numpy(), "--", color=LIMIT, label="99 %")
+            axes.set(xlabel=key, ylabel="peak force, N", ylim=(0, None))
+            axes.legend()
+            return
+        column = next(name for ending in ("_N", "_mm_s") for name in self.rows.columns if name.endswith(ending))
+        values = self.rows[column].drop_nulls().to_numpy()
+        axes.ecdf(values[values < float("inf")], color=CURVE)
+        axes.set(xlabel=column, ylabel="share of rows below")
 
 
 def run(

@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bumpstop.display import ASSUMED, CURVE, LIMIT, Displayed
 from bumpstop.uncertainty.conclusion import Conclusion, rank_of
 from bumpstop.uncertainty.point_evaluation import LEVELS
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from bumpstop.arrays import FloatArray
     from bumpstop.collision import CollisionResult, Scenario
     from bumpstop.uncertainty.point_evaluation import Points
@@ -70,7 +73,7 @@ class TornadoBar:
 
 
 @dataclass(frozen=True, eq=False)
-class UncertainResult:
+class UncertainResult(Displayed):
     """A scenario with ``[uncertainty]``, evaluated.
 
     Attributes:
@@ -128,6 +131,16 @@ class UncertainResult:
         ranked = np.sort(self.points.force, axis=0)
         ranks = [rank_of(p, len(ranked)) for p in (1 - self.confidence, 0.5, self.confidence)]
         return np.asarray(ranked[ranks])
+
+    def _draw(self, axes: Axes) -> None:
+        """Draw the tornado chart: how far each input by itself moves the use of the limit, or its median force."""
+        for place, bar in enumerate(self.tornado):
+            left, right = sorted((bar.utilisation_low, bar.utilisation_high))
+            axes.barh(place, right - left, left=left, color=ASSUMED if bar.assumed else CURVE)
+        axes.set_yticks(range(len(self.tornado)), [bar.key for bar in self.tornado])
+        axes.invert_yaxis()
+        axes.axvline(1, color=LIMIT)
+        axes.set_xlabel("use of the limit")
 
     def __str__(self) -> str:
         from bumpstop.uncertainty.summary import summary_text

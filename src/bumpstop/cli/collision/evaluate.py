@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
+from bumpstop.cli.completion import complete_setting
 from bumpstop.errors import InputError
 
 NOT_ACCEPTABLE = 3
@@ -66,7 +67,12 @@ def command(
     ] = 2,
     changes: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Replace a key, e.g. --set contact.body=lower_arm_wrist."),
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            autocompletion=complete_setting,
+            help="Replace a key, e.g. --set contact.body=lower_arm_wrist.",
+        ),
     ] = None,
 ) -> int:
     """Compute the force distribution of a scenario and judge it; or of many, worst first.

@@ -9,6 +9,7 @@ import typer
 
 from bumpstop.cli.collision.evaluate import NOT_ACCEPTABLE
 from bumpstop.cli.collision.study import AsJson, Changes, ScenarioFile, load
+from bumpstop.cli.completion import complete_requirement
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ def require(
         list[str],
         typer.Option(
             metavar="KEY[=LOW:HIGH]",
+            autocompletion=complete_requirement,
             help="What is varied, and between which values; a second one makes a trade curve.",
             show_default=False,
         ),

@@ -12,6 +12,7 @@ import typer
 
 from bumpstop.cli.collision.evaluate import MAX_THREADS, change, whole
 from bumpstop.cli.command_group import CommandGroup
+from bumpstop.cli.completion import complete_body, complete_setting, complete_variable
 from bumpstop.cli.progress import progress
 
 if TYPE_CHECKING:
@@ -41,7 +42,12 @@ Out = Annotated[
 ]
 Changes = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Replace a key, e.g. --set contact.body=lower_arm_wrist."),
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        autocompletion=complete_setting,
+        help="Replace a key, e.g. --set contact.body=lower_arm_wrist.",
+    ),
 ]
 Threads = Annotated[
     int, typer.Option(parser=whole(1, MAX_THREADS), metavar="NUMBER", help="Threads; they do not change the result.")
@@ -107,7 +113,11 @@ def parameters(
     scenario: ScenarioFile,
     vary: Annotated[
         list[str] | None,
-        typer.Option(metavar="KEY=LOW:HIGH", help="Vary a key, e.g. --vary motion.speed=10:200; default: Schroeder's."),
+        typer.Option(
+            metavar="KEY=LOW:HIGH",
+            autocompletion=complete_variable,
+            help="Vary a key, e.g. --vary motion.speed=10:200; default: Schroeder's.",
+        ),
     ] = None,
     pair: Annotated[
         list[str] | None, typer.Option(metavar="KEY,KEY", help="Curves of equal risk over two varied keys.")
@@ -139,7 +149,10 @@ def parameters(
 @app.command("effectiveness")
 def effectiveness(
     scenario: ScenarioFile,
-    body: Annotated[list[str] | None, typer.Option(help="A body region of either table; default: all.")] = None,
+    body: Annotated[
+        list[str] | None,
+        typer.Option(help="A body region of either table; default: all.", autocompletion=complete_body),
+    ] = None,
     direction: Annotated[
         list[str] | None, typer.Option(help="down, up, forward, back, left or right; default: down and left.")
     ] = None,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
+from bumpstop.cli.completion import complete_robot
 from bumpstop.cli.option_names import as_options
 from bumpstop.cli.robots import load_robot
 from bumpstop.errors import InputError
@@ -27,7 +28,12 @@ ModelFile = Annotated[
     typer.Option("--model", help="Joint model (TOML or built-in name), or fitted dynamics; without: recorded torque."),
 ]
 RobotName = Annotated[
-    str | None, typer.Option("--robot", help="A built-in name, or the path of a URDF file; default: the model's.")
+    str | None,
+    typer.Option(
+        "--robot",
+        help="A built-in name, or the path of a URDF file; default: the model's.",
+        autocompletion=complete_robot,
+    ),
 ]
 Base = Annotated[str | None, typer.Option(help="Link of the URDF where the chain begins.")]
 Tip = Annotated[str | None, typer.Option(help="Link of the URDF where the chain ends.")]

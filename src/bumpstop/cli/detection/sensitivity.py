@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from bumpstop.cli.completion import complete_robot
 from bumpstop.cli.detection.residual_source import thresholds_of
 from bumpstop.cli.numbers import numbers
 from bumpstop.cli.robots import load_robot
@@ -24,7 +25,12 @@ _PERIOD = 0.004
 
 
 def command(
-    robot: Annotated[str, typer.Argument(help="A built-in name, or the path of a URDF file.", show_default=False)],
+    robot: Annotated[
+        str,
+        typer.Argument(
+            help="A built-in name, or the path of a URDF file.", show_default=False, autocompletion=complete_robot
+        ),
+    ],
     pose_deg: Annotated[
         str, typer.Option("--pose-deg", metavar="LIST", help="Joint positions [deg, or m]: 0,30,0.", show_default=False)
     ],

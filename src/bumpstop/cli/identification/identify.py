@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from bumpstop.cli.completion import complete_robot
 from bumpstop.cli.folders import check_file, check_folder
 from bumpstop.cli.identification.arm_recordings import (
     arm_of,
@@ -49,7 +50,12 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and 
 
 def identify(
     recordings: Files,
-    robot: Annotated[str, typer.Option(help="A built-in name, or the path of a URDF file.", show_default=False)],
+    robot: Annotated[
+        str,
+        typer.Option(
+            help="A built-in name, or the path of a URDF file.", show_default=False, autocompletion=complete_robot
+        ),
+    ],
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", help="Write the model there: a .toml, or a folder for it and a report."),
@@ -224,7 +230,10 @@ def validate(
     model: Annotated[Path, typer.Argument(help="Model that identify wrote.", show_default=False)],
     recordings: Files,
     robot: Annotated[
-        str | None, typer.Option(help="A built-in name, or the path of a URDF file; default: the model's.")
+        str | None,
+        typer.Option(
+            help="A built-in name, or the path of a URDF file; default: the model's.", autocompletion=complete_robot
+        ),
     ] = None,
     columns: Columns = None,
     begin: Begin = None,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bumpstop.cli.command_group import CommandGroup
+from bumpstop.cli.completion import complete_robot
 from bumpstop.cli.folders import check_folder, writing
 from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
@@ -28,7 +29,12 @@ app = typer.Typer(
     help="Plan motions that let an arm show its parameters.",
 )
 
-RobotName = Annotated[str, typer.Option(help="A built-in name, or the path of a URDF file.", show_default=False)]
+RobotName = Annotated[
+    str,
+    typer.Option(
+        help="A built-in name, or the path of a URDF file.", show_default=False, autocompletion=complete_robot
+    ),
+]
 Base = Annotated[str | None, typer.Option(help="Link of the URDF where the chain begins.")]
 Tip = Annotated[str | None, typer.Option(help="Link of the URDF where the chain ends.")]
 Folder = Annotated[Path | None, typer.Option("--out", "-o", help="Write plan and trajectories into this folder.")]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bumpstop.cli.command_group import CommandGroup
+from bumpstop.cli.completion import complete_robot
 from bumpstop.cli.detection.residual_source import Base, Tip
 from bumpstop.cli.picture_files import check_picture, save_picture
 from bumpstop.cli.robots import load_robot
@@ -31,7 +32,10 @@ app = typer.Typer(
 
 File = Annotated[Path, typer.Argument(help="CSV, Parquet, Excel, MATLAB, or a ROS 2 bag.", show_default=False)]
 ColumnFile = Annotated[Path | None, typer.Option("--columns", help="Column file (TOML): which columns hold what.")]
-RobotName = Annotated[str | None, typer.Option("--robot", help="A built-in name, or the path of a URDF file.")]
+RobotName = Annotated[
+    str | None,
+    typer.Option("--robot", help="A built-in name, or the path of a URDF file.", autocompletion=complete_robot),
+]
 Topic = Annotated[str | None, typer.Option("--topic", help="Topic of a bag that has several with joint states.")]
 MaxBad = Annotated[
     float, typer.Option("--max-bad", metavar="SHARE", help="Share of bad rows up to which they are dropped.")

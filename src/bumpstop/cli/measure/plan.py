@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bumpstop.cli.collision.evaluate import change, whole
+from bumpstop.cli.completion import complete_setting
 from bumpstop.cli.folders import check_folder
 from bumpstop.cli.measure.scenarios import named_scenarios
 from bumpstop.cli.option_names import as_options
@@ -63,7 +64,10 @@ def plan(
     ] = 128,
     seed: Annotated[int, typer.Option(parser=whole(0, 2**32 - 1), metavar="NUMBER", help="Seed of these points.")] = 0,
     changes: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Replace a key of all scenarios.")
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=VALUE", autocompletion=complete_setting, help="Replace a key of all scenarios."
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:

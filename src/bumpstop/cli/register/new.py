@@ -7,13 +7,17 @@ from typing import Annotated
 
 import typer
 
+from bumpstop.cli.completion import complete_robot
 from bumpstop.cli.folders import check_file
 from bumpstop.errors import InputError
 
 
 def command(
     robot: Annotated[
-        str, typer.Argument(help="A built-in robot; bumpstop robots lists them.", metavar="[ROBOT]")
+        str,
+        typer.Argument(
+            help="A built-in robot; bumpstop robots lists them.", metavar="[ROBOT]", autocompletion=complete_robot
+        ),
     ] = "ur10e",
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write it there instead of printing it.")

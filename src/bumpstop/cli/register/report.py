@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from bumpstop.cli.collision.evaluate import MAX_THREADS, Sampled, SampleSeed, change, whole
+from bumpstop.cli.completion import complete_setting
 from bumpstop.cli.register.evaluate import EXIT_STATUS, evaluate_paths, print_table
 from bumpstop.errors import InputError
 
@@ -39,7 +40,9 @@ def command(
     ] = 2,
     changes: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Replace a key of every situation."),
+        typer.Option(
+            "--set", metavar="KEY=VALUE", autocompletion=complete_setting, help="Replace a key of every situation."
+        ),
     ] = None,
 ) -> int:
     """Write the dossier of a cell: every contact situation with verdict, inputs, assumptions and measurements.

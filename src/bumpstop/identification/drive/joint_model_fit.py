@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from bumpstop.display import Displayed, draw_parameters, parameter_frame
 from bumpstop.errors import InputError, near_matches
 from bumpstop.identification.drive.current_scores import compare_currents
 from bumpstop.identification.drive.drive_model_selection import choose_settings
@@ -24,6 +25,8 @@ from bumpstop.joint.parameters import BOUNDS, OF_MAP
 from bumpstop.terminal import share, table, text_of
 
 if TYPE_CHECKING:
+    import polars as pl
+    from matplotlib.axes import Axes
     from rich.console import Console
 
     from bumpstop.identification.comparison import Comparison, JointScore
@@ -37,7 +40,7 @@ _MIN_GAIN, _MAX_VALUE = 1e-9, 1e9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class JointModelFit:
+class JointModelFit(Displayed):
     """A joint torque model, and what it was fitted to.
 
     Attributes:
@@ -67,6 +70,14 @@ class JointModelFit:
     inconsistent: tuple[str, ...] = ()
     gravity: tuple[float, float, float] = GRAVITY
     inertia_uncertainty: float = INERTIA_UNCERTAINTY
+
+    def to_frame(self) -> pl.DataFrame:
+        """Data frame with a row for each parameter: ``name``, ``value``, ``standard_error``."""
+        return parameter_frame(self.parameters, self.standard_errors)
+
+    def _draw(self, axes: Axes) -> None:
+        """Draw how many standard errors each parameter is from zero."""
+        draw_parameters(axes, self.parameters, self.standard_errors)
 
     def __str__(self) -> str:
         return text_of(self.show)

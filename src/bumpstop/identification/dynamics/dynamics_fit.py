@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.arrays import FloatArray
+from bumpstop.display import Displayed, draw_parameters, parameter_frame
 from bumpstop.errors import InputError
 from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
 from bumpstop.identification.dynamics.dynamics_model_selection import ENOUGH_TO_CHOOSE, best_friction, choose_cutoff
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Mapping, Sequence
 
+    import polars as pl
+    from matplotlib.axes import Axes
+
     from bumpstop.identification.comparison import Comparison, JointScore
     from bumpstop.identification.dynamics.dynamics_system import System
     from bumpstop.identification.payload.payload import Payload
@@ -35,7 +39,7 @@ ENOUGH_TO_FIT = 10_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DynamicsFit:
+class DynamicsFit(Displayed):
     """Dynamics that recordings show, with the errors of their parameters.
 
     Attributes:
@@ -90,6 +94,14 @@ class DynamicsFit:
     rows_at_rest: FloatArray | None = None
     source: Mapping[str, str] = field(default_factory=dict)
     created_from: tuple[str, ...] = ()
+
+    def to_frame(self) -> pl.DataFrame:
+        """Data frame with a row for each parameter: ``name``, ``value``, ``standard_error``."""
+        return parameter_frame(self.parameters, self.standard_errors)
+
+    def _draw(self, axes: Axes) -> None:
+        """Draw how many standard errors each parameter is from zero."""
+        draw_parameters(axes, self.parameters, self.standard_errors)
 
     def __str__(self) -> str:
         """What ``bumpstop identify --model dynamics`` prints of a fit beside its scores."""

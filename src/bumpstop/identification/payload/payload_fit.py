@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.arrays import FloatArray
+from bumpstop.display import Displayed, draw_parameters, parameter_frame
 from bumpstop.errors import InputError
 from bumpstop.identification.comparison import Comparison, JointScore, joint_score
 from bumpstop.identification.dynamics.regressor import INERTIAL
@@ -27,6 +28,9 @@ from bumpstop.signal import correlation_time
 from bumpstop.text_files import toml_value, write_text
 
 if TYPE_CHECKING:
+    import polars as pl
+    from matplotlib.axes import Axes
+
     from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
@@ -44,7 +48,7 @@ _UNITS = {"m": "kg", "mx": "kg m", "my": "kg m", "mz": "kg m"}  # second moments
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PayloadFit:
+class PayloadFit(Displayed):
     """A payload at the tip; what the motion cannot show is None.
 
     Attributes:
@@ -129,6 +133,14 @@ class PayloadFit:
     def score(self, recording: Recording) -> tuple[JointScore, ...]:
         """How well the torque of the loaded arm is predicted, joint by joint."""
         return self.predict(recording).scores()
+
+    def to_frame(self) -> pl.DataFrame:
+        """Data frame with a row for each parameter: ``name``, ``value``, ``standard_error``."""
+        return parameter_frame(self.parameters, self.standard_errors)
+
+    def _draw(self, axes: Axes) -> None:
+        """Draw how many standard errors each parameter is from zero."""
+        draw_parameters(axes, self.parameters, self.standard_errors)
 
     def __str__(self) -> str:
         units = {joint.name: unit_of(joint) for joint in self.source.robot.joints}

@@ -70,6 +70,30 @@ def table_of(recording: Recording) -> pl.DataFrame:
     return pl.DataFrame(columns)
 
 
+def arrays_of(table: pl.DataFrame) -> dict[str, Any]:
+    """The arrays of a recording, from the columns that :func:`table_of` makes; other columns are left alone.
+
+    Raises:
+        InputError: no data frame of polars, or ``t`` or ``q_1`` is missing.
+    """
+    import polars as pl
+
+    if not isinstance(table, pl.DataFrame):
+        raise InputError("frame", f"is a {type(table).__name__}", "wanted a polars.DataFrame")
+    for name in ("t", "q_1"):
+        if name not in table.columns:
+            raise InputError("frame", f"has no column {name!r}", "wanted t, q_1 .. q_n, in s and rad or m")
+    found: dict[str, Any] = {"t": table["t"].to_numpy()}
+    for stem in ("q", "qd", "current", "tau", "q_ref"):
+        count = next(j for j in range(len(table.columns) + 1) if f"{stem}_{j + 1}" not in table.columns)
+        if count:
+            found[stem] = table.select([f"{stem}_{j + 1}" for j in range(count)]).to_numpy()
+    labels = [f"wrench_{label}" for label in ("fx", "fy", "fz", "tx", "ty", "tz")]
+    if set(labels) <= set(table.columns):
+        found["wrench"] = table.select(labels).to_numpy()
+    return found
+
+
 def _write_mcap(recording: Recording, path: Path) -> None:
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore

@@ -1,0 +1,75 @@
+"""Pages of the site that begin, teach and answer: their commands and notebooks, run from top to bottom."""
+
+from __future__ import annotations
+
+import contextlib
+import doctest
+import io
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+import pytest
+
+from docs.pages import AS_DOCTEST, ROOT, WIDTH, blocks
+from docs.test_commands import Shell
+
+CONSOLES = (
+    "start/first_verdict.md",
+    "tutorials/cell.md",
+    "tutorials/robot.md",
+    "tutorials/detector.md",
+    "how_to/recipes.md",
+)
+
+
+@pytest.mark.parametrize("page", CONSOLES)
+def test_commands_of_a_page(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", WIDTH)
+    shell = Shell(tmp_path, capsys)
+    for text in blocks(ROOT / "docs" / page, "console"):
+        parts = re.split(r"^\$ (.*)\n", text, flags=re.MULTILINE)
+        for command, wanted in zip(parts[1::2], parts[2::2], strict=True):
+            if command.startswith("python "):
+                words = [sys.executable, *shlex.split(command)[1:]]
+                done = subprocess.run(words, capture_output=True, text=True, check=False)
+                printed, shell.status = done.stdout + done.stderr, done.returncode
+            else:
+                printed = shell.run(command)
+            assert shell.status in (0, 3, 4), printed
+            assert doctest.OutputChecker().check_output(wanted, printed, AS_DOCTEST), f"$ {command}\n{printed}"
+
+
+def test_session_of_the_recipes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    text = "\n".join(blocks(ROOT / "docs" / "how_to" / "recipes.md", "pycon"))
+    test = doctest.DocTestParser().get_doctest(text, {}, "recipes", "recipes", 0)
+    assert doctest.DocTestRunner(optionflags=AS_DOCTEST).run(test).failed == 0
+
+
+@pytest.mark.parametrize("page", sorted(path.name for path in (ROOT / "docs" / "notebooks").glob("*.md")))
+def test_notebook(page: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its cells in one namespace; what stands last in a cell shows itself, as in a notebook."""
+    monkeypatch.chdir(ROOT)
+    cells = blocks(ROOT / "docs" / "notebooks" / page, r"\{code-cell\}")
+    assert len(cells) > 1
+    names: dict[str, object] = {}
+    shown = 0
+    with mpl.rc_context({"backend": "agg"}), contextlib.redirect_stdout(io.StringIO()):
+        for cell in cells:
+            exec(compile(cell, page, "exec"), names)
+            last = names.get(cell.strip().splitlines()[-1])
+            if hasattr(last, "_repr_html_"):
+                shown += last._repr_html_().count("<svg")
+    assert shown == len([cell for cell in cells if re.fullmatch(r"result|run|study", cell.strip().splitlines()[-1])])
+    import matplotlib.pyplot as plt
+
+    plt.close("all")
