@@ -1,0 +1,62 @@
+"""Files that appear whole or not at all: written under another name beside their place, then moved there."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def replacing(path: str | os.PathLike[str], *, durable: bool = False) -> Iterator[Path]:
+    """Give a path to write to; at the end of the block that file takes the place of ``path``, in one step.
+
+    An error inside the block leaves ``path`` as it was and nothing beside it. What is no ordinary file, such as
+    ``/dev/stdout``, is given as it is.
+
+    Args:
+        path: of the file; a symbolic link is followed.
+        durable: wait until the content is on the disk before it gets its name.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    place = Path(os.path.realpath(path))
+    mode = None
+    with contextlib.suppress(FileNotFoundError):
+        mode = place.stat().st_mode
+    if mode is not None and not stat.S_ISREG(mode):
+        yield place
+        return
+    # Short, as the name may already be as long as a file system allows.
+    waiting = place.with_name(f".{place.name[:40]}.{secrets.token_hex(6)}")
+    try:
+        yield waiting
+        if mode is not None:
+            waiting.chmod(stat.S_IMODE(mode))
+        if durable:
+            _wait_for_disk(waiting)
+        waiting.replace(place)
+        if durable:
+            _wait_for_disk(place.parent)
+    finally:
+        with contextlib.suppress(OSError):
+            waiting.unlink(missing_ok=True)
+
+
+def write_bytes(path: str | os.PathLike[str], content: bytes, *, durable: bool = False) -> None:
+    """Write a file whole or not at all; arguments and errors as :func:`replacing`."""
+    with replacing(path, durable=durable) as waiting:
+        waiting.write_bytes(content)
+
+
+def _wait_for_disk(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
