@@ -34,7 +34,7 @@ MAX_SETUPS = 100_000
 _BLOCK = 256
 # Nominal cost of a distribution [us]: of a clamped body before a rigid arm, and where arm or body give way. They
 # decide how many distributions a shard has, and nothing else.
-_RIGID_US, _GIVING_US = 800, 60_000
+_RIGID_US, _GIVING_US = 1000, 60_000
 # Problems that a worker keeps; a shard rarely has more setups.
 _KEPT_PROBLEMS = 8
 

@@ -56,7 +56,7 @@ def summarise(
             means = {name: float(total[g] / n) if n else None for name, total in sums.items()}
             share = float(acceptable[g] / judged[g]) if judged[g] else None
             found.append(
-                dict(zip(NAMES, names, strict=True))
+                dict[str, Any](zip(NAMES, names, strict=True))
                 | {"speed_mm_s": speed_mm_s, "distributions": n, "singular_starts": int(singular[g])}
                 | {"acceptable_share": share, **means, "largest_p99_N": float(worst[g]) if n else None}
             )

@@ -56,16 +56,17 @@ class ResultFolder:
         storage: the place.
     """
 
-    def __init__(self, location: Location | Storage, job: ShardedJob) -> None:
+    def __init__(self, location: Location | Storage, job: ShardedJob, fingerprint: str = "") -> None:
         """Of a job whose folder may not be there yet.
 
         Args:
             location: a path, or a URL that fsspec knows.
             job: whose rows it holds.
+            fingerprint: of the job when its rows were computed, to read what another build has left; default: now.
         """
         self.storage = location if isinstance(location, Storage) else storage_at(location)
         self.count = job.shards
-        self.fingerprint = job.fingerprint()
+        self.fingerprint = fingerprint or job.fingerprint()
         self._volume_shards = job.volume_shards
         self.made = False
 
@@ -133,6 +134,10 @@ class ResultFolder:
         if seal != self._checksum(number, content):
             raise DamagedError(self._shard(number), str(self.storage))
         return pl.read_ipc_stream(io.BytesIO(content))
+
+    def has_shard(self, number: int) -> bool:
+        """Whether a shard has a file of its own."""
+        return self._shard(number).rpartition("/")[2] in self.storage.sizes("shards")
 
     def drop(self, damaged: DamagedError) -> None:
         """Remove a damaged file: what it held counts as not computed."""
@@ -202,19 +207,32 @@ class ResultFolder:
         except OSError as error:
             raise self._unwritable(error) from None
 
-    def rows(self) -> Iterator[pl.DataFrame]:
-        """The rows of the result, volume by volume, each compared with its checksum.
+    def damaged_results(self) -> list[str]:
+        """What is wrong with files of the result that the manifest names, one sentence each."""
+        found = []
+        for name, checksum in self.manifest().get("files", {}).items():
+            try:
+                if hashlib.sha256(self.storage.read(name)).hexdigest() != checksum:
+                    found.append(DamagedError(name, str(self.storage)).problem)
+            except FileNotFoundError:
+                found.append(DamagedError(name, str(self.storage), "is not there").problem)
+            except OSError as error:
+                found.append(DamagedError(name, str(self.storage), f"cannot be read ({error.strerror})").problem)
+        return found
+
+    def read_summary(self) -> str:
+        """The summary, compared with its checksum.
 
         Raises:
-            DamagedError: a file is not what was written, or is not there.
+            DamagedError: it is not what was written.
         """
-        known = self.manifest().get("files", {})
-        for volume in range(self._volumes):
-            name = self._volume_name(volume)
-            try:
-                yield self._checked_rows(volume, known.get(name, ""))
-            except FileNotFoundError:
-                raise DamagedError(name, str(self.storage), "is not there") from None
+        try:
+            content = self.storage.read(SUMMARY)
+        except OSError as error:
+            raise DamagedError(SUMMARY, str(self.storage), f"cannot be read ({error.strerror})") from None
+        if hashlib.sha256(content).hexdigest() != self.manifest().get("files", {}).get(SUMMARY):
+            raise DamagedError(SUMMARY, str(self.storage))
+        return content.decode("utf-8")
 
     @property
     def complete(self) -> bool:

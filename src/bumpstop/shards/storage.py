@@ -123,10 +123,8 @@ class LocalStorage(Storage):
         if folder:
             shutil.rmtree(self.path / folder, ignore_errors=True)
             return
-        try:
+        with suppress(OSError):  # what else is in it is not ours
             self.path.rmdir()
-        except OSError:
-            pass  # what else is in it is not ours
 
     @contextmanager
     def lock(self, share: str | None) -> Iterator[None]:
