@@ -1,4 +1,4 @@
-"""A campaign: every combination of robot, tool, body, detector and arm, at random poses, in some directions and speeds."""
+"""A campaign: every combination of robot, tool, body, detector and arm, at random poses, in directions, at speeds."""
 
 from __future__ import annotations
 

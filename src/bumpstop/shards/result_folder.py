@@ -70,6 +70,10 @@ class ResultFolder:
         self._volume_shards = job.volume_shards
         self.made = False
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What is sent to a worker: it has not made the folder."""
+        return self.__dict__ | {"made": False}
+
     def open(self, job: ShardedJob, command: str = "") -> None:
         """Make the folder, or check that it is this job's.
 

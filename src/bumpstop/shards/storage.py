@@ -84,6 +84,10 @@ class LocalStorage(Storage):
     def __init__(self, path: Path) -> None:
         self.path = path
 
+    def __reduce__(self) -> tuple[type[LocalStorage], tuple[Path]]:
+        """Sent to a worker, whose current folder may be another."""
+        return type(self), (self.path.absolute(),)
+
     def __str__(self) -> str:
         return str(self.path)
 

@@ -235,7 +235,8 @@ def _in_cluster(job: ShardedJob, folder: ResultFolder, groups: Sequence[list[int
         reason = " ".join(str(error).split())[:200]
         raise InputError("--cluster", f"{address!r} cannot be reached ({reason})", "wanted tcp://host:port") from None
     try:
-        _submit_to(client, job, folder, groups, done, lost)
+        with client.as_current():
+            _submit_to(client, job, folder, groups, done, lost)
     finally:
         with contextlib.suppress(Exception):  # of a scheduler that is gone already
             client.close(timeout=2)

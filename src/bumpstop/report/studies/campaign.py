@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 # Rows of the table, and lines of the figure, that a page can hold.
 _MAX_ROWS = 2000
 _MAX_LINES = 8
-_SHARES = ("acceptable_share", "p_over_force", "p_over_pressure", "undetected")
+_PROBABILITIES = ("p_over_force", "p_over_pressure", "undetected")
 
 
 class SharesPart(Part):
@@ -47,7 +47,8 @@ class SharesPart(Part):
                 *(group[name] for name in self._axes),
                 f"{group['speed_mm_s']:g}",
                 str(group["distributions"]),
-                *(_share(group[name]) for name in _SHARES),
+                _count_share(group["acceptable_share"]),
+                *(_mean(group[name]) for name in _PROBABILITIES),
                 NONE if group["largest_p99_N"] is None else number(group["largest_p99_N"]),
             ]
             for group in self._groups[:_MAX_ROWS]
@@ -85,7 +86,7 @@ class SharesPart(Part):
         return found
 
     def _draw(self, figure: Figure) -> None:
-        panel = figure.add_axes((0.09, 0.16, 0.5, 0.78))
+        panel = figure.add_axes((0.13, 0.16, 0.47, 0.78))
         places = [NAMES.index(name) for name in self._axes]
         for i, (names, groups) in enumerate(list(self._lines().items())[:_MAX_LINES]):
             known = [group for group in groups if group["acceptable_share"] is not None]
@@ -154,5 +155,11 @@ def write_campaign_report(campaign: Campaign, summary: Mapping[str, Any], folder
     return write_document(Document("How hard, all over the cells", "bumpstop campaign", "campaign", parts), folder)
 
 
-def _share(value: float | None) -> str:
+def _count_share(value: float | None) -> str:
+    """A share of poses, which are counted: none is none."""
+    return NONE if value is None else f"{100 * value:.3g} %"
+
+
+def _mean(value: float | None) -> str:
+    """A mean of probabilities."""
     return NONE if value is None else percent(value, integrated=True)
