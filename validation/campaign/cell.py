@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import json
 import os
 import signal
 import subprocess
@@ -122,12 +123,12 @@ def cluster(workers: int, folder: Path) -> Iterator[tuple[str, subprocess.Popen[
         )
 
     place = folder / f"scheduler-{os.urandom(4).hex()}.json"
-    scheduler = start("dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(place))
+    scheduler = start(
+        "dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(place)
+    )
     own: list[subprocess.Popen[bytes]] = []
     try:
         wait_for(lambda: place.exists() and place.stat().st_size, "no scheduler")
-        import json
-
         address = json.loads(place.read_text(encoding="utf-8"))["address"]
         for _ in range(workers):
             options = ("--nthreads", "1", "--no-dashboard", "--no-nanny", "--local-directory", str(folder))

@@ -32,7 +32,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
 def _throughput(findings: Findings, folder: Path, *, pairs: int, poses: int) -> None:
     """Paired runs, one after the other, so that both meet the same neighbours."""
     cell = Cell(folder, poses=poses, shard_s=1.0 if poses > 100 else 0.1)
-    ratios, overheads, seconds, shards = [], [], [], 0
+    ratios, overheads, seconds, shards, shard_s = [], [], [], 0, 0.0
     for pair in range(pairs):
         found = {}
         for workers in (1, 2) if pair % 2 else (2, 1):
@@ -40,20 +40,20 @@ def _throughput(findings: Findings, folder: Path, *, pairs: int, poses: int) -> 
             if workers == 1:
                 overheads.append((found[1] - account.seconds) / found[1])
                 seconds.append(account.seconds / account.rows)
-                shards = account.shards
+                shards, shard_s = account.shards, account.seconds / account.shards
         ratios.append(found[1] / found[2])
         findings.progress(f"pair {pair + 1}: ratio {ratios[-1]:.3f}, overhead {100 * overheads[-1]:.2f} %")
     load = os.getloadavg()[0]
     findings.check(
         "two workers have at least 1.9 times the throughput of one",
         median(ratios) >= 1.9,
-        f"median {median(ratios):.3f} of {pairs} pairs, {min(ratios):.3f} to {max(ratios):.3f}; load of the machine {load:.1f}",
+        f"median {median(ratios):.3f} of {pairs} pairs, {min(ratios):.3f} to {max(ratios):.3f}; load {load:.1f}",
     )
     each = median(overheads)
     findings.check(
         "overhead is below 2 % of a run of one worker, its start and the joining of rows included",
         each < 0.02,
-        f"median {100 * each:.2f} % of {shards} shards of {sum(seconds) / len(seconds) * 640 * poses / 20 / shards:.2f} s",
+        f"median {100 * each:.2f} % of {shards} shards of {shard_s:.2f} s",
     )
     findings.figures["seconds_per_distribution"] = median(seconds)
     findings.table(

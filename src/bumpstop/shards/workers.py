@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -228,6 +229,8 @@ def _in_cluster(job: ShardedJob, folder: ResultFolder, groups: Sequence[list[int
     except ModuleNotFoundError:
         problem = f"{address!r} needs the package distributed"
         raise InputError("--cluster", problem, "pip install 'bumpstop[campaign]'") from None
+    # What the client logs of a lost connection is said in one sentence here.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     lost = InputError("--cluster", f"the scheduler at {address!r} is lost", "what is done is kept: resume")
     try:
         client = Client(address, timeout="10s", set_as_default=False, name="bumpstop")
