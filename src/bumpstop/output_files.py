@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import secrets
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import polars as pl
 
 
 @contextmanager
@@ -43,6 +48,10 @@ def replacing(path: str | os.PathLike[str], *, durable: bool = False) -> Iterato
         waiting.replace(place)
         if durable:
             _wait_for_disk(place.parent)
+    except OSError as error:
+        # In the words of the file that was asked for. Of some writers everything is in the message.
+        said = (error.strerror or str(error)).replace(str(waiting), str(place))
+        raise OSError(error.errno or errno.EIO, said, str(path)) from None
     finally:
         with contextlib.suppress(OSError):
             waiting.unlink(missing_ok=True)
@@ -52,6 +61,18 @@ def write_bytes(path: str | os.PathLike[str], content: bytes, *, durable: bool =
     """Write a file whole or not at all; arguments and errors as :func:`replacing`."""
     with replacing(path, durable=durable) as waiting:
         waiting.write_bytes(content)
+
+
+def write_parquet(path: str | os.PathLike[str], rows: pl.DataFrame, metadata: dict[str, str] | None = None) -> None:
+    """Write a Parquet file whole or not at all; OSError where it cannot be written."""
+    with replacing(path) as waiting:
+        rows.write_parquet(waiting, metadata=metadata)
+
+
+def write_csv(path: str | os.PathLike[str], rows: pl.DataFrame) -> None:
+    """Write a CSV file whole or not at all; OSError where it cannot be written."""
+    with replacing(path) as waiting:
+        rows.write_csv(waiting)
 
 
 def _wait_for_disk(path: Path) -> None:

@@ -172,12 +172,12 @@ def manifest_flipped(cell: Cell, out: Path, rng: random.Random) -> Outcome:
     """A bit of the manifest is flipped."""
     cell.run("run", cell.file, "--out", out)
     flip(out / "manifest.json", rng.random())
-    checked, checked_printed = cell.run("status", out, "--check")
+    checked, listed = cell.run("status", out, "--check")
     good, printed = _resume(cell, out)
     return _line(printed, "damaged"), good and checked in (
         2,
         3,
-    ) and "damaged" in checked_printed and "damaged" in printed
+    ) and "damaged" in listed and "damaged" in printed
 
 
 def two_clients(cell: Cell, out: Path, rng: random.Random) -> Outcome:

@@ -10,6 +10,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.errors import InputError
+from bumpstop.output_files import write_parquet
 from bumpstop.recording.formats.reader_process import read_guarded
 from bumpstop.signal import correlation_time
 from bumpstop.text_files import as_path
@@ -163,7 +164,7 @@ def write_residuals(path: str | Path, t: FloatArray, rows: FloatArray) -> None:
 
     columns = {"t": t} | {f"residual_{j + 1}": rows[:, j] for j in range(rows.shape[1])}
     try:
-        pl.DataFrame(columns).write_parquet(path)
+        write_parquet(path, pl.DataFrame(columns))
     except OSError as error:
         raise InputError(str(path), f"cannot be written ({error.strerror or error})") from None
 
