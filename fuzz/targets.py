@@ -69,12 +69,6 @@ def _dynamics(path: Path) -> None:
     DynamicsFit.load(path)
 
 
-def _detector(path: Path) -> None:
-    from bumpstop.detection import Detector
-
-    Detector.load(path)
-
-
 def _thresholds(path: Path) -> None:
     from bumpstop.detection import Thresholds
 
@@ -107,9 +101,9 @@ def _residuals(path: Path) -> None:
 
 def _trajectory(path: Path) -> None:
     import bumpstop as bs
-    from bumpstop.collision.trajectory.trajectory_file import read_trajectory
+    from bumpstop.collision.trajectory.trajectory_file import read_rows
 
-    read_trajectory(path, bs.Robot.load("sia5d"))
+    read_rows(path, bs.Robot.load("sia5d"))
 
 
 def _stopping_table(path: Path) -> None:
@@ -131,9 +125,9 @@ def _register(path: Path) -> None:
 
 
 def _experiment(path: Path) -> None:
-    from bumpstop.plant.experiment import load_experiment
+    from bumpstop.plant import Experiment
 
-    load_experiment(path)
+    Experiment.load(path)
 
 
 def _target(read: Read, module: str, *files: str) -> Target:
@@ -155,7 +149,6 @@ TARGETS: dict[str, Target] = {
     "limit_table": _target(_limits, "", "src/bumpstop/contact/data/*.toml"),
     "joint_model": _target(_joint_model, "", "src/bumpstop/joint/data/*.toml"),
     "dynamics": _target(_dynamics, "dynamics"),
-    "detector": _target(_detector, "detectors"),
     "thresholds": _target(_thresholds, "thresholds"),
     "labels": _target(_labels, "labels"),
     "columns": _target(_columns, "column_files"),
