@@ -22,6 +22,7 @@ import numpy as np  # noqa: E402
 import bumpstop as bs  # noqa: E402
 from bumpstop import _native  # noqa: E402
 from validation import page, plant, urdf  # noqa: E402
+from validation.campaign import faults, scale  # noqa: E402
 from validation.collision import (  # noqa: E402
     batches,
     convergence,
@@ -102,6 +103,8 @@ COMPARISONS = {
     "generic_fit": generic_fit,
     "tx40": tx40,
     "commissioning": commissioning,
+    "faults": faults,
+    "scale": scale,
 }
 
 

@@ -11,6 +11,8 @@ _MAX_LISTED = 40
 # Of a longer key or word only the ends are shown. Paths, which may be long, have separators.
 _MAX_LETTERS = 100
 _SHOWN_OF_EACH_END = 40
+# Of a longer message only the ends are shown: what was written may be a line of a million words.
+_MAX_MESSAGE, _SHOWN_OF_MESSAGE = 1500, 600
 
 
 class BumpstopError(Exception):
@@ -46,7 +48,10 @@ def _readable(message: str) -> str:
         text = word[0]
         return f"{text[:_SHOWN_OF_EACH_END]}...{text[-_SHOWN_OF_EACH_END:]} ({len(text)} letters)"
 
-    return re.sub(rf"[^\s/\\]{{{_MAX_LETTERS + 1},}}", cut, message)
+    message = re.sub(rf"[^\s/\\]{{{_MAX_LETTERS + 1},}}", cut, message)
+    if len(message) <= _MAX_MESSAGE:
+        return message
+    return f"{message[:_SHOWN_OF_MESSAGE]} ... {message[-_SHOWN_OF_MESSAGE:]} ({len(message)} letters)"
 
 
 def near_matches(name: str, known: Iterable[str]) -> str:

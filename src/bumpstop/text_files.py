@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from bumpstop.errors import InputError
+from bumpstop.output_files import write_bytes
 
 MAX_BYTES = 10_000_000
 
@@ -86,7 +87,7 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
     """
     path = as_path(path, "path")
     try:
-        path.write_bytes(text.encode("utf-8"))
+        write_bytes(path, text.encode("utf-8"))
     except UnicodeEncodeError as error:
         problem = f"cannot be written: {text[max(0, error.start - 20) : error.end]!r} is no text"
         raise InputError(str(path), problem, "wanted names of files in UTF-8") from None

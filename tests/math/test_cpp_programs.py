@@ -30,6 +30,7 @@ BUILDS = {
 PROGRAMS = [
     "math/lanes",
     "math/quadrature",
+    "math/threads",
     "model/chain",
     "model/dynamics/dynamics",
     "model/min_norm",

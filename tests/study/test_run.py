@@ -17,8 +17,8 @@ import polars as pl
 import pytest
 
 import bumpstop as bs
+from bumpstop.shards import code_digest
 from bumpstop.study import Study, run
-from bumpstop.study.study import code_digest
 from bumpstop.text_files import shell_command
 from collision.cases import control_group
 
@@ -310,7 +310,9 @@ def test_groups_that_end_in_another_order_make_the_same_rows(tmp_path: Path) -> 
     assert seen[-1] == 24
 
 
-@pytest.mark.parametrize("name", ["settings.toml", "shards/000002.arrow", "rows.parquet", "summary.json"])
+@pytest.mark.parametrize(
+    "name", ["settings.toml", "shards/000002.arrow", "rows.parquet", "summary.json", "manifest.json"]
+)
 def test_a_file_whose_writing_breaks_off_is_not_there(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -346,10 +348,10 @@ def test_a_file_whose_writing_breaks_off_is_not_there(
 def test_a_line_of_code_is_a_part_of_the_fingerprint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Rows of two builds are not mixed, whichever file of the package differs."""
     package = tmp_path / "bumpstop"
-    for name in ("study/study.py", "collision/result.py", "collision/data/table.toml", "errors.py", "kernel.so"):
+    for name in ("shards/sharded_job.py", "collision/result.py", "collision/data/table.toml", "errors.py", "kernel.so"):
         (package / name).parent.mkdir(parents=True, exist_ok=True)
         (package / name).write_text("x = 1\n")
-    monkeypatch.setattr("bumpstop.study.study.__file__", str(package / "study/study.py"))
+    monkeypatch.setattr("bumpstop.shards.sharded_job.__file__", str(package / "shards/sharded_job.py"))
     monkeypatch.setattr("bumpstop._native.module.__file__", str(package / "kernel.so"))
 
     def fingerprint() -> str:

@@ -5,6 +5,7 @@
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
+#include <cstddef>
 #include <exception>
 #include <functional>
 #include <mutex>
@@ -58,7 +59,8 @@ class MayBeInterrupted {
 };
 
 /// Does `work()` in so many threads, this one among them, and returns when all are done. Where this one may be interrupted
-/// the others stop with it. What one of them throws ends all of them, and is thrown here.
+/// the others stop with it. What one of them throws ends all of them, and is thrown here. Where the system has no memory
+/// for so many threads, those it has room for do all the work.
 template <class Work>
 void work_in_threads(int threads, Work work) {
     std::mutex mutex;
@@ -66,9 +68,9 @@ void work_in_threads(int threads, Work work) {
     std::exception_ptr thrown;
     std::atomic<bool> stopped{false};
     int busy = threads - 1;
-    const auto guarded = [&] {
+    const auto guarded = [&](const auto& what) {
         try {
-            work();
+            what();
         } catch (...) {
             const std::lock_guard lock(mutex);
             if (!thrown) thrown = std::current_exception();
@@ -76,21 +78,29 @@ void work_in_threads(int threads, Work work) {
         }
     };
     std::vector<std::thread> workers;
-    for (int i = 1; i < threads; ++i) {
-        workers.emplace_back([&] {
-            const MayBeInterrupted here([&] { return stopped.load(); });
-            guarded();
-            const std::lock_guard lock(mutex);
-            --busy;
-            done.notify_one();
-        });
+    workers.reserve(static_cast<std::size_t>(threads));
+    try {
+        for (int i = 1; i < threads; ++i) {
+            workers.emplace_back([&] {
+                guarded([&] {
+                    const MayBeInterrupted here([&] { return stopped.load(); });
+                    work();
+                });
+                const std::lock_guard lock(mutex);
+                --busy;
+                done.notify_one();
+            });
+        }
+    } catch (const std::exception&) {  // std::system_error, or std::bad_alloc
+        const std::lock_guard lock(mutex);
+        busy -= threads - 1 - static_cast<int>(workers.size());
     }
     {
         // This thread is asked in its own way, and stops where another has thrown.
         const std::function<bool()>* const own = detail::asking.stop;
         const auto stop = [&] { return stopped.load() || (own != nullptr && (*own)()); };
         const MayBeInterrupted here(stop);
-        guarded();
+        guarded(work);
         // Only here can it be heard that nobody wants the rest.
         std::unique_lock lock(mutex);
         while (busy > 0) {

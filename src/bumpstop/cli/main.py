@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from bumpstop.cli import bodies, plant, robots
+from bumpstop.cli.campaign import campaign
 from bumpstop.cli.collision import evaluate, require, speed_limits, stopping, study
 from bumpstop.cli.command_group import CommandGroup
 from bumpstop.cli.detection import detect, score, sensitivity, tune
@@ -36,6 +37,7 @@ app.add_typer(robots.app, name="robots")
 app.add_typer(recording.app, name="recording")
 study.app.command("speed-limits")(speed_limits.speed_limits)
 app.add_typer(study.app, name="study")
+app.add_typer(campaign.app, name="campaign")
 app.add_typer(plant.app, name="plant")
 app.command("require")(require.require)
 app.command("stopping")(stopping.command)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bumpstop.errors import InputError
+from bumpstop.output_files import write_bytes
 
 if TYPE_CHECKING:
     from bumpstop.report.picture import Picture
@@ -21,7 +22,7 @@ def save_picture(picture: Picture, path: Path) -> None:
     """Draw into a file, as its ending says."""
     drawn = picture.render()
     try:
-        path.write_bytes(drawn.png if path.suffix == ".png" else drawn.svg.encode("utf-8"))
+        write_bytes(path, drawn.png if path.suffix == ".png" else drawn.svg.encode("utf-8"))
     except OSError as error:
         problem = f"{str(path)!r} cannot be written ({error.strerror})"
         raise InputError("--picture", problem, "give another file") from None

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
+from bumpstop.output_files import write_bytes, write_parquet
 from bumpstop.recording import Recording
 from bumpstop.text_files import to_toml
 
@@ -187,12 +188,12 @@ class PlantRun:
         try:
             out.mkdir(parents=True, exist_ok=True)
             self.recording.save(out / RECORDING)
-            (out / TRUTH).write_text(to_toml(self.truth), encoding="utf-8")
+            write_bytes(out / TRUTH, to_toml(self.truth).encode("utf-8"))
             columns: dict[str, Any] = {"t": self.trace.t}
             for stem in ("q", "qd", "qdd", "tau", "friction", "contact_force", "measured_force"):
                 value = getattr(self.trace, stem)
                 columns |= {f"{stem}_{j + 1}": value[:, j] for j in range(value.shape[1])}
-            pl.DataFrame(columns).write_parquet(out / TRACE)
+            write_parquet(out / TRACE, pl.DataFrame(columns))
         except OSError as error:
             problem = f"{str(folder)!r} cannot be written ({error.strerror or error})"
             raise InputError("--out", problem, "give another folder") from None

@@ -6,6 +6,7 @@ from importlib import resources
 from typing import TYPE_CHECKING
 
 from bumpstop.errors import InputError
+from bumpstop.output_files import write_bytes
 from bumpstop.report.made_by import made_by
 from bumpstop.report.markup import Html, element
 
@@ -86,9 +87,9 @@ class Document:
         path = folder / "report.html"
         folder.mkdir(parents=True, exist_ok=True)
         for figure in self.figures:
-            (folder / f"{figure.picture.name}.svg").write_text(figure.svg, encoding="utf-8", newline="\n")
-            (folder / f"{figure.picture.name}.png").write_bytes(figure.png)
-        path.write_text(self.html(), encoding="utf-8", newline="\n")
+            write_bytes(folder / f"{figure.picture.name}.svg", figure.svg.encode("utf-8"))
+            write_bytes(folder / f"{figure.picture.name}.png", figure.png)
+        write_bytes(path, self.html().encode("utf-8"))
         return path
 
 

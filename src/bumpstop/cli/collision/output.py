@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bumpstop.errors import InputError
+from bumpstop.output_files import write_bytes, write_parquet
 
 if TYPE_CHECKING:
     from bumpstop.collision import CollisionResult
@@ -30,8 +31,8 @@ def write_outputs(result: CollisionResult, folder: Path, uncertain: UncertainRes
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "settings.toml").write_bytes(settings_toml(result, uncertain).encode("utf-8"))
-        result_table(result).write_parquet(folder / "law.parquet")
+        write_bytes(folder / "settings.toml", settings_toml(result, uncertain).encode("utf-8"))
+        write_parquet(folder / "law.parquet", result_table(result))
         return write_report(result, folder, uncertain=uncertain)
     except UnicodeEncodeError as error:
         text = error.object[max(0, error.start - 20) : error.end]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from bumpstop import output_files
 from bumpstop.cli.collision.evaluate import NOT_ACCEPTABLE, whole
 from bumpstop.cli.collision.study import AsJson, Changes, Out, ScenarioFile, Seed, Threads, execute, load
 from bumpstop.errors import InputError
@@ -123,13 +124,13 @@ def _along(study: TrajectorySpeedLimits, null_space: bool, out: Path | None, as_
             # Left from another run they would be taken for this trajectory's.
             for name in ("retimed.csv", "retimed.json"):
                 (out / name).unlink(missing_ok=True)
-        rows.select("waypoint", "t_s", "limit_mm_s").write_csv(out / "speed_limit.csv")
+        output_files.write_csv(out / "speed_limit.csv", rows.select("waypoint", "t_s", "limit_mm_s"))
         files.append("speed_limit.csv")
         parts: list[Any] = [TrajectorySpeedLimitsPart(rows, summary, _speeds(study, retimed, rows))]
         if null_space:
             waypoints = rows.filter(~rows["between"])
             suggestions = _suggest(study, waypoints)
-            suggestions.write_parquet(out / "suggestions.parquet")
+            output_files.write_parquet(out / "suggestions.parquet", suggestions)
             files.append("suggestions.parquet")
             parts.append(SuggestionPart(waypoints, suggestions))
         return "Safe speed along a trajectory", parts, _NOTES

@@ -23,6 +23,7 @@ from bumpstop.cli.folders import check_folder, writing
 from bumpstop.cli.option_names import as_options
 from bumpstop.cli.progress import progress
 from bumpstop.errors import InputError
+from bumpstop.output_files import write_bytes
 from bumpstop.terminal import terminal
 
 if TYPE_CHECKING:
@@ -194,7 +195,7 @@ def _write(run: DetectionRun, arm: Robot, events: str, folder: Path, asked: dict
 
     write_events(run, arm, folder, asked=asked, name=name)
     with writing(folder):
-        (folder / "events.json").write_text(events + "\n", encoding="utf-8")
+        write_bytes(folder / "events.json", f"{events}\n".encode())
         # Those of an earlier run are none of this one.
         (folder / "residuals.parquet").unlink(missing_ok=True)
         if not run.no_data.all():

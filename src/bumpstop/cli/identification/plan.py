@@ -14,6 +14,7 @@ from bumpstop.cli.completion import complete_robot
 from bumpstop.cli.folders import check_folder, writing
 from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
+from bumpstop.output_files import write_bytes
 from bumpstop.text_files import list_items
 
 if TYPE_CHECKING:
@@ -140,9 +141,9 @@ def write_path(folder: Path, name: str, path: TimedPath, arm: Robot, rate: float
     """Write a motion as CSV and as JointTrajectory; the names of the files."""
     from bumpstop.identification.design.trajectory_files import joint_trajectory, trajectory_csv
 
-    (folder / f"{name}.csv").write_text(trajectory_csv(path, rate), encoding="utf-8")
+    write_bytes(folder / f"{name}.csv", trajectory_csv(path, rate).encode("utf-8"))
     names = [joint.name for joint in arm.joints]
-    (folder / f"{name}.json").write_text(joint_trajectory(path, names), encoding="utf-8")
+    write_bytes(folder / f"{name}.json", joint_trajectory(path, names).encode("utf-8"))
     return [f"{name}.csv", f"{name}.json"]
 
 

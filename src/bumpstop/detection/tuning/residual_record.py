@@ -10,6 +10,8 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.errors import InputError
+from bumpstop.output_files import write_parquet
+from bumpstop.recording.formats.reader_process import read_guarded
 from bumpstop.signal import correlation_time
 from bumpstop.text_files import as_path
 
@@ -115,8 +117,6 @@ def read_residuals(path: str | Path) -> tuple[FloatArray, FloatArray]:
     Raises:
         InputError: the file cannot be read, columns are missing or hold something else than finite numbers.
     """
-    import polars as pl
-
     where, wanted = str(path), "wanted a Parquet file with columns t, residual_1 .. residual_n"
     try:
         there = as_path(path, "path").is_file()
@@ -125,20 +125,23 @@ def read_residuals(path: str | Path) -> tuple[FloatArray, FloatArray]:
     if not there:
         raise InputError(where, "is no file", wanted)
     try:
-        table = pl.read_parquet(path, glob=False)
-    except Exception as error:  # polars raises many kinds for a damaged file
-        first = (str(error).splitlines() or [type(error).__name__])[0][:120]
-        raise InputError(where, f"cannot be read ({first})", wanted) from None
-    dof = sum(name.startswith("residual_") for name in table.columns)
+        found, _ = read_guarded("parquet", Path(path))
+        numeric = dict(zip(found["names"], found["numeric"], strict=True))
+        read = [name for name in numeric if numeric[name] and (name == "t" or name.startswith("residual_"))]
+        arrays = read_guarded("parquet", Path(path), columns=read)[1] if read else []
+    except InputError as error:
+        raise InputError(where, error.problem.replace(" as Parquet", "", 1), wanted) from None
+    values = dict(zip(read, arrays, strict=True))
+    dof = sum(name.startswith("residual_") for name in numeric)
     names = ["t", *(f"residual_{j + 1}" for j in range(dof))]
-    missing = [name for name in names if name not in table.columns]
+    missing = [name for name in names if name not in numeric]
     if dof == 0 or missing:
         raise InputError(where, f"has no column {(missing or ['residual_1'])[0]!r}", wanted)
     columns: list[FloatArray] = []
     for name in names:
-        if not table[name].dtype.is_numeric():
+        if not numeric[name]:
             raise InputError(where, f"column {name!r} does not hold numbers", wanted)
-        column = table[name].cast(pl.Float64).to_numpy()
+        column = values[name]
         bad = np.flatnonzero(~np.isfinite(column))
         if bad.size:
             raise InputError(where, f"column {name!r}, row {bad[0] + 1} is not a finite number")
@@ -161,7 +164,7 @@ def write_residuals(path: str | Path, t: FloatArray, rows: FloatArray) -> None:
 
     columns = {"t": t} | {f"residual_{j + 1}": rows[:, j] for j in range(rows.shape[1])}
     try:
-        pl.DataFrame(columns).write_parquet(path)
+        write_parquet(path, pl.DataFrame(columns))
     except OSError as error:
         raise InputError(str(path), f"cannot be written ({error.strerror or error})") from None
 

@@ -11,6 +11,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError, near_matches
 from bumpstop.recording.column_draft import MissingColumnsError, as_list, by_length, draft_of_variables
 from bumpstop.recording.columns import Columns, Quantity
+from bumpstop.recording.formats.reader_process import read_guarded
 from bumpstop.recording.formats.table import RawRecording
 
 
@@ -26,7 +27,7 @@ def read_matlab(path: Path, columns: Columns) -> RawRecording:
     """
     variables = _variables(path)
     if "position" not in columns.quantities:
-        shapes = {name: np.shape(value) for name, value in variables.items() if np.asarray(value).dtype.kind in "fiu"}
+        shapes = {name: np.shape(value) for name, value in variables.items() if value is not None}
         problem = f"needs a column file; its variables are {as_list(by_length(shapes)) or 'none'}"
         example = 'say with --columns FILE.toml, for example position = { variable = "rec.q", unit = "rad" }'
         raise MissingColumnsError(str(path), problem, example, draft_of_variables(shapes))
@@ -82,26 +83,10 @@ def _chosen(rows: FloatArray, quantity: Quantity, where: str) -> FloatArray:
 
 
 def _variables(path: Path) -> dict[str, Any]:
-    import scipy.io
-
-    try:
-        loaded = scipy.io.loadmat(path, simplify_cells=True)
-    except NotImplementedError:
-        raise InputError(str(path), "is a MATLAB 7.3 file", "save it with -v7") from None
-    except Exception as error:  # scipy raises many kinds for a damaged file
-        reason = (str(error).splitlines() or [type(error).__name__])[0][:120]
-        raise InputError(str(path), f"cannot be read as MATLAB file ({reason})", "it may be damaged") from None
-    flat: dict[str, Any] = {}
-    _flatten({key: value for key, value in loaded.items() if not str(key).startswith("__")}, "", flat)
-    return flat
-
-
-def _flatten(value: Any, name: str, flat: dict[str, Any]) -> None:
-    if isinstance(value, dict):
-        for key, inner in value.items():
-            _flatten(inner, f"{name}.{key}" if name else str(key), flat)
-    else:
-        flat[name] = value
+    """Matrices of numbers by their dotted names; None for every other variable."""
+    found, arrays = read_guarded("matlab", path)
+    numeric = dict(zip(found["numeric"], arrays, strict=True))
+    return {name: numeric.get(name) for name in found["names"]}
 
 
 def _matrix(variables: dict[str, Any], quantity: Quantity, name: str) -> FloatArray:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.errors import InputError
+from bumpstop.output_files import write_csv, write_parquet
 from bumpstop.recording.formats.joint_state import messages
 
 if TYPE_CHECKING:
@@ -30,10 +31,10 @@ def write(recording: Recording, path: Path) -> None:
         if path.suffix == ".mcap":
             _write_mcap(recording, path)
         elif path.suffix == ".csv":
-            table_of(recording).write_csv(path)
+            write_csv(path, table_of(recording))
         else:
             said = {"joint_names": json.dumps(recording.joint_names), "robot": recording.robot}
-            table_of(recording).write_parquet(path, metadata=said)
+            write_parquet(path, table_of(recording), said)
     except OSError as error:
         raise InputError(str(path), f"cannot be written ({error.strerror or error})") from None
 

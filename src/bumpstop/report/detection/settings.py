@@ -23,7 +23,7 @@ class SettingsPart(Part):
 
     def content(self) -> list[Html]:
         """Three tables; that of the detector only where there was one."""
-        from bumpstop.study.study import versions
+        from bumpstop.shards import versions
 
         settings = [(element("code", key), value) for key, value in flat(dict(self._detector))]
         tables = [table(("", ""), list(self._asked.items()), caption="Asked for")]

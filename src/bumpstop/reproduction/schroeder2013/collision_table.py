@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from bumpstop.errors import InputError
+from bumpstop.output_files import write_bytes, write_parquet
 from bumpstop.reproduction.schroeder2013.collisions import ARMING_S, PERIOD_S, Collision, CollisionExperiment, SourceRow
 from bumpstop.text_files import to_toml
 
@@ -210,9 +211,9 @@ class CollisionTable:
         names = [folder / name for name in ("settings.toml", "runs.parquet", "samples.parquet")]
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            names[0].write_text(to_toml(self.settings()), encoding="utf-8")
-            pl.DataFrame(runs, infer_schema_length=None).write_parquet(names[1])
-            pl.concat(samples).write_parquet(names[2])
+            write_bytes(names[0], to_toml(self.settings()).encode("utf-8"))
+            write_parquet(names[1], pl.DataFrame(runs, infer_schema_length=None))
+            write_parquet(names[2], pl.concat(samples))
         except OSError as error:
             problem = f"{str(folder)!r} cannot be written ({error.strerror or error})"
             raise InputError("--out", problem, "give another folder") from None

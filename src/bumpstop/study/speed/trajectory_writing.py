@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
+from bumpstop.output_files import write_bytes
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -19,7 +21,7 @@ def write_csv(path: Path, retimed: Retimed) -> None:
     lines = [",".join(names)]
     for t, q, qd in zip(retimed.time, retimed.position, retimed.velocity, strict=True):
         lines.append(",".join(repr(float(value)) for value in (t, *q, *qd)))
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_bytes(path, ("\n".join(lines) + "\n").encode())
 
 
 def write_ros(path: Path, retimed: Retimed, robot: Robot) -> None:
@@ -36,4 +38,4 @@ def write_ros(path: Path, retimed: Retimed, robot: Robot) -> None:
             }
         )
     message = {"joint_names": [joint.name for joint in robot.joints], "points": points}
-    path.write_text(json.dumps(message, allow_nan=False), encoding="utf-8")
+    write_bytes(path, json.dumps(message, allow_nan=False).encode())

@@ -1,0 +1,106 @@
+"""The process that reads mutated files, one after another."""
+
+from __future__ import annotations
+
+import mmap
+import os
+import random
+import struct
+import time
+import traceback
+import zlib
+from collections import Counter
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+from fuzz.mutations import mutated
+from fuzz.targets import TARGETS, Target
+
+ROOT = Path(__file__).resolve().parents[1]
+# An execution may take this much time of the processor, and memory on top of what the process has.
+MAX_SECONDS, MAX_MEMORY = 1.0, 512_000_000
+# Which file is read, and since when: kept where the process that watches can see it.
+NUMBER = struct.Struct("<qd")
+
+
+def corpus(target: Target) -> tuple[dict[str, bytes], list[str]]:
+    """Files to begin from, and the names of those that are mutated."""
+    files = dict(target.corpus())
+    for pattern in target.files:
+        files |= {path.name: path.read_bytes() for path in sorted(ROOT.glob(pattern))}
+    return files, sorted(file for file in files if file != "columns.toml" or len(files) < 3)
+
+
+def case(files: dict[str, bytes], names: list[str], target: str, seed: int, number: int) -> tuple[str, bytes]:
+    """Name and content of a mutated file: a pure function of corpus, target, seed and number."""
+    rng = random.Random(zlib.crc32(f"{target} {seed} {number}".encode()))
+    name = rng.choice(names)
+    others = [files[other] for other in names if other != name]
+    return name, mutated(files[name], others, rng)
+
+
+def read_many(name: str, seed: int, first: int, seconds: float, folder: str, pipe: Connection) -> None:
+    """In a process of its own: read one file after another."""
+    import resource
+    import warnings
+
+    import bumpstop as bs
+
+    warnings.simplefilter("ignore")
+    home = Path(folder) / "files"
+    home.mkdir(exist_ok=True)
+    os.chdir(home)
+    target = TARGETS[name]
+    files, names = corpus(target)
+    for file, content in files.items():
+        Path(file).write_bytes(content)
+    for file in names:  # imports and caches are not counted
+        _read(target, Path(file), bs.InputError)
+    space = 4096 * int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+    resource.setrlimit(resource.RLIMIT_AS, (space + MAX_MEMORY, resource.RLIM_INFINITY))
+    with (Path(folder) / "number").open("r+b") as handle:
+        number_place = mmap.mmap(handle.fileno(), NUMBER.size)
+    counts = Counter[str]()
+    number = first
+    pipe.send(("begun", 0, ""))
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        NUMBER.pack_into(number_place, 0, number, time.monotonic())
+        file, content = case(files, names, name, seed, number)
+        Path(file).write_bytes(content)
+        begin = time.process_time()
+        kind, text = _read(target, Path(file), bs.InputError)
+        if time.process_time() - begin > MAX_SECONDS and kind != "found":
+            kind, text = "found", f"took more than {MAX_SECONDS:g} s"
+        if kind == "found":
+            pipe.send(("found", number, text))
+        else:
+            counts[kind] += 1
+        number += 1
+        if number % 50 == 0:
+            _tell(pipe, counts)
+    _tell(pipe, counts)
+
+
+def _tell(pipe: Connection, counts: Counter[str]) -> None:
+    for kind, count in counts.items():
+        pipe.send((kind, count, ""))
+    counts.clear()
+
+
+def _read(target: Target, path: Path, refusal: type[Exception]) -> tuple[str, str]:
+    try:
+        target.read(path)
+    except refusal as error:
+        message = str(error)
+        if len(message) > 1500 or not message.strip() or "\n\n\n" in message:
+            return "found", f"a message of {len(message)} letters"
+        return "rejected", ""
+    except KeyboardInterrupt:
+        raise
+    except BaseException:  # whatever a library raises, Rust's panics among it
+        return "found", traceback.format_exc()
+    if Path("pwned").exists():
+        Path("pwned").unlink()
+        return "found", "code of the file was run"
+    return "read", ""

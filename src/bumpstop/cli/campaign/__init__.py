@@ -1,0 +1,1 @@
+"""``bumpstop campaign`` and its commands."""

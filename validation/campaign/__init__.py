@@ -1,0 +1,1 @@
+"""Campaigns: faults survived, and how the cost grows."""
