@@ -1,0 +1,102 @@
+"""What is computed of a scenario on screen."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal
+
+from bumpstop.arrays import finite_or_none
+from bumpstop.collision import evaluate
+
+if TYPE_CHECKING:
+    from bumpstop.collision import CollisionResult, Scenario
+
+Tone = Literal["good", "bad", "open"]
+# A word beside the colour: the verdict must be readable without colours.
+_WORDS: dict[str, tuple[str, Tone]] = {
+    "acceptable": ("ACCEPTABLE", "good"),
+    "not_acceptable": ("NOT ACCEPTABLE", "bad"),
+    "inconclusive": ("INCONCLUSIVE", "open"),
+    "no_limits": ("NO VERDICT", "open"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """The result of a scenario, as the page shows it.
+
+    Attributes:
+        result: computed in full, as :func:`bumpstop.evaluate` does it.
+    """
+
+    result: CollisionResult
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> Answer:
+        """Compute a scenario.
+
+        Raises:
+            InputError: it cannot be computed.
+        """
+        answer = cls(evaluate(scenario))
+        # What a page says is computed here, in the thread that computes.
+        _ = answer.figures
+        return answer
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario that was computed."""
+        return self.result.scenario
+
+    @property
+    def word(self) -> str:
+        """The verdict in a word."""
+        return _WORDS[self.result.verdict.conclusion][0]
+
+    @property
+    def tone(self) -> Tone:
+        """Which of three looks the verdict has."""
+        return _WORDS[self.result.verdict.conclusion][1]
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in a sentence, with its probability."""
+        return self.result.verdict.reason
+
+    @cached_property
+    def figures(self) -> dict[str, float | None]:
+        """Numbers of ``bumpstop evaluate --json`` by dotted key, from the same functions; None: not finite."""
+        result, verdict = self.result, self.result.verdict
+        numbers: dict[str, float | None] = {}
+        for name, law in (("peak_force_N", result.peak_force), ("pressure_N_cm2", result.pressure)):
+            numbers |= {f"{name}.{key}": value for key, value in law.to_json().items()}
+        over = {"p_over_force": verdict.p_over_force, "p_over_pressure": verdict.p_over_pressure}
+        numbers |= {f"verdict.{key}": value for key, value in over.items()}
+        numbers["false_alarm_probability"] = result.false_alarm_probability
+        numbers["undetected_probability"] = result.undetected_probability
+        numbers["no_contact_probability"] = result.no_contact_probability
+        return {key: None if value is None else finite_or_none(value) for key, value in numbers.items()}
+
+    @property
+    def limits_N(self) -> list[tuple[str, float]]:
+        """The limits as peak forces, lowest first; infinite where contact is not limited, zero where not permitted."""
+        limits, first = self.result.problem.limits, self.result.problem.transient_limits
+        contact = self.scenario.contact
+        if limits is None:
+            return []
+        if not limits.permitted or (first is not None and not first.permitted):
+            return [("no contact permitted", 0.0)]
+        if first is not None:
+            phases = (("limit later", limits), ("limit at first", first))
+            return [(name, phase.allowed_force_N(contact.area_cm2, contact.peak_factor)) for name, phase in phases]
+        found = [("force limit", limits.force_N)]
+        if limits.pressure_N_cm2 is not None:
+            found.append(("pressure limit", limits.pressure_N_cm2 * contact.area_cm2 / contact.peak_factor))
+        return sorted(found, key=lambda limit: limit[1])
+
+    @property
+    def lowest_limit_N(self) -> float:
+        """The limit that is met first [N]; infinite without one."""
+        return min((force for _, force in self.limits_N), default=math.inf)
