@@ -11,7 +11,10 @@ from bumpstop.arrays import finite_or_none
 from bumpstop.collision import evaluate
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from bumpstop.collision import CollisionResult, Scenario
+    from bumpstop.uncertainty import UncertainResult
 
 Tone = Literal["good", "bad", "open"]
 # A word beside the colour: the verdict must be readable without colours.
@@ -20,7 +23,12 @@ _WORDS: dict[str, tuple[str, Tone]] = {
     "not_acceptable": ("NOT ACCEPTABLE", "bad"),
     "inconclusive": ("INCONCLUSIVE", "open"),
     "no_limits": ("NO VERDICT", "open"),
+    "pending": ("COMPUTING", "open"),
 }
+
+
+class SupersededError(Exception):
+    """The scenario on screen is another by now: nobody waits for this."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,20 +36,49 @@ class Answer:
     """The result of a scenario, as the page shows it.
 
     Attributes:
-        result: computed in full, as :func:`bumpstop.evaluate` does it.
+        result: computed in full, as :func:`bumpstop.evaluate` does it; of a scenario with ``[uncertainty]`` that of the
+            central case.
+        uncertain: the verdict with an interval, of a scenario with ``[uncertainty]``.
+        pending: the scenario has ``[uncertainty]``, and its verdict is not computed yet: ``result`` is of the figures
+            as they are given, and no verdict.
     """
 
     result: CollisionResult
+    uncertain: UncertainResult | None = None
+    pending: bool = False
 
     @classmethod
     def of(cls, scenario: Scenario) -> Answer:
-        """Compute a scenario.
+        """Compute a scenario; of one with ``[uncertainty]`` the collision of its figures as they are given.
 
         Raises:
             InputError: it cannot be computed.
         """
-        answer = cls(evaluate(scenario))
+        answer = cls(evaluate(scenario.without_uncertainty()), pending=bool(scenario.uncertainty))
         # What a page says is computed here, in the thread that computes.
+        _ = answer.figures
+        return answer
+
+    @classmethod
+    def of_uncertain(cls, scenario: Scenario, superseded: Callable[[], bool]) -> Answer:
+        """Compute the verdict of a scenario with ``[uncertainty]``, as ``bumpstop evaluate`` does it.
+
+        Args:
+            scenario: with ``[uncertainty]``.
+            superseded: asked while it is computed, which takes seconds.
+
+        Raises:
+            InputError: it cannot be computed.
+            SupersededError: another scenario is on screen.
+        """
+        from bumpstop.uncertainty import evaluate_uncertain
+
+        def progress(_: float) -> None:
+            if superseded():
+                raise SupersededError
+
+        uncertain = evaluate_uncertain(scenario, progress=progress)
+        answer = cls(uncertain.central, uncertain)
         _ = answer.figures
         return answer
 
@@ -51,19 +88,28 @@ class Answer:
         return self.result.scenario
 
     @property
+    def conclusion(self) -> str:
+        """The verdict as ``bumpstop evaluate --json`` names it; ``"pending"`` where it is not known yet."""
+        if self.pending:
+            return "pending"
+        return self.result.verdict.conclusion if self.uncertain is None else self.uncertain.conclusion
+
+    @property
     def word(self) -> str:
         """The verdict in a word."""
-        return _WORDS[self.result.verdict.conclusion][0]
+        return _WORDS[self.conclusion][0]
 
     @property
     def tone(self) -> Tone:
         """Which of three looks the verdict has."""
-        return _WORDS[self.result.verdict.conclusion][1]
+        return _WORDS[self.conclusion][1]
 
     @property
     def sentence(self) -> str:
         """The verdict in a sentence, with its probability."""
-        return self.result.verdict.reason
+        if self.pending:
+            return "How sure the verdict is, is being computed. The figures are of the numbers as they are given."
+        return self.result.verdict.reason if self.uncertain is None else self.uncertain.reason
 
     @cached_property
     def figures(self) -> dict[str, float | None]:

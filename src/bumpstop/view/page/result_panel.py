@@ -10,8 +10,12 @@ from bumpstop.report.colours import EVENT, FAINT, INK, LIMIT
 from bumpstop.report.markup import Html, element
 from bumpstop.terminal import number
 from bumpstop.view.plots.distribution import distribution_plot, exceedance_plot
+from bumpstop.view.plots.force_over_time import force_over_time_plot
+from bumpstop.view.plots.risk import body_parts_plot, risk_plot, tornado_plot
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from bumpstop.view.answer import Answer
 
 # Colour, sign and word say the same: one of them is enough to read the verdict.
@@ -26,7 +30,7 @@ def verdict_box(answer: Answer, *, before: Answer | None = None) -> Html:
         "div",
         f"{sign} {answer.word}",
         style=f"background:{colour};color:white;font-weight:700;padding:3px 8px;font-size:15px",
-        data_verdict=answer.result.verdict.conclusion,
+        data_verdict=answer.conclusion,
     )
     rows = [head, element("div", answer.sentence, style="padding:4px 8px", data_sentence="")]
     if before is not None:
@@ -74,6 +78,25 @@ def _figure(answer: Answer, key: str, *, share: bool = False, tag: str = "td") -
         text = percent(value, integrated=answer.result.kind == "exact") if share else number(value)
     exact = "" if value is None or not math.isfinite(value) else repr(float(value))
     return element(tag, text.replace("less than ", "< "), data_figure=key, data_value=exact)
+
+
+def details_html(answer: Answer, superseded: Callable[[], bool]) -> Html:
+    """Plots that need more than one evaluation.
+
+    Args:
+        answer: of the scenario on screen.
+        superseded: asked between two evaluations.
+
+    Raises:
+        SupersededError: another scenario is on screen.
+    """
+    plots = [
+        tornado_plot(answer),
+        force_over_time_plot(answer),
+        risk_plot(answer, superseded),
+        body_parts_plot(answer, superseded),
+    ]
+    return element("div", *plots, data_details=answer.scenario.contact.body or "")
 
 
 def result_html(answer: Answer, details: Html, *, serial: int, before: Answer | None = None) -> Html:

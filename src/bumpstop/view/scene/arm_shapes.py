@@ -75,7 +75,7 @@ def arm_shapes(robot: Robot) -> list[LinkShape]:
     for link in range(_BASE, robot.dof):
         # What the next joint is carried by belongs to this link.
         end, radius = ends[link + 1], float(radii[link + 1])
-        parts = [_capsule(np.zeros(3), end, radius)] if lengths[link + 1] > _MIN_LENGTH_M else []
+        parts = [capsule(np.zeros(3), end, radius)] if lengths[link + 1] > _MIN_LENGTH_M else []
         if link == _BASE:
             parts.append(_drum(np.zeros(3), np.array([0.0, 0.0, 1.0]), 1.6 * radius, 0.5 * radius))
         elif robot.joints[link].kind == "revolute":
@@ -92,7 +92,7 @@ def _rail(robot: Robot, joint: int, radius: float) -> tuple[FloatArray, npt.NDAr
     slide = robot.joints[joint]
     along = np.asarray(slide.rotation) @ np.asarray(slide.axis)
     low, high = (float(np.clip(limit, -1.0, 1.0)) for limit in (slide.lower, slide.upper))
-    return _capsule(np.asarray(slide.origin) + low * along, np.asarray(slide.origin) + high * along, radius / 2)
+    return capsule(np.asarray(slide.origin) + low * along, np.asarray(slide.origin) + high * along, radius / 2)
 
 
 def _joined(link: int, parts: list[tuple[FloatArray, npt.NDArray[np.int64]]]) -> LinkShape:
@@ -107,7 +107,14 @@ def _joined(link: int, parts: list[tuple[FloatArray, npt.NDArray[np.int64]]]) ->
     )
 
 
-def _capsule(start: FloatArray, end: FloatArray, radius: float) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+def capsule(start: FloatArray, end: FloatArray, radius: float) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+    """A mesh of a capsule: vertices (V, 3) and faces (F, 3).
+
+    Args:
+        start: of its axis (3,) [m].
+        end: of its axis (3,) [m].
+        radius: [m].
+    """
     length = float(np.linalg.norm(end - start))
     rings = [(radius * np.cos(a), radius * np.sin(a)) for a in np.linspace(-np.pi / 2, 0, 6)[1:]]
     profile = [(r, z) for r, z in rings] + [(r, length - z) for r, z in reversed(rings)]
