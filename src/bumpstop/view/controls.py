@@ -80,9 +80,26 @@ class Control:
         elif self.kind == "choice" and shown == NOT_GIVEN:
             value = None
         elif self.kind == "text":
-            value = value_of(str(shown)) if str(shown).strip() else None
+            value = _typed(self.key, str(shown))
         changes = {self.key: value}
         return changes | dict.fromkeys(_instead(self.key, value))
+
+
+# Texts that are lists even of one number, and whose numbers are whole.
+_LISTS = ("motion.held_joints", "contact.normal", "detector.thresholds_Nm")
+_WHOLE = ("motion.held_joints",)
+
+
+def _typed(key: str, text: str) -> Any:
+    """What a text means at a key; None where it is empty."""
+    if not text.strip():
+        return None
+    value = value_of(text)
+    if key in _LISTS and isinstance(value, float | int):
+        value = [value]
+    if key in _WHOLE and isinstance(value, list):
+        value = [int(item) if isinstance(item, float) and item.is_integer() else item for item in value]
+    return value
 
 
 def _velocity(scenario: Scenario, key: str, shown: Shown) -> list[float]:
@@ -117,7 +134,7 @@ def _instead(key: str, value: Any) -> tuple[str, ...]:
         return ("contact.offset_mm",)
     if key == "contact.body":
         return ("contact.pressure_area",)
-    return lost.get((key, value), ())
+    return lost.get((key, value), ()) if isinstance(value, str) else ()
 
 
 def _value(scenario: Scenario, key: str) -> Any:

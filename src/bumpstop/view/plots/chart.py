@@ -125,14 +125,20 @@ class Chart:
         self._across(_LEFT, WIDTH - _RIGHT, at, at, colour, dash)
         self._note(label, WIDTH - _RIGHT - 2, at - 3 if at > _TOP + 14 else at + 12, "end", colour)
 
-    def mark(self, x: float, y: float, label: str = "", colour: str = INK) -> None:
-        """A dot, and what it is."""
+    def mark(self, x: float, y: float, label: str = "", colour: str = INK, *, below: bool = False) -> None:
+        """A dot, and what it is, above it or ``below``."""
         if not (self._x[0] <= x <= self._x[1]) or not math.isfinite(y):
             return
         at, up = self.to_x(x), self.to_y(y)
         self._over.append(element("circle", cx=f"{at:.1f}", cy=f"{up:.1f}", r="4", fill=colour, stroke="white"))
         left = at + 8 + _LETTER * len(label) > WIDTH - _RIGHT
-        self._note(label, at - 7 if left else at + 7, max(up - 6, _TOP + 10), "end" if left else "start", colour)
+        self._note(
+            label,
+            at - 7 if left else at + 7,
+            up + 16 if below else max(up - 6, _TOP + 10),
+            "end" if left else "start",
+            colour,
+        )
 
     def bar(self, y: float, share: float, label: str, value: str, *, over: bool, chosen: bool) -> None:
         """A horizontal bar of a list: its label before it, its value behind it.

@@ -41,7 +41,7 @@ def force_over_time_plot(answer: Answer) -> Html:
         chart.line(1e3 * rollout.time[shown], rollout.force[shown], LAW, dash=dash)
         at = float(rollout.time[int(np.argmax(rollout.force))])
         name = "p99" if dash is None else "median"
-        chart.mark(1e3 * at, rollout.peak_force, f"{name} {number(rollout.peak_force)} N", LAW)
+        chart.mark(1e3 * at, rollout.peak_force, f"{name} {number(rollout.peak_force)} N", LAW, below=name == "median")
     if limit <= 1.25 * top:
         chart.horizontal(limit, f"limit {number(limit)} N")
     if bad.detection is not None and bad.detection < end:
