@@ -42,7 +42,7 @@ class Screen:
     """A page in the browser."""
 
     def __init__(self, browser: Any, server: ViewServer) -> None:
-        self.page = browser.new_page(viewport={"width": 1280, "height": 800})
+        self.page = browser.new_page(viewport={"width": 960, "height": 560})
         self.faults: list[str] = []
         self.elsewhere: list[str] = []
         self.page.on("console", lambda m: self.faults.append(m.text) if m.type == "error" else None)

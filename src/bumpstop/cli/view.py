@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from bumpstop.view.opened import Watch
 
 _PORT = 8642
+_LOOK_S = 0.2
 
 
 def command(
@@ -67,7 +68,10 @@ def command(
 
         webbrowser.open(server.url)
     try:
-        threading.Event().wait()
+        # Polars has system calls go on after Ctrl-C: a wait without an end would never see it.
+        ended = threading.Event()
+        while not ended.wait(_LOOK_S):
+            pass
     finally:
         server.stop()
 

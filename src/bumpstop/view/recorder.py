@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
     from bumpstop.collision import Scenario
 
-_SIZE_INCH, _DPI, _FRAMES, _FRAME_MS = (9.0, 4.6), 100, 16, 160
+_SIZE_INCH, _DPI, _FRAME_DPI, _FRAMES, _FRAME_MS = (9.0, 4.6), 100, 70, 12, 200
 _TONES = {"good": EVENT, "bad": LIMIT, "open": FAINT}
 _LIGHT = np.array([0.35, -0.6, 0.72])
 
@@ -70,8 +70,8 @@ def record(scenario: Scenario, folder: Path) -> list[Path]:
 
 
 def _animate(scenario: Scenario, file: Path) -> None:
-    """From half the speed to twice, or as far as the arm can do it."""
-    from matplotlib.animation import PillowWriter
+    """From half the speed to twice, or as far as the arm can do it, and back."""
+    from PIL import Image
 
     answers = []
     start = Answer.of(scenario)
@@ -82,15 +82,31 @@ def _animate(scenario: Scenario, file: Path) -> None:
             answers.append(Answer.of(with_keys(scenario, control.write(scenario, round(float(speed), 1)))))
         except InputError:
             break
+    answers = answers or [start]
     top = max(_highest(answer) for answer in answers)
     with _style():
-        figure = _figure(answers[0], top)
-        writer = PillowWriter(fps=round(1000 / _FRAME_MS))
-        with writer.saving(figure, str(file), dpi=70):
-            for answer in (*answers, *reversed(answers[1:-1])):
-                figure.clear()
-                _fill(figure, answer, top)
-                writer.grab_frame()
+        # The arm stands in one pose: it is drawn once, and the rest over it.
+        arm = _pixels(answers[0], top, parts=("arm",))
+        frames = [
+            Image.fromarray(_pixels(answer, top, parts=("rest",), below=arm)).quantize(64, dither=Image.Dither.NONE)
+            for answer in answers
+        ]
+    frames += frames[-2:0:-1]
+    frames[0].save(file, save_all=True, append_images=frames[1:], duration=_FRAME_MS, loop=0, optimize=True)
+
+
+def _pixels(answer: Answer, top: float, *, parts: tuple[str, ...], below: Any = None) -> Any:
+    """A frame (height, width, 3), its parts drawn over what stands ``below``."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=_SIZE_INCH, dpi=_FRAME_DPI)
+    canvas = FigureCanvasAgg(figure)
+    if below is not None:
+        figure.figimage(below)
+    _fill(figure, answer, top, parts)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
 def _style() -> AbstractContextManager[None]:
@@ -114,9 +130,11 @@ def _figure(answer: Answer, top: float | None) -> Figure:
     return figure
 
 
-def _fill(figure: Figure, answer: Answer, top: float | None) -> None:
-    arm = figure.add_axes((0.0, 0.02, 0.48, 0.8), projection="3d")
-    _draw_arm(arm, answer)
+def _fill(figure: Figure, answer: Answer, top: float | None, parts: tuple[str, ...] = ("arm", "rest")) -> None:
+    if "arm" in parts:
+        _draw_arm(figure.add_axes((0.0, 0.02, 0.48, 0.8), projection="3d"), answer)
+    if "rest" not in parts:
+        return
     law = figure.add_axes((0.55, 0.15, 0.42, 0.6))
     _draw_distribution(law, answer, top)
     colour = _TONES[answer.tone]
