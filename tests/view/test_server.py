@@ -21,15 +21,15 @@ KEY = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Key": "x3
 @pytest.mark.parametrize(
     ("headers", "upgrade", "allowed"),
     [
-        ({"Host": "127.0.0.1:8642"}, False, True),
-        ({"Host": "localhost:8642", "Origin": "http://localhost:8642"}, True, True),
-        ({"Host": "[::1]:8642", "Origin": "http://[::1]:8642"}, True, True),
-        ({"Host": "127.0.0.1:8642", "Origin": "http://evil.example"}, True, False),
-        ({"Host": "127.0.0.1:8642", "Origin": "http://127.0.0.1:9999"}, True, False),
-        ({"Host": "127.0.0.1:8642", "Origin": "null"}, True, False),
-        ({"Host": "127.0.0.1:8642"}, True, False),
-        ({"Host": "evil.example:8642", "Origin": "http://evil.example:8642"}, True, False),
-        ({"Host": "evil.example:8642"}, False, False),
+        ({"host": "127.0.0.1:8642"}, False, True),
+        ({"host": "localhost:8642", "origin": "http://localhost:8642"}, True, True),
+        ({"host": "[::1]:8642", "origin": "http://[::1]:8642"}, True, True),
+        ({"host": "127.0.0.1:8642", "origin": "http://evil.example"}, True, False),
+        ({"host": "127.0.0.1:8642", "origin": "http://127.0.0.1:9999"}, True, False),
+        ({"host": "127.0.0.1:8642", "origin": "null"}, True, False),
+        ({"host": "127.0.0.1:8642"}, True, False),
+        ({"host": "evil.example:8642", "origin": "http://evil.example:8642"}, True, False),
+        ({"host": "evil.example:8642"}, False, False),
         ({}, False, False),
     ],
 )
@@ -38,8 +38,8 @@ def test_only_own_pages_may_connect(headers: dict[str, str], upgrade: bool, allo
 
 
 def test_other_hosts_keep_to_their_own_pages() -> None:
-    assert may_connect({"Host": "arm:80", "Origin": "http://arm:80"}, "0.0.0.0", upgrade=True)
-    assert not may_connect({"Host": "arm:80", "Origin": "http://evil.example"}, "0.0.0.0", upgrade=True)
+    assert may_connect({"host": "arm:80", "origin": "http://arm:80"}, "0.0.0.0", upgrade=True)
+    assert not may_connect({"host": "arm:80", "origin": "http://evil.example"}, "0.0.0.0", upgrade=True)
     assert is_loopback("127.0.0.1")
     assert not is_loopback("0.0.0.0")
 
@@ -59,9 +59,9 @@ def test_foreign_origins_are_refused_by_the_server() -> None:
 
         own = f"http://{host}:{port}"
         assert status({}) == 200
-        assert status(KEY | {"Origin": "http://evil.example", "Sec-WebSocket-Version": "13"}) == 403
-        assert status(KEY | {"Origin": own, "Sec-WebSocket-Version": "13"}) == 101
-        assert status({"Host": "evil.example"}) == 403
+        assert status(KEY | {"origin": "http://evil.example", "Sec-WebSocket-Version": "13"}) == 403
+        assert status(KEY | {"origin": own, "Sec-WebSocket-Version": "13"}) == 101
+        assert status({"host": "evil.example"}) == 403
     finally:
         server.stop()
 

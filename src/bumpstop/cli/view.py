@@ -42,7 +42,7 @@ def command(
     ] = None,
     host: Annotated[str, typer.Option(help="Address to serve on; others than loopback let others in.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(help="Port to serve on, or one of the next; 0: any that is free.")] = _PORT,
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Do not open the page in the browser.")] = False,
 ) -> None:
     """See the arm and its force distribution in the browser, computed anew while a control moves. Ctrl-C ends it."""
     from bumpstop.view.opened import open_source
@@ -63,7 +63,7 @@ def command(
     if not is_loopback(host):
         typer.echo(f"warning: {host} is not loopback: whoever reaches it can read and change these pages", err=True)
     typer.echo(f"the page: {server.url}")
-    if browser:
+    if not no_browser:
         import webbrowser
 
         webbrowser.open(server.url)

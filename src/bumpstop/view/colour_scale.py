@@ -1,4 +1,4 @@
-"""Colours of numbers that keep their order in grey and for colour-blind eyes."""
+"""Colours of numbers that keep their order in grey and with any kind of colour vision."""
 
 from __future__ import annotations
 

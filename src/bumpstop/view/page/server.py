@@ -84,18 +84,18 @@ def may_connect(headers: Any, host: str, *, upgrade: bool) -> bool:
     """Whether a request comes from a page of this server.
 
     A page of another origin may open a WebSocket to this machine, and one whose name was bound to 127.0.0.1 may read
-    from it: the browser says both, in ``Origin`` and in ``Host``.
+    from it: the browser says both, in the headers ``origin`` and ``host``.
 
     Args:
-        headers: of the request.
+        headers: of the request, their names in lower case.
         host: that the server is bound to.
         upgrade: the request opens a WebSocket.
     """
-    asked = headers.get("Host", "")
+    asked = headers.get("host", "")
     name = urlsplit(f"//{asked}").hostname or ""
     if is_loopback(host) and name not in _LOOPBACK_NAMES:
         return False
-    origin = headers.get("Origin")
+    origin = headers.get("origin")
     if origin is None:
         return not upgrade
     return bool(origin in (f"http://{asked}", f"https://{asked}"))
