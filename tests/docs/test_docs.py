@@ -41,7 +41,7 @@ def test_complete_scenario_runs(text: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["collision.md", "measure.md", "recording.md", "register.md", "stopping.md", "uncertainty.md"]
+    "name", ["collision.md", "measure.md", "recording.md", "register.md", "stopping.md", "uncertainty.md", "view.md"]
 )
 def test_python_session(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = ROOT / "docs" / name

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bumpstop.cli import bodies, plant, robots
+from bumpstop.cli import bodies, plant, robots, view
 from bumpstop.cli.campaign import campaign
 from bumpstop.cli.collision import evaluate, require, speed_limits, stopping, study
 from bumpstop.cli.command_group import CommandGroup
@@ -51,6 +51,7 @@ app.command("sensitivity")(sensitivity.command)
 app.command("detect")(detect.detect)
 app.command("experiment")(experiment.command)
 app.command("detector")(detect.detector)
+app.command("view")(view.command)
 app.add_typer(measure.app, name="measure")
 
 # Exit statuses are part of the contract: 0 done (and acceptable), 3 done and not acceptable, 4 done and no verdict can

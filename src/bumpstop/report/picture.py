@@ -15,20 +15,31 @@ import matplotlib
 import matplotlib.style
 from matplotlib.figure import Figure
 
+from bumpstop.report.colours import AREA, EVENT, FAINT, INK, LAW, LIMIT
 from bumpstop.report.markup import Html, element
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
 
-# Okabe and Ito's colours, told apart with any kind of colour vision. What they mean is the same in every figure, and
-# lines differ in style and areas in hatching as well: a grey print says the same.
-LAW = "#0072B2"  # what happens: forces, residuals, probabilities
-LIMIT = "#D55E00"  # what must not be passed
-EVENT = "#009E73"  # instants, marked cases
-INK = "#222222"
-FAINT = "#767676"
-AREA = "#56B4E9"  # fill below a distribution's curve
+__all__ = [
+    "AREA",
+    "EVENT",
+    "FAINT",
+    "INK",
+    "LAW",
+    "LIMIT",
+    "PAPER",
+    "WIDTH",
+    "Picture",
+    "Rendered",
+    "axes",
+    "plain_ticks",
+    "scale_by",
+    "spread",
+    "stack",
+]
+
 # Box of a label that may lie on a line, which then does not run through it.
 PAPER: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 0.6}
 

@@ -320,13 +320,7 @@ class Scenario(Table):
         Args:
             changes: dotted keys and their new values, e.g. ``{"motion.velocity_mm_s": [0, 50, 0]}``.
         """
-        # What was not given stays so: a default must not count as given where a change takes its effect away.
-        data = self.model_dump(exclude_unset=True, exclude_none=True, mode="python")
-        # What a copy was given besides counts.
-        if "velocity_mm_s" in data["motion"]:
-            data["motion"] = {key: value for key, value in data["motion"].items() if key not in _SPEED}
-        if "stiffness_N_m" in data["contact"]:
-            data["contact"].pop("stiffness_N_mm", None)
+        data = self.as_given()
         set_keys(data, changes)
         return Scenario.from_dict(data, self.folder)
 
@@ -334,13 +328,21 @@ class Scenario(Table):
         """The same collision, its numbers taken for known."""
         if not self.uncertainty:
             return self
-        data = self.model_dump(exclude_unset=True, exclude_none=True, mode="python", exclude={"uncertainty"})
+        data = self.as_given()
+        del data["uncertainty"]
         data.get("verdict", {}).pop("confidence", None)
+        return Scenario.from_dict(data, self.folder)
+
+    def as_given(self) -> dict[str, Any]:
+        """The scenario as nested dictionaries, with the keys that were given and no default."""
+        # What was not given stays so: a default must not count as given where a change takes its effect away.
+        data = self.model_dump(exclude_unset=True, exclude_none=True, mode="python")
+        # What a copy was given besides counts.
         if "velocity_mm_s" in data["motion"]:
             data["motion"] = {key: value for key, value in data["motion"].items() if key not in _SPEED}
         if "stiffness_N_m" in data["contact"]:
             data["contact"].pop("stiffness_N_mm", None)
-        return Scenario.from_dict(data, self.folder)
+        return data
 
     def to_dict(self) -> dict[str, Any]:
         """The scenario as nested dictionaries.

@@ -12,7 +12,8 @@ from bumpstop.arrays import FloatArray
 from bumpstop.collision.probability_text import percent
 from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult
 from bumpstop.model import unit_of
-from bumpstop.report.collision.distribution import bins, draw_density
+from bumpstop.report.collision.bins import bins
+from bumpstop.report.collision.distribution import draw_density
 from bumpstop.report.formatting import quantity
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import AREA, FAINT, INK, LAW, Picture, axes

@@ -11,6 +11,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.distribution.distribution import QUANTILES
 from bumpstop.collision.probability_text import percent
+from bumpstop.report.collision.bins import bins
 from bumpstop.report.formatting import percentile, quantity
 from bumpstop.report.markup import Html, paragraph
 from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, PAPER, Picture, scale_by, stack
@@ -210,43 +211,6 @@ class DistributionSection(Section):
                 panel.axvline(force, ymax=end, color=LIMIT, linestyle=style, linewidth=1.5)
             left = force > (low + high) / 2
             density.annotate(text, (force, height), (-5 if left else 5, 0), ha="right" if left else "left", **label)
-
-
-def bins(distribution: Distribution, samples: int | None, most: float = math.inf) -> FloatArray:
-    """Bin edges over the bounded part of a distribution; empty where there is none, or nothing but zeros.
-
-    Args:
-        distribution: in any unit.
-        samples: behind a sampled one; None: exact.
-        most: nothing is shown beyond.
-    """
-    high = _highest(distribution)
-    if math.isfinite(most):
-        high = min(high, most)
-    if not high > 0:
-        return np.zeros(0)
-    low = distribution.quantile(1e-4)
-    # A single value still needs a bin around it.
-    margin = max(0.03 * (high - low), 0.01 * abs(high), 1e-9)
-    low, high = max(0.0, low - margin), high + margin
-    count = 160 if samples is None else int(min(60, max(12, 2 * samples**0.5)))
-    return np.linspace(low, high, count + 1)
-
-
-def _highest(distribution: Distribution) -> float:
-    """A quantile at the upper end of the bounded part; NaN where less than half is bounded."""
-    bounded, unbounded = 0.5, 0.9999
-    value, high = distribution.quantile(unbounded), distribution.quantile(bounded)
-    if math.isfinite(value) or not math.isfinite(high):
-        return value if math.isfinite(value) else math.nan
-    while unbounded - bounded > 1e-4:
-        middle = (bounded + unbounded) / 2
-        value = distribution.quantile(middle)
-        if math.isfinite(value):
-            bounded, high = middle, value
-        else:
-            unbounded = middle
-    return high
 
 
 def draw_density(panel: Axes, distribution: Distribution, edges: FloatArray) -> None:

@@ -1,0 +1,93 @@
+"""``bumpstop view``: a scenario on a page in the browser."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from bumpstop.cli.folders import check_folder
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from bumpstop.detection.events import DetectionRun
+    from bumpstop.model import Robot
+    from bumpstop.recording import Recording
+    from bumpstop.view.opened import Watch
+
+_PORT = 8642
+_LOOK_S = 0.2
+
+
+def command(
+    source: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[SOURCE]",
+            help="Scenario, built-in robot, URDF, recording or study. Default: the robot of bumpstop new.",
+            show_default=False,
+        ),
+    ] = None,
+    robot: Annotated[str | None, typer.Option(help="Of a recording: a built-in robot, or a URDF.")] = None,
+    model: Annotated[
+        str | None, typer.Option(help="Of a recording: joint model or fitted dynamics. Default: the robot's inertia.")
+    ] = None,
+    thresholds: Annotated[
+        str | None, typer.Option(help="Of a recording: numbers with commas, or a file of bumpstop tune.")
+    ] = None,
+    record: Annotated[
+        Path | None, typer.Option(help="Write view.png and view.gif into this folder and serve nothing.")
+    ] = None,
+    host: Annotated[str, typer.Option(help="Address to serve on; others than loopback let others in.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Port to serve on, or one of the next; 0: any that is free.")] = _PORT,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Do not open the page in the browser.")] = False,
+) -> None:
+    """See the arm and its force distribution in the browser, computed anew while a control moves. Ctrl-C ends it."""
+    from bumpstop.view.opened import open_source
+
+    check_folder(record)
+    opened = open_source(source, robot=robot, watch=_watch(model, thresholds))
+    for note in opened.notes:
+        typer.echo(f"note: {note}", err=True)
+    if record is not None:
+        from bumpstop.view.recorder import record as write
+
+        for file in write(opened.scenario, record):
+            typer.echo(str(file))
+        return
+    from bumpstop.view.page.server import ViewServer, is_loopback
+
+    server = ViewServer(opened, host=host, port=port)
+    if not is_loopback(host):
+        typer.echo(f"warning: {host} is not loopback: whoever reaches it can read and change these pages", err=True)
+    typer.echo(f"the page: {server.url}")
+    if not no_browser:
+        import webbrowser
+
+        webbrowser.open(server.url)
+    try:
+        # Polars has system calls go on after Ctrl-C: a wait without an end would never see it.
+        ended = threading.Event()
+        while not ended.wait(_LOOK_S):
+            pass
+    finally:
+        server.stop()
+
+
+def _watch(model: str | None, thresholds: str | None) -> Watch | None:
+    """What runs a detector over a recording; None without thresholds."""
+    if thresholds is None:
+        if model is not None:
+            raise InputError("--model", "has no meaning without --thresholds", "give both, or leave it out")
+        return None
+
+    def watch(recording: Recording, robot: Robot) -> DetectionRun:
+        from bumpstop.cli.detection.residual_source import load_model, thresholds_of
+        from bumpstop.detection import detect
+
+        found = None if model is None else load_model(model, None, None, None)[0]
+        return detect(recording, robot, found, thresholds_of(thresholds, robot))
+
+    return watch

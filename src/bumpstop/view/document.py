@@ -1,0 +1,107 @@
+"""What is on screen: always a scenario, with every earlier one to go back to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from bumpstop.collision.scenario.keys import set_key, set_keys
+from bumpstop.collision.scenario.scenario import Scenario
+from bumpstop.collision.scenario.settings_file import files_of
+from bumpstop.collision.scenario.uncertainty_table import uncertain_inputs
+from bumpstop.text_files import to_toml
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+# Steps back that are kept: a day of clicks must not fill the memory.
+_MAX_STEPS = 500
+
+
+def with_keys(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
+    """A copy of a scenario with some keys changed, or taken out.
+
+    Args:
+        scenario: checked.
+        changes: dotted keys and their new values; None takes the key out.
+
+    Raises:
+        InputError: the changed scenario is none.
+    """
+    data = scenario.as_given()
+    for key in (key for key, value in changes.items() if value is None):
+        *tables, last = key.split(".")
+        here: Any = data
+        for table in tables:
+            here = here.get(table, {})
+        here.pop(last, None)
+    set_keys(data, {key: value for key, value in changes.items() if value is not None})
+    return Scenario.from_dict(data, scenario.folder)
+
+
+def scenario_text(scenario: Scenario) -> str:
+    """A scenario as TOML, the keys that were given and paths absolute: the file may stand in any folder."""
+    data = scenario.as_given()
+    for key, path in files_of(scenario).items():
+        set_key(data, key, str(path.resolve()))
+    for each in uncertain_inputs(scenario):
+        if each.file is not None:
+            name = "relative_file" if each.relative else "file"
+            path = (scenario.folder / each.file).resolve()
+            data["uncertainty"][each.key] = {**data["uncertainty"][each.key], name: str(path)}
+    return to_toml({key: value for key, value in data.items() if value != {}})
+
+
+@dataclass(frozen=True)
+class ViewDocument:
+    """A scenario, and those before and after it in the order of changes. Immutable.
+
+    Attributes:
+        scenario: on screen.
+        past: earlier scenarios, the latest last.
+        future: scenarios that were undone, the next last.
+        changed: the keys of the last change: one more of the same keys is the same step.
+    """
+
+    scenario: Scenario
+    past: tuple[Scenario, ...] = ()
+    future: tuple[Scenario, ...] = ()
+    changed: frozenset[str] = frozenset()
+
+    def edit(self, changes: Mapping[str, Any], *, same_step: bool = False) -> ViewDocument:
+        """The document after a change; the same document where nothing changes.
+
+        Args:
+            changes: dotted keys and their new values; None takes the key out.
+            same_step: a change of the keys of the last change is undone together with it, as of a slider that moves.
+
+        Raises:
+            InputError: the changed scenario is none; the document stays as it is.
+        """
+        scenario = with_keys(self.scenario, changes)
+        if scenario == self.scenario:
+            return self
+        keys = frozenset(changes)
+        past = self.past if same_step and keys == self.changed else (*self.past, self.scenario)[-_MAX_STEPS:]
+        return ViewDocument(scenario, past, (), keys)
+
+    def replace(self, scenario: Scenario) -> ViewDocument:
+        """The document with another scenario in its place, one step on."""
+        return ViewDocument(scenario, (*self.past, self.scenario)[-_MAX_STEPS:])
+
+    def undo(self) -> ViewDocument:
+        """One step back; the same document at the first."""
+        if not self.past:
+            return self
+        return ViewDocument(self.past[-1], self.past[:-1], (*self.future, self.scenario))
+
+    def redo(self) -> ViewDocument:
+        """The step that was undone last; the same document where none was."""
+        if not self.future:
+            return self
+        return ViewDocument(self.future[-1], (*self.past, self.scenario), self.future[:-1])
+
+    @property
+    def text(self) -> str:
+        """The scenario on screen as TOML."""
+        return scenario_text(self.scenario)

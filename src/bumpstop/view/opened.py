@@ -1,0 +1,143 @@
+"""What a page begins with: a scenario, and what else was opened with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from bumpstop.collision import Scenario, load_scenario
+from bumpstop.collision.scenario.scenario_file import robot_of
+from bumpstop.errors import InputError, near_matches
+from bumpstop.register.starting_scenario import DEFAULT_ROBOT, starting_scenario
+from bumpstop.text_files import parse_toml
+
+if TYPE_CHECKING:
+    from bumpstop.detection.events import DetectionRun
+    from bumpstop.model import Robot
+    from bumpstop.recording import Recording
+    from bumpstop.view.point_rows import PointRows
+
+
+class Watch(Protocol):
+    """Runs a detector over a recording of a robot."""
+
+    def __call__(self, recording: Recording, robot: Robot) -> DetectionRun: ...  # noqa: D102
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """A recording to replay.
+
+    Attributes:
+        recording: of the arm.
+        run: a detector over it; None where none was given.
+    """
+
+    recording: Recording
+    run: DetectionRun | None
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """What a page begins with.
+
+    Attributes:
+        scenario: on screen at first.
+        robot: of the scenario.
+        title: what was opened.
+        notes: what was assumed to open it.
+        points: rows of a study.
+        recorded: a recording.
+    """
+
+    scenario: Scenario
+    robot: Robot
+    title: str
+    notes: tuple[str, ...] = ()
+    points: PointRows | None = None
+    recorded: Recorded | None = None
+
+
+def open_source(source: str | None, *, robot: str | None = None, watch: Watch | None = None) -> Opened:
+    """Open what the command line names.
+
+    Args:
+        source: path of a scenario, of a study's folder or its ``rows.parquet``, or of a recording; name of a built-in
+            robot, or path of its URDF. None: the built-in robot that ``bumpstop new`` starts with.
+        robot: of a recording: name of a built-in robot, or path of its URDF.
+        watch: of a recording: runs a detector over it.
+
+    Raises:
+        InputError: it is none of these, or cannot be used.
+    """
+    if source is not None and Path(source).suffix not in (".toml", ".urdf", ".xml") and Path(source).exists():
+        rows = _study_rows(Path(source))
+        if rows is not None:
+            return _study(rows)
+        return _recording(Path(source), robot, watch)
+    for option, given in (("--robot", robot is not None), ("--thresholds", watch is not None)):
+        if given:
+            raise InputError(option, "has no meaning without a recording", "leave it out, or name a recording")
+    return _scenario(source)
+
+
+def _scenario(source: str | None) -> Opened:
+    """A scenario, or one to start from for a robot."""
+    from bumpstop.model import robots
+
+    if source is None or source in robots():
+        name = source or DEFAULT_ROBOT
+        scenario = Scenario.from_dict(parse_toml(starting_scenario(name), name))
+        notes: tuple[str, ...] = (
+            "A scenario to start from: thresholds, noise and deceleration stand for those of your cell.",
+        )
+        return Opened(scenario, robot_of(scenario), name, notes)
+    path = Path(source)
+    if path.suffix == ".toml":
+        scenario = load_scenario(path)
+        return Opened(scenario, robot_of(scenario), str(path))
+    if path.suffix in (".urdf", ".xml"):
+        from bumpstop.view.urdf_scenario import urdf_scenario
+
+        scenario, arm, notes = urdf_scenario(path)
+        return Opened(scenario, arm, str(path), notes)
+    valid = f"wanted a scenario (.toml), URDF, recording, study or built-in robot; {near_matches(source, robots())}"
+    raise InputError("SOURCE", f"{source!r} cannot be opened", valid)
+
+
+def _study_rows(path: Path) -> Path | None:
+    """The rows of a study, where a path leads to one: its folder, or the file in it."""
+    file = path / "rows.parquet" if path.is_dir() else path
+    known = file.suffix == ".parquet" and file.is_file() and (file.parent / "settings.toml").is_file()
+    return file if known else None
+
+
+def _study(file: Path) -> Opened:
+    from bumpstop.view.point_rows import point_rows, read_rows
+
+    scenario = load_scenario(file.parent / "settings.toml")
+    if scenario.motion.kind != "line":
+        raise InputError("SOURCE", f"{str(file)!r} is a study of a trajectory", "open the scenario of the trajectory")
+    robot = robot_of(scenario)
+    points = point_rows(read_rows(file), robot.dof, str(file))
+    return Opened(scenario, robot, str(file.parent), points=points)
+
+
+def _recording(path: Path, robot: str | None, watch: Watch | None) -> Opened:
+    from bumpstop.model import robots
+    from bumpstop.recording import Recording
+
+    recording = Recording.load(path)
+    name = robot or (recording.robot if recording.robot in robots() else None)
+    if name is None:
+        raise InputError(
+            "--robot", "is missing", f"the recording does not say whose it is; valid: {', '.join(robots())}"
+        )
+    start = _scenario(name)
+    recording.check_robot(start.robot)
+    run = None if watch is None else watch(recording, start.robot)
+    notes = (*start.notes, *recording.report.notes)
+    if run is None:
+        notes = (*notes, "Without --thresholds there are no residuals and no alarms.")
+    return Opened(start.scenario, start.robot, str(path), notes, recorded=Recorded(recording, run))

@@ -1,0 +1,1 @@
+"""The page of one browser, and the server behind it."""

@@ -1,0 +1,263 @@
+"""The page of one browser: its document, its panels, and the threads that compute."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bumpstop.errors import InputError
+from bumpstop.report.markup import Html, element
+from bumpstop.view.answer import Answer, SupersededError
+from bumpstop.view.document import ViewDocument
+from bumpstop.view.latest import LatestWins
+from bumpstop.view.page.control_panel import ControlPanel
+from bumpstop.view.page.playback_panel import PlaybackPanel
+from bumpstop.view.page.point_panel import PointPanel
+from bumpstop.view.page.result_panel import details_html, result_html
+from bumpstop.view.page.scene_view import Clicks, SceneView
+from bumpstop.view.page.tools import Tools
+from bumpstop.view.scene.polytope import force_polytope
+from bumpstop.view.scene.reaching import reach_for
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import viser
+
+    from bumpstop.arrays import FloatArray
+    from bumpstop.collision import Scenario
+    from bumpstop.view.opened import Opened
+
+# Changes of one control within this time are one step to undo.
+_ONE_STEP_S = 1.0
+# A slider that rests for so long has time for further plots.
+_PAUSE_S = 0.12
+
+
+class Page:
+    """What one browser sees: nothing of it is shared with another.
+
+    Args:
+        client: the browser.
+        opened: what it begins with.
+    """
+
+    def __init__(self, client: viser.ClientHandle, opened: Opened) -> None:
+        self.client, self.opened = client, opened
+        self._lock = threading.RLock()
+        self._document = self._computed = ViewDocument(opened.scenario)
+        self._answer: Answer | None = None
+        self._before: Answer | None = None
+        self._details = Html("")
+        self._serial, self._last_edit = 0, 0.0
+        self._moved: str | None = None
+        self._worker: LatestWins[ViewDocument] = LatestWins(self._compute, "bumpstop-view")
+        self._further = LatestWins(self._compute_details, "bumpstop-view-details")
+        self._hand = LatestWins(self._reach, "bumpstop-view-hand")
+        self._scene = SceneView(client, opened, Clicks(self._touched, self._hit, self._hand.submit))
+        self._tools = Tools(self)
+        self._playback = PlaybackPanel(self)
+        self._points = PointPanel(self)
+        self._panel = ControlPanel(client, opened.scenario, opened.robot, self._changed)
+        with client.gui.add_folder("Scenario file", expand_by_default=False):
+            self._file = client.gui.add_html("")
+        client.gui.main_panel.dock_left()
+        client.gui.main_panel.set_width(340)
+        panel = client.gui.add_panel()
+        with panel.add_tab("Result"):
+            self._result = client.gui.add_html("computing ...")
+        panel.dock_right()
+        panel.set_width(420)
+        self.refresh()
+
+    @property
+    def document(self) -> ViewDocument:
+        """What is on screen."""
+        with self._lock:
+            return self._document
+
+    @property
+    def answer(self) -> Answer | None:
+        """The newest result; None before the first."""
+        with self._lock:
+            return self._answer
+
+    @property
+    def scene(self) -> SceneView:
+        """The three-dimensional picture."""
+        return self._scene
+
+    def close(self) -> None:
+        """Stop computing: the browser is gone."""
+        for worker in (self._worker, self._further, self._hand):
+            worker.close()
+        self._playback.close()
+        self._points.close()
+
+    @property
+    def computing(self) -> bool:
+        """A thread of this page still runs."""
+        return any(each.alive for each in (self._worker, self._further, self._hand, self._playback, self._points))
+
+    def refresh(self) -> None:
+        """Compute and draw what is on screen."""
+        self._worker.submit(self.document)
+
+    def undo(self, *, again: bool = False) -> None:
+        """One step back, or ``again`` forward."""
+        with self._lock:
+            self._moved = None
+            self._document = self._document.redo() if again else self._document.undo()
+        self.refresh()
+
+    def compare(self, *, keep: bool) -> None:
+        """Keep what is on screen to compare with, or forget it."""
+        with self._lock:
+            self._before = self._answer if keep else None
+        self.refresh()
+
+    def change(self, changes: Mapping[str, Any], key: str) -> None:
+        """Change keys of the scenario on screen.
+
+        Args:
+            changes: dotted keys and new values; None takes a key out.
+            key: of the control at which a refusal is told.
+        """
+        with self._lock:
+            now = time.monotonic()
+            same = now - self._last_edit < _ONE_STEP_S
+            self._last_edit, self._moved = now, key
+            try:
+                self._document = self._document.edit(changes, same_step=same)
+            except InputError as error:
+                self._refuse(key, error)
+                return
+        self.refresh()
+
+    def set_pose(self, q: FloatArray, velocity: FloatArray | None = None) -> None:
+        """Put the arm into a pose (dof,) [rad or m], and give its tip a velocity (3,) [m/s]."""
+        scenario = self.document.scenario
+        key, values = pose_values(self.opened, scenario, q)
+        changes: dict[str, Any] = {key: values}
+        if velocity is not None:
+            changes |= {
+                "motion.velocity_mm_s": [float(f"{1e3 * v:.6g}") for v in velocity],
+                "motion.speed_mm_s": None,
+                "motion.direction": None,
+            }
+        self.change(changes, f"{key}[1]")
+
+    def _touched(self, link: str, point: FloatArray) -> None:
+        rounded = [round(float(value), 4) for value in point]
+        self.change({"contact.link": link, "contact.point_m": rounded}, "contact.link")
+
+    def _hit(self, body: str) -> None:
+        self.change({"contact.body": body, "contact.pressure_area": None}, "contact.body")
+
+    def _reach(self, X: FloatArray) -> None:
+        scenario = self.document.scenario
+        if scenario.motion.kind == "line":
+            self.set_pose(reach_for(self.opened.robot, pose_of(self.opened, scenario), X))
+
+    def _changed(self, key: str) -> None:
+        """A person moved a control. What it shows now counts: calls may overtake each other."""
+        with self._lock:
+            control, scenario = self._panel.controls[key], self._document.scenario
+            shown = self._panel.shown(key)
+            if shown != control.read(scenario):
+                self.change(control.write(scenario, shown), key)
+            elif key == self._moved:
+                self._panel.refuse(key, "")
+
+    def _refuse(self, key: str, error: InputError) -> None:
+        """What was on screen stays; the reason stands at the control."""
+        text = key in self._panel.controls and self._panel.controls[key].kind == "text"
+        self._panel.refuse(key, str(error))
+        # A text is left as it was typed, so that it can be mended.
+        self._panel.show(self._document.scenario, but=key if text else None)
+
+    def _compute(self, document: ViewDocument) -> None:
+        try:
+            answer = Answer.of(document.scenario)
+        except InputError as error:
+            with self._lock:
+                if self._document is document:
+                    self._document = self._computed
+                    self._refuse(self._moved or "", error)
+            return
+        with self._lock:
+            self._computed, self._answer, moved = document, answer, self._moved
+            self._serial += 1
+        self._draw(answer)
+        if moved is not None:
+            self._panel.refuse(moved, "")
+        q = answer.result.problem.q if self._playback.pose is None else self._playback.pose
+        self._scene.show(document.scenario, q, answer, hand=not self._tools.dragging)
+        self._further.submit((document, answer))
+        if not self._worker.has_newer():
+            self._panel.show(document.scenario, but=moved)
+            self._file.content = str(_file_html(document.text))
+
+    def _compute_details(self, answered: tuple[ViewDocument, Answer]) -> None:
+        """What takes longer than a slider has time: further plots, and how sure an uncertain verdict is."""
+        document, answer = answered
+        time.sleep(_PAUSE_S)
+        if self._further.has_newer():
+            return
+        self._draw_polytope(answer)
+        try:
+            if answer.pending:
+                answer = Answer.of_uncertain(document.scenario, self._further.has_newer)
+            details = details_html(answer, self._further.has_newer)
+        except SupersededError:
+            return
+        except InputError as error:
+            details = element("div", f"No further plots: {error}")
+        with self._lock:
+            if self._computed is not document:
+                return
+            self._answer, self._details = answer, details
+            self._serial += 1
+        self._draw(answer)
+
+    def _draw_polytope(self, answer: Answer) -> None:
+        problem, contact = answer.result.problem, answer.scenario.contact
+        at = problem.robot.pose(problem.q, contact.link, contact.point_m)[:3, 3]
+        self._scene.show_polytope(force_polytope(problem, problem.q) if self._tools.polytope else None, at)
+
+    def _draw(self, answer: Answer) -> None:
+        html = result_html(answer, self._details, serial=self._serial, before=self._before)
+        self._result.content = str(html)
+
+
+def pose_of(opened: Opened, scenario: Scenario) -> FloatArray:
+    """The pose of a scenario with a straight line (dof,) [rad or m]."""
+    from bumpstop.collision.scenario_values import start_pose
+
+    return start_pose(scenario, opened.robot)
+
+
+def pose_values(opened: Opened, scenario: Scenario, q: FloatArray) -> tuple[str, list[float]]:
+    """The key of a pose as the scenario has it, and its values rounded inwards to what a person reads."""
+    degrees = scenario.pose_deg is not None
+    turns = np.array([joint.kind == "revolute" for joint in opened.robot.joints])
+    factor = np.where(turns & degrees, 180 / np.pi, 1.0)
+    places = np.where(turns & degrees, 2, 4)
+    values = []
+    for value, low, high, scale, digits in zip(q, opened.robot.lower, opened.robot.upper, factor, places, strict=True):
+        shown = round(float(value * scale), int(digits))
+        # Rounding must not leave the limits.
+        if not low <= shown / scale <= high:
+            shown = float(np.clip(value, low, high) * scale)
+        values.append(shown)
+    return ("pose_deg" if degrees else "pose_rad"), values
+
+
+def _file_html(text: str) -> Html:
+    copy = "navigator.clipboard.writeText(this.parentNode.querySelector('pre').textContent)"
+    button = element("button", "Copy as TOML", onclick=copy, style="padding:3px 10px;margin-bottom:4px")
+    look = "font-size:11px;max-height:260px;overflow:auto;background:#f6f6f6;padding:6px;user-select:all"
+    return element("div", button, element("pre", text, style=look, data_scenario=""), style="padding:0 8px")

@@ -1,0 +1,116 @@
+"""Points of a workspace on a page: of a study, or computed in the background; each can be clicked."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bumpstop.errors import BumpstopError
+from bumpstop.report.markup import element
+from bumpstop.terminal import number
+from bumpstop.view.colour_scale import colours_of
+from bumpstop.view.point_rows import PointRows, point_rows
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from bumpstop.view.page.page import Page
+
+_NEAR = 0.012
+_POSES = 2000
+
+
+class PointPanel:
+    """What is coloured all over the workspace.
+
+    Args:
+        page: whose it is.
+    """
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._rows: PointRows | None = page.opened.points
+        self._cancelled = threading.Event()
+        self._thread: threading.Thread | None = None
+        with page.client.gui.add_folder("Workspace", expand_by_default=self._rows is not None):
+            buttons = page.client.gui.add_button_group("points", ("Compute", "Cancel", "Hide"))
+            buttons.on_click(lambda event: self._press(event.target.value))
+            self._says = page.client.gui.add_html("")
+        if self._rows is not None:
+            self._draw()
+        page.client.scene.on_click()(self._clicked)
+
+    @property
+    def alive(self) -> bool:
+        """Its thread has not ended yet."""
+        return self._thread is not None and self._thread.is_alive()
+
+    def close(self) -> None:
+        """Stop computing."""
+        self._cancelled.set()
+
+    def _press(self, what: str) -> None:
+        if what == "Compute" and not self.alive:
+            self._cancelled.clear()
+            self._thread = threading.Thread(target=self._work, name="bumpstop-view-workspace", daemon=True)
+            self._thread.start()
+            return
+        self._cancelled.set()
+        if what == "Hide":
+            self._rows = None
+            self._page.client.scene.remove_by_name("/points")
+            self._say("")
+
+    def _work(self) -> None:
+        """Distributions at random poses, in the direction on screen; what is there already stays until it is done."""
+        import polars as pl
+
+        from bumpstop.study import WorkspaceStudy
+
+        scenario = self._page.document.scenario.without_uncertainty()
+        try:
+            study = WorkspaceStudy(scenario=scenario, poses=_POSES, directions="scenario", joint_limits="ignore")
+            found: list[pl.DataFrame] = []
+            for shard in range(study.shards):
+                if self._cancelled.is_set():
+                    self._say(f"cancelled at {100 * shard / study.shards:.0f} %")
+                    return
+                found.append(study.shard(shard))
+                self._say(f"computing: {100 * (shard + 1) / study.shards:.0f} %")
+                self._rows = point_rows(pl.concat(found), self._page.opened.robot.dof, "workspace")
+                self._draw()
+        except BumpstopError as error:
+            self._say(str(error))
+
+    def _draw(self) -> None:
+        rows = self._rows
+        if rows is None:
+            return
+        size = 0.02 if len(rows.value) < 5000 else 0.008
+        self._page.client.scene.add_point_cloud(
+            "/points", rows.place.astype(np.float32), colours_of(rows.value), point_size=size, point_shape="circle"
+        )
+        finite = rows.value[np.isfinite(rows.value)]
+        if finite.size:
+            low, high = number(float(finite.min())), number(float(finite.max()))
+            self._say(f"{len(rows.value)} points: {rows.label}, dark {low} to bright {high}; click one to go there")
+
+    def _clicked(self, event: Any) -> None:
+        rows = self._rows
+        if rows is None:
+            return
+        origin, direction = np.asarray(event.ray_origin), np.asarray(event.ray_direction)
+        if self._page.scene.arm_is_hit(origin, direction):
+            return
+        row = rows.nearest(origin, direction, _NEAR)
+        if row is None or self._page.document.scenario.motion.kind != "line":
+            return
+        velocity = rows.velocity[row]
+        self._page.set_pose(rows.q[row], velocity if np.isfinite(velocity).all() and velocity.any() else None)
+        self._say(f"row {row + 1}: {rows.label} {number(float(rows.value[row]))}", row=row)
+
+    def _say(self, text: str, row: int | None = None) -> None:
+        marked = None if row is None else str(row)
+        self._says.content = str(element("div", text, style="font-size:12px;padding:2px 8px", data_point=marked))

@@ -1,0 +1,152 @@
+"""The server of the pages: on loopback, for pages of its own alone, with one state for every browser."""
+
+from __future__ import annotations
+
+import http
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+from bumpstop.errors import InputError
+from bumpstop.view.page.page import Page
+
+if TYPE_CHECKING:
+    import viser
+
+    from bumpstop.view.opened import Opened
+
+LOOPBACK = "127.0.0.1"
+_LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
+_MAX_PORT = 65_535
+_STARTING = threading.Lock()
+
+
+class ViewServer:
+    """Serves an opened scenario to any number of browsers, each with a page and a state of its own.
+
+    Attributes:
+        pages: of the browsers that are connected, by the number of the connection.
+    """
+
+    def __init__(self, opened: Opened, *, host: str = LOOPBACK, port: int = 0) -> None:
+        if not 0 <= port <= _MAX_PORT:
+            raise InputError("--port", f"{port} is no port", f"wanted 0 (any that is free) to {_MAX_PORT}")
+        viser = viser_module()
+        self.pages: dict[int, Page] = {}
+        self._lock = threading.Lock()
+        self._opened = opened
+        with _guarded(host), _silent():
+            self._server = viser.ViserServer(host=host, port=port, verbose=False)
+        self._host = host
+        self._server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
+        # Shadows and an environment to mirror cost seconds where the processor draws, and show nothing of a collision.
+        self._server.scene.configure_environment_map(None)
+        self._server.scene.configure_default_lights(cast_shadow=False)
+        self._server.on_client_connect(self._connect)
+        self._server.on_client_disconnect(self._disconnect)
+
+    @property
+    def url(self) -> str:
+        """Where the page is."""
+        host = "[::1]" if self._host == "::1" else self._host
+        return f"http://{host}:{self._server.get_port()}"
+
+    def stop(self) -> None:
+        """Close every page, and the server."""
+        with self._lock:
+            pages, self.pages = list(self.pages.values()), {}
+        for page in pages:
+            page.close()
+        with _silent():
+            self._server.stop()
+
+    def _connect(self, client: viser.ClientHandle) -> None:
+        page = Page(client, self._opened)
+        with self._lock:
+            self.pages[client.client_id] = page
+
+    def _disconnect(self, client: viser.ClientHandle) -> None:
+        with self._lock:
+            page = self.pages.pop(client.client_id, None)
+        if page is not None:
+            page.close()
+
+
+def is_loopback(host: str) -> bool:
+    """Whether nobody but this machine reaches a host of that name."""
+    return host in _LOOPBACK_NAMES or host.startswith("127.")
+
+
+def may_connect(headers: Any, host: str, *, upgrade: bool) -> bool:
+    """Whether a request comes from a page of this server.
+
+    A page of another origin may open a WebSocket to this machine, and one whose name was bound to 127.0.0.1 may read
+    from it: the browser says both, in the headers ``origin`` and ``host``.
+
+    Args:
+        headers: of the request, their names in lower case.
+        host: that the server is bound to.
+        upgrade: the request opens a WebSocket.
+    """
+    asked = headers.get("host", "")
+    name = urlsplit(f"//{asked}").hostname or ""
+    if is_loopback(host) and name not in _LOOPBACK_NAMES:
+        return False
+    origin = headers.get("origin")
+    if origin is None:
+        return not upgrade
+    return bool(origin in (f"http://{asked}", f"https://{asked}"))
+
+
+def viser_module() -> Any:
+    """The package viser.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        import viser
+    except ImportError:
+        raise InputError("view", "viser is not installed", "pip install 'bumpstop[view]'") from None
+    return viser
+
+
+@contextmanager
+def _guarded(host: str) -> Iterator[None]:
+    """Have a viser server that starts in here refuse foreign origins: viser 1.1 has no setting for that."""
+    import websockets.asyncio.server as websockets
+
+    serve = websockets.serve
+
+    def guarded(*arguments: Any, process_request: Any = None, **others: Any) -> Any:
+        async def checked(connection: Any, request: Any) -> Any:
+            upgrade = request.headers.get("Upgrade", "").lower() == "websocket"
+            if not may_connect(request.headers, host, upgrade=upgrade):
+                return connection.respond(http.HTTPStatus.FORBIDDEN, "foreign origin\n")
+            answer = process_request(connection, request)
+            return await answer if hasattr(answer, "__await__") else answer
+
+        return serve(*arguments, process_request=checked, **others)
+
+    with _STARTING:
+        websockets.serve = guarded  # type: ignore[assignment, misc]
+        try:
+            yield
+        finally:
+            websockets.serve = serve  # type: ignore[misc]
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Keep viser from printing: the command says where the page is."""
+    import rich
+
+    shown = rich.print
+    rich.print = partial(lambda *_, **__: None)
+    try:
+        yield
+    finally:
+        rich.print = shown

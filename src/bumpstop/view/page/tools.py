@@ -1,0 +1,68 @@
+"""The tools of a page: undo, comparison, files, and what the picture shows besides the arm."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bumpstop.errors import BumpstopError
+
+if TYPE_CHECKING:
+    from bumpstop.view.page.page import Page
+
+
+class Tools:
+    """Buttons and switches above the controls.
+
+    Args:
+        page: whose they are.
+    """
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self.dragging = False
+        gui = page.client.gui
+        with gui.add_folder(page.opened.title.rpartition("/")[2]):
+            steps = gui.add_button_group("steps", ("Undo", "Redo"))
+            steps.on_click(lambda event: page.undo(again=event.target.value == "Redo"))
+            compare = gui.add_button_group("compare", ("Keep this", "Forget"))
+            compare.on_click(lambda event: page.compare(keep=event.target.value == "Keep this"))
+            files = gui.add_button_group("save", ("Scenario", "Picture", "Report"))
+            files.on_click(lambda event: self._save(event.target.value))
+            hand = gui.add_checkbox("drag the hand", False)
+            hand.on_update(lambda event: page.scene.show_hand(event.target.value))
+            self._polytope = gui.add_checkbox(
+                "undetectable forces", False, hint="forces at the contact point that no threshold detects, 1 m: 1000 N"
+            )
+            self._polytope.on_update(lambda _: page.refresh())
+
+    @property
+    def polytope(self) -> bool:
+        """The forces that no threshold detects are to be drawn."""
+        return bool(self._polytope.value)
+
+    def _save(self, what: str) -> None:
+        """Hand a file to the browser."""
+        page, answer = self._page, self._page.answer
+        if answer is None:
+            return
+        name = Path(page.opened.title).stem
+        try:
+            if what == "Scenario":
+                page.client.send_file_download(f"{name}.toml", page.document.text.encode("utf-8"))
+            elif what == "Picture":
+                from bumpstop.view.recorder import picture
+
+                page.client.send_file_download(f"{name}.png", picture(answer))
+            else:
+                page.client.send_file_download(f"{name}.html", _report(answer))
+        except BumpstopError as error:
+            page.client.add_notification(what, str(error), color="red")
+
+
+def _report(answer: Any) -> bytes:
+    from bumpstop.report import write_report
+
+    with tempfile.TemporaryDirectory() as folder:
+        return write_report(answer.result, Path(folder), uncertain=answer.uncertain).read_bytes()

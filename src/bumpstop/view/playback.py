@@ -1,0 +1,143 @@
+"""A motion in time, to be played: a trajectory with its safe speeds, or a recording with its residuals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.report.colours import EVENT, LAW
+from bumpstop.report.markup import Html
+from bumpstop.terminal import number
+from bumpstop.view.plots.chart import Chart
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bumpstop.arrays import FloatArray
+    from bumpstop.view.opened import Opened
+
+# Points of a way, and of a chart, that are worth drawing.
+_MAX_PLACES, _MAX_CHART = 4000, 600
+
+
+@dataclass(frozen=True, eq=False)
+class Playback:
+    """A motion in time.
+
+    Attributes:
+        time: (N,) [s].
+        position: (N, dof) [rad or m].
+        places: (M, 3) of the tip, evenly chosen [m].
+        shown_values: (M,) by which they are coloured.
+        value: (N,) what is charted.
+        limit: (N,) what it is charted against.
+        value_label: name and unit of the value.
+        limit_label: name of the limit.
+        worst: row in which the value is nearest its limit, or farthest over it.
+        alarms: times [s].
+    """
+
+    time: FloatArray
+    position: FloatArray
+    places: FloatArray
+    shown_values: FloatArray
+    value: FloatArray
+    limit: FloatArray
+    value_label: str
+    limit_label: str
+    worst: int
+    alarms: tuple[float, ...] = ()
+
+    def pose_at(self, t: float) -> FloatArray:
+        """The pose at a time, linear between rows (dof,) [rad or m]."""
+        columns = range(self.position.shape[1])
+        return np.array([np.interp(t, self.time, self.position[:, j]) for j in columns])
+
+    def words_at(self, t: float) -> str:
+        """What holds at a time."""
+        row = int(np.clip(np.searchsorted(self.time, t, side="right") - 1, 0, self.time.size - 1))
+        said = (
+            f"{self.value_label} {number(float(self.value[row]))}, {self.limit_label} {number(float(self.limit[row]))}"
+        )
+        over = "over" if self.value[row] > self.limit[row] else "within"
+        return f"{t:.3f} s: {said}: {over}"
+
+    def chart(self, t: float) -> Html:
+        """Value and limit over time, the time that is shown, and alarms."""
+        kept = np.unique(np.linspace(0, self.time.size - 1, _MAX_CHART).astype(int))
+        limit = self.limit[kept]
+        finite = limit[np.isfinite(limit)]
+        top = 1.2 * max(float(np.nanmax(self.value, initial=0.0)), float(finite.min(initial=0.0)), 1e-9)
+        span = (float(self.time[0]), float(self.time[-1]))
+        labels = ("time [s]", self.value_label)
+        chart = Chart(self.limit_label, span, (0.0, top), labels=labels, height=150, name="playback")
+        chart.line(self.time[kept], np.nan_to_num(self.value[kept]), LAW)
+        chart.line(self.time[kept], np.minimum(np.nan_to_num(limit, posinf=2 * top), 2 * top), "#D55E00", dash="6 3")
+        for alarm in self.alarms[:50]:
+            chart.mark(alarm, 0.0, "", EVENT)
+        chart.vertical(t, "", "#222222", dash="2 2")
+        return chart.svg()
+
+
+def playback_of(opened: Opened, stopped: Callable[[], bool], progress: Callable[[float], None]) -> Playback | None:
+    """The motion that was opened, with what is known of it; None where it is a straight line, or nobody waits.
+
+    Args:
+        opened: what a page begins with.
+        stopped: asked between parts of the work.
+        progress: told the share that is done.
+
+    Raises:
+        InputError: it cannot be computed.
+    """
+    if opened.recorded is not None:
+        return _recorded(opened)
+    if opened.scenario.motion.kind != "trajectory":
+        return None
+    return _trajectory(opened, stopped, progress)
+
+
+def _trajectory(opened: Opened, stopped: Callable[[], bool], progress: Callable[[float], None]) -> Playback | None:
+    import polars as pl
+
+    from bumpstop.study import TrajectorySpeedLimits
+
+    study = TrajectorySpeedLimits(scenario=opened.scenario.without_uncertainty())
+    shards = []
+    for shard in range(study.shards):
+        if stopped():
+            return None
+        shards.append(study.shard(shard))
+        progress((shard + 1) / study.shards)
+    rows = pl.concat(shards)
+    time, position = study.trajectory.time, study.trajectory.position
+    speed, limit = rows["speed_mm_s"].to_numpy(), rows["limit_mm_s"].to_numpy()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(speed > 0, speed / np.maximum(limit, 1e-9), 0.0)
+    places = rows.select("tip_x_m", "tip_y_m", "tip_z_m").to_numpy()
+    return Playback(
+        time, position, places, limit, speed, limit, "speed of the tip, mm/s", "safe speed, mm/s", int(share.argmax())
+    )
+
+
+def _recorded(opened: Opened) -> Playback:
+    recorded = opened.recorded
+    assert recorded is not None
+    recording, run = recorded.recording, recorded.run
+    kept = np.unique(np.linspace(0, recording.t.size - 1, _MAX_PLACES).astype(int))
+    places = opened.robot.pose(recording.q[kept])[:, :3, 3]
+    if run is None:
+        still = np.zeros(recording.t.size)
+        return Playback(
+            recording.t, recording.q, places, recording.t[kept], still, still + np.inf,
+            "no residual", "no detector given", 0,
+        )  # fmt: skip
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.nan_to_num(np.nanmax(np.abs(run.residual) / run.threshold, axis=1, initial=0.0))
+    return Playback(
+        recording.t, recording.q, places, share[kept], share, np.ones(recording.t.size),
+        "largest residual over its threshold", "threshold", int(share.argmax()),
+        tuple(event.t for event in run.events),
+    )  # fmt: skip

@@ -1,0 +1,1 @@
+"""Plots of the explorer, drawn as SVG: text and lines that a browser shows in a millisecond."""

@@ -1,0 +1,1 @@
+"""What stands in the three-dimensional picture, as meshes and points; without the browser."""

@@ -1,0 +1,153 @@
+"""What is on screen is always a scenario, and every change can be undone."""
+
+from __future__ import annotations
+
+import threading
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bumpstop as bs
+from bumpstop.model import Robot
+from bumpstop.view.answer import Answer
+from bumpstop.view.controls import Control, Shown, controls_of
+from bumpstop.view.document import ViewDocument, scenario_text, with_keys
+from bumpstop.view.latest import LatestWins
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+HAND = bs.load_scenario(EXAMPLES / "01_hand_downward.toml")
+CONTROLS = controls_of(HAND, Robot.load("sia5d"))
+
+
+@pytest.mark.parametrize("name", ["01_hand_downward", "05_ur10e", "06_pick_and_place_trajectory", "07_hand_uncertain"])
+def test_text_is_the_scenario_on_screen(name: str, tmp_path: Path) -> None:
+    scenario = bs.load_scenario(EXAMPLES / f"{name}.toml")
+    file = tmp_path / "elsewhere.toml"
+    file.write_text(scenario_text(scenario), encoding="utf-8")
+    again = bs.load_scenario(file)
+    assert again.with_values({}).as_given().keys() == scenario.as_given().keys()
+    assert Answer.of(again).figures == Answer.of(scenario).figures
+
+
+def test_random_walks_can_be_undone() -> None:
+    rng = np.random.default_rng(0)
+    document = ViewDocument(HAND)
+    seen = [document.scenario]
+    for _ in range(60):
+        choice = rng.integers(4)
+        if choice == 0:
+            document = document.undo()
+        elif choice == 1:
+            document = document.redo()
+        else:
+            speed = float(rng.integers(10, 200))
+            document = document.edit({"motion.velocity_mm_s": [0, 0, -speed]}, same_step=bool(rng.integers(2)))
+        assert tomllib.loads(document.text)["robot"] == "sia5d"
+        seen.append(document.scenario)
+    while document.past:
+        document = document.undo()
+    assert document.scenario == HAND
+    while document.future:
+        document = document.redo()
+    assert document.scenario in seen
+
+
+def test_a_slider_that_moves_is_one_step() -> None:
+    document = ViewDocument(HAND)
+    for speed in range(60, 90):
+        document = document.edit({"motion.velocity_mm_s": [0, 0, -speed]}, same_step=True)
+    document = document.edit({"contact.area_cm2": 3.0}, same_step=True)
+    assert len(document.past) == 2
+    assert document.undo().undo().scenario == HAND
+    assert document.undo().redo().scenario == document.scenario
+
+
+def test_what_is_refused_changes_nothing() -> None:
+    document = ViewDocument(HAND)
+    with pytest.raises(bs.InputError) as refused:
+        document.edit({"contact.area_cm2": -1.0})
+    with pytest.raises(bs.InputError) as by_the_command:
+        bs.load_scenario(EXAMPLES / "01_hand_downward.toml", {"contact.area_cm2": -1.0})
+    assert str(refused.value) == str(by_the_command.value)
+    assert document.scenario == HAND
+
+
+@pytest.mark.parametrize("control", CONTROLS, ids=[control.key for control in CONTROLS])
+def test_every_control_shows_and_sets_its_key(control: Control) -> None:
+    """What is written is read back, other controls keep what they show, and the scenario of the text is the same."""
+    assert control.write(HAND, control.read(HAND)) is not None
+    other = _other(control)
+    changed = with_keys(HAND, _needed(control) | control.write(HAND, other))
+    assert control.read(changed) == pytest.approx(other) if isinstance(other, float | tuple) else other
+    text = bs.Scenario.from_dict(tomllib.loads(scenario_text(changed)))
+    assert text.to_dict() == changed.to_dict()
+    if changed != HAND and not _needed(control):
+        before = {each.key: each.read(HAND) for each in CONTROLS}
+        after = {each.key: each.read(changed) for each in controls_of(changed, Robot.load("sia5d"))}
+        differ = {key for key in before if key in after and before[key] != pytest.approx(after[key])}
+        assert differ <= {control.key, "contact.pressure_area", "contact.arm", "contact.body_mass_kg"}
+
+
+def _needed(control: Control) -> dict[str, object]:
+    """Keys without which a control has no meaning."""
+    return {
+        "contact.body_mass_kg": {"contact.kind": "free"},
+        "contact.arm": {"contact.kind": "free", "contact.body_mass_kg": 2.0},
+        "contact.offset_mm": {"contact.offset_law": "fixed"},
+        "contact.offset_law": {"contact.offset_mm": None},
+        "reaction.stopping_time_s": {"reaction.deceleration": "constant_time"},
+        "reaction.ramp_time_s": {"reaction.deceleration": "ramp"},
+        "reaction.deceleration": {"reaction.ramp_time_s": 0.05},
+        "reaction.stop_category": {"reaction.kind": "stop"},
+    }.get(control.key, {"arm.model": "elastic"} if control.key.startswith("arm.") else {})
+
+
+def _other(control: Control) -> Shown:
+    """Something else that a control may show."""
+    now = control.read(HAND)
+    if control.kind == "vector":
+        return (0.0, 0.6, -0.8)
+    if control.kind in ("slider", "number"):
+        assert isinstance(now, float)
+        return now + 2 * control.step if now + 2 * control.step <= control.high else now - 2 * control.step
+    if control.key == "reaction.deceleration":
+        return "ramp"
+    if control.kind == "choice":
+        return next((name for name in control.choices[1:] if name not in (now, "fixed")), str(now))
+    texts = {
+        "motion.held_joints": "6",
+        "contact.normal": "0, 0, -1",
+        "detector.thresholds_Nm": "21, 11, 21, 21, 21, 21, 21",
+        "reaction.stop_category": "1",
+    }
+    return texts.get(
+        control.key, "0.0005" if control.panel == "Verdict" else "1.5" if control.panel != "Arm" else "0.5"
+    )
+
+
+def test_only_the_newest_request_is_answered() -> None:
+    answered: list[int] = []
+    begun, go_on = threading.Event(), threading.Event()
+
+    def work(request: int) -> None:
+        begun.set()
+        go_on.wait(5)
+        answered.append(request)
+
+    worker = LatestWins(work, "test")
+    worker.submit(0)
+    assert begun.wait(5)
+    for request in range(1, 50):
+        worker.submit(request)
+    assert worker.has_newer()
+    go_on.set()
+    for _ in range(200):
+        if len(answered) == 2:
+            break
+        threading.Event().wait(0.01)
+    assert answered == [0, 49]
+    assert worker.dropped == 48
+    worker.close(5)
+    assert not worker.alive

@@ -1,0 +1,129 @@
+"""The page in a real browser: what is on screen is what the command says of the scenario that the page exports."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bumpstop.cli.main import main
+from bumpstop.view.opened import open_source
+from bumpstop.view.page.server import ViewServer
+from view.cases import LOWER_ARM
+
+CHROMIUM = shutil.which("chromium")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: apt-get install chromium")
+FLAGS = ["--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+_WAIT_MS = 60_000
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    playwright = pytest.importorskip("playwright.sync_api")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[ViewServer]:
+    server = ViewServer(open_source(str(LOWER_ARM)))
+    yield server
+    server.stop()
+
+
+class Screen:
+    """A page in the browser."""
+
+    def __init__(self, browser: Any, server: ViewServer) -> None:
+        self.page = browser.new_page(viewport={"width": 960, "height": 560})
+        self.faults: list[str] = []
+        self.elsewhere: list[str] = []
+        self.page.on("console", lambda m: self.faults.append(m.text) if m.type == "error" else None)
+        self.page.on("pageerror", lambda error: self.faults.append(str(error)))
+        own = (server.url, server.url.replace("http", "ws"), "data:", "blob:")
+        self.page.on("request", lambda r: None if r.url.startswith(own) else self.elsewhere.append(r.url))
+        self.page.goto(server.url)
+        self.page.wait_for_selector("[data-serial]", timeout=_WAIT_MS)
+        # A folder that is closed has no text.
+        self.page.get_by_text("Scenario file", exact=True).click()
+        self.page.wait_for_selector("[data-scenario]", timeout=_WAIT_MS)
+
+    def number(self, key: str) -> float:
+        return float(self.page.get_attribute(f"[data-figure='{key}']", "data-value"))
+
+    def scenario(self) -> str:
+        return str(self.page.text_content("[data-scenario]"))
+
+    def until(self, words: str) -> None:
+        """Wait until the exported scenario has these words and the plots are those of its answer."""
+        self.page.wait_for_function(
+            "words => document.querySelector('[data-scenario]').textContent.includes(words)", arg=words,
+            timeout=_WAIT_MS,
+        )  # fmt: skip
+
+    def field(self, label: str) -> Any:
+        """The input beside a label: a panel's row is label and input."""
+        return self.page.locator(f"xpath=//label[normalize-space()='{label}']/ancestor::*[.//input][1]//input").last
+
+
+def told(scenario: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    """What the command says of an exported scenario."""
+    file = folder / "exported.toml"
+    file.write_text(scenario, encoding="utf-8")
+    capsys.readouterr()
+    with pytest.raises(SystemExit):
+        main(["evaluate", str(file), "--json"])
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return found
+
+
+def test_the_page_says_what_the_command_says(
+    browser: Any, server: ViewServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    screen, other = Screen(browser, server), Screen(browser, server)
+    before = other.number("peak_force_N.p99")
+    changes = (("speed, mm/s", "90", "-90"), ("area, cm²", "3", "area_cm2 = 3"), ("latency, s", None, None))
+    for label, typed, words in changes[:2]:
+        field = screen.field(label)
+        field.fill(str(typed))
+        field.press("Enter")
+        screen.until(str(words))
+        found = told(screen.scenario(), tmp_path, capsys)
+        for key in ("mean", "p50", "p99", "p999"):
+            assert screen.number(f"peak_force_N.{key}") == found["peak_force_N"][key]
+        assert screen.number("verdict.p_over_pressure") == found["verdict"]["p_over_pressure"]
+        assert screen.page.get_attribute("[data-verdict]", "data-verdict") == found["verdict"]["conclusion"]
+        assert screen.page.text_content("[data-sentence]") == found["verdict"]["reason"]
+    # The other browser still sees what it had.
+    assert other.number("peak_force_N.p99") == before != screen.number("peak_force_N.p99")
+    # A wrong value is refused in place with the reason that the command gives, and is not used.
+    text, exported = screen.field("stiffness, N/m"), screen.scenario()
+    text.fill("-5")
+    screen.page.wait_for_selector("[data-refusal='contact.stiffness_N_m']", timeout=_WAIT_MS)
+    reason = screen.page.text_content("[data-refusal]").removeprefix("✖ ")
+    with pytest.raises(SystemExit):
+        main(["evaluate", str(LOWER_ARM), "--set", "contact.stiffness_N_m=-5"])
+    assert capsys.readouterr().err.strip() == f"error: {reason}"
+    assert screen.scenario() == exported
+    # Undo goes back step by step.
+    screen.page.get_by_role("button", name="Undo").click()
+    screen.until("area_cm2 = 2")
+    assert not screen.faults
+    assert not screen.elsewhere
+    # Closing the page frees its work.
+    pages = list(server.pages.values())
+    assert len(pages) == 2
+    screen.page.close()
+    other.page.close()
+    limit = time.monotonic() + 10
+    while any(page.computing for page in pages) and time.monotonic() < limit:
+        time.sleep(0.05)
+    assert not any(page.computing for page in pages)
+    assert not server.pages

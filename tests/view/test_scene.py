@@ -1,0 +1,110 @@
+"""What stands in the picture: shapes where joints are, forces by two routes, a hand that is reached for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import bumpstop as bs
+from bumpstop.contact import LimitTable
+from bumpstop.detection.sensitivity import undetectable_force_along
+from bumpstop.model import Robot
+from bumpstop.view.colour_scale import colours_of
+from bumpstop.view.plots.chart import ticks
+from bumpstop.view.point_rows import PointRows
+from bumpstop.view.scene.arm_shapes import arm_shapes
+from bumpstop.view.scene.person import person_parts
+from bumpstop.view.scene.polytope import force_polytope
+from bumpstop.view.scene.reaching import reach_for
+from view.cases import HAND, twelve_joints
+
+
+@pytest.mark.parametrize("robot", [*map(Robot.load, bs.robots()), twelve_joints()], ids=lambda robot: robot.name)
+def test_shapes_enclose_the_lines_between_joints(robot: Robot) -> None:
+    """A ray across the middle of every line meets the shape of the link that carries it."""
+    shapes = {shape.link: shape for shape in arm_shapes(robot)}
+    for number, joint in enumerate([*robot.joints[1:], None], start=0):
+        end = np.asarray(robot.tip_origin if joint is None else joint.origin)
+        if np.linalg.norm(end) < 0.02:
+            continue
+        side = np.cross(end, [0.3, 0.5, 0.7])
+        side /= np.linalg.norm(side)
+        far = shapes[number].hit(end / 2 + 5 * side, -side)
+        assert far is not None
+        assert 4.5 < far < 5.0
+        assert shapes[number].hit(end / 2 + 5 * side, side) is None
+    for shape in shapes.values():
+        # Closed and facing outwards: the signed volume is positive, and every edge has its opposite.
+        a, b, c = (shape.vertices[shape.faces[:, k]] for k in range(3))
+        assert np.einsum("ij,ij->i", a, np.cross(b, c)).sum() > 0
+        edges = [tuple(edge) for f in shape.faces.tolist() for edge in ((f[0], f[1]), (f[1], f[2]), (f[2], f[0]))]
+        assert {(j, i) for i, j in edges} == set(edges)
+
+
+def test_corners_of_undetectable_forces_touch_a_threshold() -> None:
+    rng = np.random.default_rng(1)
+    problem = bs.CollisionProblem.from_scenario(HAND)
+    for _ in range(5):
+        q = problem.q + 0.2 * rng.standard_normal(problem.q.size)
+        found = force_polytope(problem, q)
+        torque = np.abs(found.vertices @ problem.robot.jacobian(q)[:3]) / problem.thresholds
+        assert torque.max(axis=1) == pytest.approx(1.0, rel=1e-6)
+        sizes = np.linalg.norm(found.vertices, axis=1)
+        assert found.largest_N == pytest.approx(sizes.max(), rel=1e-6)
+        # Along a corner nothing more stays undetected than the corner itself.
+        corner = found.vertices[int(sizes.argmax())]
+        along = undetectable_force_along(problem.robot, q, corner / np.linalg.norm(corner), problem.thresholds)
+        assert along == pytest.approx(sizes.max(), rel=1e-6)
+
+
+def test_a_hand_is_reached_for_within_limits() -> None:
+    rng, robot = np.random.default_rng(2), Robot.load("ur10e")
+    for _ in range(10):
+        q = rng.uniform(-1.2, 1.2, 6)
+        near = np.clip(q + 0.15 * rng.standard_normal(6), robot.lower, robot.upper)
+        found = reach_for(robot, q, robot.pose(near))
+        assert np.abs(robot.pose(found)[:3, 3] - robot.pose(near)[:3, 3]).max() < 2e-3
+    far = np.eye(4)
+    far[:3, 3] = (9.0, 0.0, 0.0)
+    stretched = reach_for(robot, np.full(6, 0.3), far, turned=False)
+    assert ((stretched >= robot.lower) & (stretched <= robot.upper)).all()
+    assert robot.pose(stretched)[0, 3] > 1.0
+
+
+@pytest.mark.parametrize("table", ["bgia2011", "ts15066"])
+def test_every_region_can_be_clicked(table: str) -> None:
+    limits = LimitTable.load(table)
+    parts = person_parts(limits)
+    assert set(parts) == {region.name for region in limits.regions}
+    lengths = [round(float(np.abs(vertices).sum()), 6) for vertices, _ in parts.values()]
+    assert len(set(lengths)) > 0.6 * len(lengths)
+
+
+def test_a_click_finds_the_point_under_it() -> None:
+    rng = np.random.default_rng(3)
+    place = rng.uniform(-1, 1, (61_000, 3))
+    rows = PointRows(place, np.zeros((61_000, 1)), np.zeros((61_000, 3)), place[:, 0], "x")
+    eye = np.array([0.0, -6.0, 0.0])
+    for row in rng.integers(0, 61_000, 20):
+        found = rows.nearest(eye, place[row] - eye, 0.002)
+        assert found is not None
+        away = place[found] - eye
+        assert np.cross(away, place[row] - eye) / np.linalg.norm(away) == pytest.approx(np.zeros(3), abs=0.1)
+    assert rows.nearest(eye, [0.0, -1.0, 0.0], 0.002) is None
+
+
+def test_colours_keep_the_order_of_numbers() -> None:
+    colours = colours_of(np.linspace(0, 1, 40)).astype(float)
+    brightness = colours @ [0.2126, 0.7152, 0.0722]
+    assert (np.diff(brightness) > 0).all()
+    assert (colours_of(np.array([np.nan, 0.0, np.inf, 1.0]))[[0, 2]] == [[150] * 3, [253, 231, 37]]).all()
+
+
+def test_ticks_are_round_and_few() -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(200):
+        low = rng.uniform(-1e3, 1e3)
+        high = low + 10.0 ** rng.uniform(-6, 6)
+        found = ticks(low, high, 6)
+        assert 2 <= len(found) <= 7
+        assert low - 1e-6 * (high - low) <= found[0] <= found[-1] <= high + 1e-6 * (high - low)

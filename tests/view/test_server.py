@@ -1,0 +1,144 @@
+"""Who may look at a page, and what is opened."""
+
+from __future__ import annotations
+
+import http.client
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+import bumpstop as bs
+from bumpstop.cli.main import main
+from bumpstop.view.opened import open_source
+from bumpstop.view.page.server import ViewServer, is_loopback, may_connect
+from view.cases import LOWER_ARM, urdf_of_twelve_joints
+
+KEY = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Key": "x3JJHMbDL1EzLkh9GBhXDw=="}
+
+
+@pytest.mark.parametrize(
+    ("headers", "upgrade", "allowed"),
+    [
+        ({"host": "127.0.0.1:8642"}, False, True),
+        ({"host": "localhost:8642", "origin": "http://localhost:8642"}, True, True),
+        ({"host": "[::1]:8642", "origin": "http://[::1]:8642"}, True, True),
+        ({"host": "127.0.0.1:8642", "origin": "http://evil.example"}, True, False),
+        ({"host": "127.0.0.1:8642", "origin": "http://127.0.0.1:9999"}, True, False),
+        ({"host": "127.0.0.1:8642", "origin": "null"}, True, False),
+        ({"host": "127.0.0.1:8642"}, True, False),
+        ({"host": "evil.example:8642", "origin": "http://evil.example:8642"}, True, False),
+        ({"host": "evil.example:8642"}, False, False),
+        ({}, False, False),
+    ],
+)
+def test_only_own_pages_may_connect(headers: dict[str, str], upgrade: bool, allowed: bool) -> None:
+    assert may_connect(headers, "127.0.0.1", upgrade=upgrade) is allowed
+
+
+def test_other_hosts_keep_to_their_own_pages() -> None:
+    assert may_connect({"host": "arm:80", "origin": "http://arm:80"}, "0.0.0.0", upgrade=True)
+    assert not may_connect({"host": "arm:80", "origin": "http://evil.example"}, "0.0.0.0", upgrade=True)
+    assert is_loopback("127.0.0.1")
+    assert not is_loopback("0.0.0.0")
+
+
+def test_foreign_origins_are_refused_by_the_server() -> None:
+    server = ViewServer(open_source(str(LOWER_ARM)))
+    try:
+        host, port = server.url.removeprefix("http://").split(":")
+        assert host == "127.0.0.1"
+
+        def status(headers: dict[str, str]) -> int:
+            connection = http.client.HTTPConnection(host, int(port), timeout=10)
+            connection.request("GET", "/", headers=headers)
+            found = connection.getresponse().status
+            connection.close()
+            return found
+
+        own = f"http://{host}:{port}"
+        assert status({}) == 200
+        assert status(KEY | {"origin": "http://evil.example", "Sec-WebSocket-Version": "13"}) == 403
+        assert status(KEY | {"origin": own, "Sec-WebSocket-Version": "13"}) == 101
+        assert status({"host": "evil.example"}) == 403
+    finally:
+        server.stop()
+
+
+@pytest.mark.parametrize("name", bs.robots())
+def test_every_robot_has_a_page_to_start_from(name: str) -> None:
+    opened = open_source(name)
+    assert opened.robot.name == name
+    assert 0 < bs.evaluate(opened.scenario).peak_force.quantile(0.5) < np.inf
+    assert opened.notes
+
+
+def test_a_urdf_of_twelve_joints(tmp_path: Path) -> None:
+    file = tmp_path / "snake.urdf"
+    file.write_text(urdf_of_twelve_joints(), encoding="utf-8")
+    opened = open_source(str(file))
+    assert opened.robot.dof == 12
+    assert 0 < bs.evaluate(opened.scenario).peak_force.quantile(0.5) < np.inf
+
+
+def test_a_study_opens_with_its_rows(tmp_path: Path) -> None:
+    from bumpstop.study import WorkspaceStudy
+    from bumpstop.view.document import scenario_text
+
+    scenario = bs.load_scenario(LOWER_ARM)
+    rows = WorkspaceStudy(scenario=scenario, poses=40).shard(0)
+    rows.write_parquet(tmp_path / "rows.parquet")
+    (tmp_path / "settings.toml").write_text(scenario_text(scenario), encoding="utf-8")
+    for source in (tmp_path, tmp_path / "rows.parquet"):
+        points = open_source(str(source)).points
+        assert points is not None
+        assert points.value == pytest.approx(rows["p99_N"].to_numpy())
+        assert opened_place(points.q[3]) == pytest.approx(points.place[3])
+    pl.DataFrame({"x": [1.0]}).write_parquet(tmp_path / "rows.parquet")
+    with pytest.raises(bs.InputError, match="has no column q_1"):
+        open_source(str(tmp_path))
+
+
+def opened_place(q: np.ndarray) -> np.ndarray:
+    return bs.Robot.load("sia5d").pose(q)[:3, 3]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nobody"], "cannot be opened"),
+        (["ur10ee"], "did you mean"),
+        (["ur10e", "--port", "70000"], "--port"),
+        (["ur10e", "--robot", "ur10e"], "has no meaning without a recording"),
+        (["ur10e", "--model", "m.toml"], "has no meaning without --thresholds"),
+        (["absent.toml"], "absent.toml"),
+    ],
+)
+def test_refusals(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["view", *arguments, "--no-browser"])
+    assert ended.value.code == 2
+    assert message in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_without_viser(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "viser", None)
+    with pytest.raises(SystemExit) as ended:
+        main(["view", "ur10e", "--no-browser"])
+    assert ended.value.code == 2
+    assert "pip install 'bumpstop[view]'" in capsys.readouterr().err
+
+
+def test_pictures_without_a_browser(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["view", str(LOWER_ARM), "--record", str(tmp_path / "out")])
+    assert ended.value.code == 0
+    from PIL import Image
+
+    with Image.open(tmp_path / "out" / "view.gif") as moving:
+        assert moving.n_frames > 10
+    with Image.open(tmp_path / "out" / "view.png") as still:
+        assert still.width == 900
+        # The colour of the verdict stands in the corner.
+        assert still.convert("RGB").getpixel((16, 30)) == (213, 94, 0)
