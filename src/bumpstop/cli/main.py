@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bumpstop.cli import bodies, plant, robots
+from bumpstop.cli import bodies, plant, program, robots
 from bumpstop.cli.collision import evaluate, require, speed_limits, stopping, study
 from bumpstop.cli.command_group import CommandGroup
 from bumpstop.cli.detection import detect, score, sensitivity, tune
@@ -38,6 +38,7 @@ study.app.command("speed-limits")(speed_limits.speed_limits)
 app.add_typer(study.app, name="study")
 app.add_typer(plant.app, name="plant")
 app.command("require")(require.require)
+app.command("program")(program.command)
 app.command("stopping")(stopping.command)
 app.command("bodies")(bodies.bodies)
 app.command("identify")(identify.identify)

@@ -7,7 +7,7 @@ import tempfile
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from bumpstop.collision import CollisionProblem, evaluate
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.collision.trajectory.trajectory import point_motion, point_places
 from bumpstop.errors import InputError
+from bumpstop.program.onset_force import worst_onset
+from bumpstop.study.requirement.risk import allowed_force
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -117,27 +119,74 @@ class Cell:
             write_trajectory(Path(folder) / _PLACEHOLDER, still)
             return CollisionProblem.from_scenario(self.of(Path(folder) / _PLACEHOLDER))
 
-    def of(self, file: Path | str) -> Scenario:
-        """The scenario of a trajectory file."""
-        return self.scenario.with_values({"motion.file": str(file)})
+    @cached_property
+    def allowed_force(self) -> float:
+        """Greatest peak force within the limits of the body [N]."""
+        return allowed_force(self.at_rest)
 
-    def judge(self, trajectory: Trajectory) -> Judgement:
-        """By the function that ``bumpstop evaluate`` uses, from the file that is written."""
-        place = self.robot.frame(None)
-        t = np.linspace(0, trajectory.duration, 400)
-        speed = float(np.linalg.norm(point_motion(trajectory, self.robot, place, t)[0], axis=1).max())
+    def of(self, file: Path | str, onset_s: float | None = None) -> Scenario:
+        """The scenario of a trajectory file, with contact at a time of it, or at any."""
+        at: float | str = "uniform" if onset_s is None else onset_s
+        return self.scenario.with_values({"motion.file": str(file), "motion.contact_onset_s": at})
+
+    def force(self, trajectory: Trajectory) -> float:
+        """Peak force at its worst place that is exceeded with the accepted probability [N].
+
+        Raises:
+            InputError: the motion passes a limit of the robot.
+        """
+        with tempfile.TemporaryDirectory() as folder:
+            return worst_onset(self._problem(Path(folder) / _PLACEHOLDER, trajectory))[1]
+
+    def speed_limits(self, trajectory: Trajectory, max_speed: float) -> FloatArray:
+        """Of moments of the trajectory, its speed over the highest safe one there, by ``bumpstop study speed-limits``.
+
+        Args:
+            trajectory: with a way of the tip.
+            max_speed: no tip speed above it is looked at [m/s].
+
+        Raises:
+            InputError: the cell or the motion has no speed limits.
+        """
+        from bumpstop.study.speed.trajectory_speed_limits import TrajectorySpeedLimits
+
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / _PLACEHOLDER
             write_trajectory(file, trajectory)
+            study = TrajectorySpeedLimits(self.of(file), max_speed_mm_s=min(max(1e3 * max_speed, 1.0), 1e4))
+            shards = [study.shard(i) for i in range(study.shards)]
+        speed = np.concatenate([rows["speed_mm_s"].to_numpy() for rows in shards])
+        limit = np.concatenate([rows["limit_mm_s"].to_numpy() for rows in shards])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.nan_to_num(speed / limit, nan=0.0, posinf=math.inf)
+
+    def tool_speed(self, trajectory: Trajectory) -> float:
+        """Greatest of the tip [m/s]."""
+        t = np.linspace(0, trajectory.duration, 400)
+        velocity, _ = point_motion(trajectory, self.robot, self.robot.frame(None), t)
+        return float(np.linalg.norm(velocity, axis=1).max())
+
+    def _problem(self, file: Path, trajectory: Trajectory) -> CollisionProblem:
+        write_trajectory(file, trajectory)
+        return CollisionProblem.from_scenario(self.of(file))
+
+    def judge(self, trajectory: Trajectory) -> Judgement:
+        """A contact at the worst place, by the function that ``bumpstop evaluate`` uses, from the file it reads."""
+        speed = self.tool_speed(trajectory)
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / _PLACEHOLDER
             try:
-                result = evaluate(self.of(file))
+                problem = self._problem(file, trajectory)
+                worst, force = worst_onset(problem)
+                if force == 0:
+                    return Judgement(None, "the contact point touches nothing on the way", tool_speed=speed)
+                result = evaluate(self.of(file, worst))
             except InputError as error:
                 return Judgement(None, error.problem.replace(f"{file}: ", ""), tool_speed=speed)
         verdict = result.verdict
-        worst: Any = getattr(result, "onset", math.nan)
-        where = point_places(trajectory, self.robot, result.problem.contact_point, np.array([worst]))[0]
-        force = result.peak_force.quantile(1 - verdict.accepted_probability)
-        return Judgement(verdict, "", float(force), float(worst), tuple(float(x) for x in where), speed)
+        where = point_places(trajectory, self.robot, problem.contact_point, np.array([worst]))[0]
+        force = float(result.peak_force.quantile(1 - verdict.accepted_probability))
+        return Judgement(verdict, "", force, worst, tuple(float(x) for x in where), speed)
 
 
 def write_trajectory(path: Path, trajectory: Trajectory) -> None:

@@ -24,6 +24,7 @@ class SpeedSlot:
         most: greatest value that the language takes.
         unit: as people read it.
         factor: of the value to SI.
+        setting: it holds for all moves that follow, not for one.
     """
 
     start: int
@@ -33,6 +34,7 @@ class SpeedSlot:
     most: float = 1e9
     unit: str = ""
     factor: float = 1.0
+    setting: bool = False
 
     def edit(self, value: float) -> Edit:
         """A new value for it."""
