@@ -75,9 +75,8 @@ def highest_safe(segment: Segment, cell: Cell, max_speed: float, *, faster: bool
     from scipy.optimize import brentq
 
     if fails / met > 1 + _PRECISION:
-        root = float(brentq(lambda x: excess(math.exp(x)), math.log(met), math.log(fails), xtol=_PRECISION / 2))
-        crossing = math.exp(root)
-        met = crossing if excess(crossing) <= 0 else max(met, crossing * (1 - _PRECISION))
+        brentq(lambda x: excess(math.exp(x)), math.log(met), math.log(fails), xtol=_PRECISION / 2)
+        met = excess.highest_met()
     return SafeSpeed(_eased(segment, cell, met), "limits")
 
 
@@ -106,6 +105,11 @@ class _Excess:
                 min(math.log(max(force, 1e-9) / self._cell.allowed_force), 20.0) + _BELOW
             )
         return self._known[factor]
+
+    def highest_met(self) -> float:
+        """The highest factor looked at that is accepted, below the lowest that is not."""
+        fails = min(factor for factor, value in self._known.items() if value > 0)
+        return max(factor for factor, value in self._known.items() if value <= 0 and factor < fails)
 
 
 def _ratio(segment: Segment, cell: Cell, factor: float, max_speed: float) -> float:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from bumpstop.program.languages.statements import short
 from bumpstop.program.path import SHARE, full_speed_times, join, without_repeats
 from bumpstop.program.timing import timed
 
@@ -110,7 +109,7 @@ class MoveSegment:
     def new_value(self, slot: SpeedSlot, factor: float) -> float:
         """What is written for a factor."""
         base = self.base_value(slot)
-        return base if factor == 1 and slot.value is not None else float(short(min(factor * base, slot.most)))
+        return base if factor == 1 and slot.value is not None else float(slot.rounded(factor * base))
 
     @cached_property
     def _moving(self) -> tuple[Visit, ...]:

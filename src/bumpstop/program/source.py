@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from glob import escape as glob_escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -101,8 +102,7 @@ def read_source(path: Path, cell: Cell, max_speed: float) -> Source:
 
 
 def _text_program(path: Path, ending: str, cell: Cell, max_speed: float) -> TextProgram:
-    source = read_bytes(path)
-    read = _reader(path, ending, source, cell)
+    read = _read(path, ending)
     chains = Interpreter(read, cell.robot, cell.start, str(path)).chains()
     every = [MoveSegment(chain, cell.robot, cell.joint_acceleration, max_speed) for chain in chains]
     if not every:
@@ -112,10 +112,20 @@ def _text_program(path: Path, ending: str, cell: Cell, max_speed: float) -> Text
     return TextProgram(read, moving, still)
 
 
-def _reader(path: Path, ending: str, source: bytes, cell: Cell) -> ReadProgram:
-    from bumpstop.program.languages.urscript import read_urscript
+def _read(path: Path, ending: str) -> ReadProgram:
+    source = read_bytes(path)
+    if ending in _URSCRIPT:
+        from bumpstop.program.languages.urscript import read_urscript
 
-    return read_urscript(source)
+        return read_urscript(source)
+    if ending in _RAPID:
+        from bumpstop.program.languages.rapid import read_rapid
+
+        return read_rapid(source)
+    from bumpstop.program.languages.krl import read_krl
+
+    beside = [other for other in path.parent.glob(f"{glob_escape(path.stem)}.*") if other.suffix.lower() == ".dat"]
+    return read_krl(source, read_bytes(beside[0]) if beside else b"")
 
 
 def read_bytes(path: Path) -> bytes:

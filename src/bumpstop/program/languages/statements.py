@@ -25,6 +25,7 @@ class SpeedSlot:
         unit: as people read it.
         factor: of the value to SI.
         setting: it holds for all moves that follow, not for one.
+        whole: the language takes whole numbers.
     """
 
     start: int
@@ -35,10 +36,16 @@ class SpeedSlot:
     unit: str = ""
     factor: float = 1.0
     setting: bool = False
+    whole: bool = False
+
+    def rounded(self, value: float) -> str:
+        """A value as the language takes it, not above it; of whole numbers 1 at least."""
+        value = min(value, self.most)
+        return str(max(1, math.floor(value + 1e-9))) if self.whole else short(value)
 
     def edit(self, value: float) -> Edit:
         """A new value for it."""
-        return Edit(self.start, self.end, self.template.format(short(value)))
+        return Edit(self.start, self.end, self.template.format(self.rounded(value)))
 
 
 def short(value: float) -> str:
