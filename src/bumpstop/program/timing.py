@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bumpstop.collision.trajectory.piecewise_cubic import PiecewiseCubic
 from bumpstop.collision.trajectory.trajectory import Trajectory
 from bumpstop.errors import InputError
 
@@ -89,10 +90,8 @@ def timed(q: FloatArray, times: FloatArray, acceleration: float | None, joint_ac
         acceleration: of the share of full speed [1/s]; None: as much as the joints' allow.
         joint_acceleration: (dof,) [rad/s2 or m/s2].
     """
-    from scipy.interpolate import CubicSpline
-
     u = np.append(0.0, np.cumsum(times))
-    path = CubicSpline(u, q) if len(u) > 3 else CubicSpline(u, q, bc_type="natural")
+    path = PiecewiseCubic.spline(u, q)
     rate = path(np.concatenate([u, 0.5 * (u[1:] + u[:-1])]), 1)
     if acceleration is None:
         with np.errstate(divide="ignore"):
