@@ -138,13 +138,13 @@ def evaluate_program(
     source = read_source(Path(path), cell, max_speed_mm_s / 1e3)
     found: list[SegmentResult] = []
     for number, segment in enumerate(source.segments):
-        found.append(_found(segment, cell, max_speed_mm_s / 1e3, faster=faster))
+        found.append(_found(source, segment, cell, max_speed_mm_s / 1e3, faster=faster))
         progress((number + 1) / len(source.segments))
     factors = _shared(source, found)
     return ProgramResult(source, cell, [_written(one, factors[one.segment], cell) for one in found])
 
 
-def _found(segment: Segment, cell: Cell, max_speed: float, *, faster: bool) -> SegmentResult:
+def _found(source: Source, segment: Segment, cell: Cell, max_speed: float, *, faster: bool) -> SegmentResult:
     if segment.why:
         return SegmentResult(segment, Judgement(None, segment.why))
     present, duration = Judgement(None, "its speed is set outside the program"), math.nan
@@ -156,6 +156,8 @@ def _found(segment: Segment, cell: Cell, max_speed: float, *, faster: bool) -> S
         present, duration = cell.judge(motion), motion.duration
         if present.verdict is None:
             return SegmentResult(segment, present, duration)
+    if not segment.speed_known and not all(source.may_be_raised(place) for place in segment.places()):
+        return SegmentResult(segment, Judgement(None, "its speed may be set by what is not understood"))
     safe = highest_safe(segment, cell, max_speed, faster=faster and segment.speed_known)
     return SegmentResult(segment, present, duration, safe.factor, safe.factor, safe.limited_by)
 

@@ -36,7 +36,9 @@ class RecordedProgram:
     position: FloatArray
     notes: Sequence[str]
     not_understood: Sequence[tuple[int, str]] = ()
-    ending: str = ".csv"
+
+    def file_name(self, path: Path) -> str:  # noqa: D102
+        return f"{path.stem}.csv"
 
     def may_be_raised(self, place: object) -> bool:  # noqa: D102
         return True

@@ -37,6 +37,10 @@ class Source(Protocol):
     not_understood: Sequence[tuple[int, str]]
     notes: Sequence[str]
 
+    def file_name(self, path: Path) -> str:
+        """Of what is written."""
+        ...
+
     def may_be_raised(self, place: object) -> bool:
         """Whether all that a place makes faster is known."""
         ...
@@ -66,6 +70,9 @@ class TextProgram:
     def notes(self) -> Sequence[str]:  # noqa: D102
         lines = ", ".join(str(line) for line in self.still)
         return (*self.read.notes, *([f"line {lines}: the arm is at its target already"] if lines else []))
+
+    def file_name(self, path: Path) -> str:  # noqa: D102
+        return path.name
 
     def may_be_raised(self, place: object) -> bool:  # noqa: D102
         # What is not understood may move by a setting, too.
@@ -98,7 +105,13 @@ def read_source(path: Path, cell: Cell, max_speed: float) -> Source:
         return _text_program(path, ending, cell, max_speed)
     if ending == ".dat":
         raise InputError(str(path), "holds data of a KRL program, and no moves", "give the .src beside it")
-    raise InputError(str(path), f"has the ending {ending!r}", f"wanted one of {', '.join((*_URSCRIPT, *_KRL, *_RAPID))}")
+    if ending in _MESSAGES and not path.is_dir():
+        from bumpstop.program.messages import read_messages
+
+        return read_messages(path, read_bytes(path), cell)
+    from bumpstop.program.recorded import read_recorded
+
+    return read_recorded(path, cell)
 
 
 def _text_program(path: Path, ending: str, cell: Cell, max_speed: float) -> TextProgram:

@@ -26,7 +26,7 @@ def write_program(result: ProgramResult, path: Path, folder: Path) -> list[Path]
     Raises:
         InputError: the folder cannot be written, or is that of the program.
     """
-    target = folder / path.name
+    target = folder / result.source.file_name(path)
     if target.resolve() == path.resolve():
         raise InputError("--out", f"{str(folder)!r} is where the program is", "give another folder")
     files = [target]
