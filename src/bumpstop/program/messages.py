@@ -48,6 +48,9 @@ class MessageProgram:
     def may_be_raised(self, place: object) -> bool:  # noqa: D102
         return True
 
+    def write(self, factors: Mapping[Segment, float], target: Path) -> None:  # noqa: D102
+        target.write_bytes(self.written(factors))
+
     def written(self, factors: Mapping[Segment, float]) -> bytes:
         """The file with other times, velocities and accelerations."""
         edits: list[Edit] = []

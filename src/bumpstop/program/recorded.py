@@ -43,6 +43,9 @@ class RecordedProgram:
     def may_be_raised(self, place: object) -> bool:  # noqa: D102
         return True
 
+    def write(self, factors: Mapping[Segment, float], target: Path) -> None:  # noqa: D102
+        target.write_bytes(self.written(factors))
+
     def written(self, factors: Mapping[Segment, float]) -> bytes:
         """Columns t, q_1.., qd_1..: stretches with their new times, and the rests between them as long as they were."""
         time, position, velocity, now, last = [], [], [], 0.0, 0

@@ -45,8 +45,8 @@ class Source(Protocol):
         """Whether all that a place makes faster is known."""
         ...
 
-    def written(self, factors: Mapping[Segment, float]) -> bytes:
-        """The file with the speeds of segments multiplied."""
+    def write(self, factors: Mapping[Segment, float], target: Path) -> None:
+        """Write it to a path with the speeds of segments multiplied."""
         ...
 
 
@@ -78,7 +78,11 @@ class TextProgram:
         # What is not understood may move by a setting, too.
         return not (getattr(place, "setting", False) and self.not_understood)
 
-    def written(self, factors: Mapping[Segment, float]) -> bytes:  # noqa: D102
+    def write(self, factors: Mapping[Segment, float], target: Path) -> None:  # noqa: D102
+        target.write_bytes(self.written(factors))
+
+    def written(self, factors: Mapping[Segment, float]) -> bytes:
+        """The program with other speeds."""
         edits = []
         for segment in self.segments:
             factor = factors.get(segment, 1.0)
@@ -109,6 +113,10 @@ def read_source(path: Path, cell: Cell, max_speed: float) -> Source:
         from bumpstop.program.messages import read_messages
 
         return read_messages(path, read_bytes(path), cell)
+    from bumpstop.program.bag import holds_trajectories, read_bag_trajectories
+
+    if holds_trajectories(path):
+        return read_bag_trajectories(path, cell)
     from bumpstop.program.recorded import read_recorded
 
     return read_recorded(path, cell)
