@@ -35,9 +35,7 @@ def command(
         typer.Option("--out", "-o", help="Write the program with safe speeds, its segments and a report there."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
-    max_speed: Annotated[
-        float, typer.Option(metavar="MM_S", help="No speed of the tip is raised above it.")
-    ] = 1000.0,
+    max_speed: Annotated[float, typer.Option(metavar="MM_S", help="No speed of the tip is raised above it.")] = 1000.0,
     only_slower: Annotated[
         bool, typer.Option("--only-slower", help="Lower speeds that are too high, and raise none.")
     ] = False,
@@ -58,9 +56,7 @@ def command(
     check_folder(out)
     checked = load_scenario(scenario, dict(change(text) for text in changes or []))
     with progress("judging segments") as share:
-        result = evaluate_program(
-            program, checked, max_speed_mm_s=max_speed, faster=not only_slower, progress=share
-        )
+        result = evaluate_program(program, checked, max_speed_mm_s=max_speed, faster=not only_slower, progress=share)
     files = []
     if out is not None:
         from bumpstop.program.writing import write_program

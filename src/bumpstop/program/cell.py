@@ -16,7 +16,9 @@ from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.collision.trajectory.trajectory import point_motion, point_places
 from bumpstop.errors import InputError
 from bumpstop.program.onset_force import worst_onset
+from bumpstop.study.prediction import predicted_speed_limit, stopping_time_per_speed, undetected_force
 from bumpstop.study.requirement.risk import allowed_force
+from bumpstop.study.speed.speed_limit import MIN_SPEED
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
 # Keys that say where the body is on a line; on a trajectory contact begins at any time.
 _OFFSET = ("offset_law", "offset_sd_s", "offset_mm")
 _PLACEHOLDER = "segment.csv"
+_PLACES, _MOVES = 200, 1e-6  # looked at along a motion; [m/s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +77,9 @@ class Cell:
     def __init__(self, scenario: Scenario) -> None:
         if scenario.uncertainty:
             problem = "is not taken into account for programs"
-            raise InputError("uncertainty", problem, "leave the table out; judge what is written with bumpstop evaluate")
+            raise InputError(
+                "uncertainty", problem, "leave the table out; judge what is written with bumpstop evaluate"
+            )
         data = scenario.model_dump(exclude_unset=True, exclude_none=True, mode="python", exclude={"folder"})
         self.start = self._start(scenario)
         for key in ("pose_deg", "pose_rad"):
@@ -84,8 +89,25 @@ class Cell:
         if "stiffness_N_m" in data["contact"]:
             data["contact"].pop("stiffness_N_mm", None)
         self.scenario = Scenario.from_dict(data, scenario.folder)
-        if self.scenario.contact.body is None:
+        self._check()
+
+    def _check(self) -> None:
+        scenario = self.scenario
+        if scenario.contact.body is None:
             raise InputError("contact.body", "is missing", "a verdict needs limits: name a body region")
+        for key, found, wanted in (
+            ("contact.kind", scenario.contact.kind, "clamped"),
+            ("verdict.clamped_limit", scenario.verdict.clamped_limit, "quasi_static"),
+            ("arm.model", scenario.arm.model, "rigid"),
+        ):
+            if found != wanted:
+                raise InputError(key, f"{found!r} has no speed limits", f"wanted {wanted!r}")
+        if scenario.detector.residuals is not None:
+            raise InputError("detector.residuals", "have no integrated distribution", "give detector.noise_sd_Nm")
+        limits = self.at_rest.limits
+        if limits is None or not limits.permitted:
+            reason = "there is none" if limits is None else limits.reason
+            raise InputError("contact.body", f"no speed is safe: {reason}", "name another body region")
 
     @staticmethod
     def _start(scenario: Scenario) -> FloatArray | None:
@@ -138,27 +160,26 @@ class Cell:
         with tempfile.TemporaryDirectory() as folder:
             return worst_onset(self._problem(Path(folder) / _PLACEHOLDER, trajectory))[1]
 
-    def speed_limits(self, trajectory: Trajectory, max_speed: float) -> FloatArray:
-        """Of moments of the trajectory, its speed over the highest safe one there, by ``bumpstop study speed-limits``.
-
-        Args:
-            trajectory: with a way of the tip.
-            max_speed: no tip speed above it is looked at [m/s].
+    def speed_ratio(self, trajectory: Trajectory) -> float:
+        """Greatest speed of the tip over the highest that the formula of ``bumpstop study`` allows at its place.
 
         Raises:
-            InputError: the cell or the motion has no speed limits.
+            InputError: the motion passes a limit of the robot.
         """
-        from bumpstop.study.speed.trajectory_speed_limits import TrajectorySpeedLimits
-
         with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / _PLACEHOLDER
-            write_trajectory(file, trajectory)
-            study = TrajectorySpeedLimits(self.of(file), max_speed_mm_s=min(max(1e3 * max_speed, 1.0), 1e4))
-            shards = [study.shard(i) for i in range(study.shards)]
-        speed = np.concatenate([rows["speed_mm_s"].to_numpy() for rows in shards])
-        limit = np.concatenate([rows["limit_mm_s"].to_numpy() for rows in shards])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.nan_to_num(speed / limit, nan=0.0, posinf=math.inf)
+            problem = self._problem(Path(folder) / _PLACEHOLDER, trajectory)
+        t: FloatArray = (np.arange(_PLACES, dtype=np.float64) + 0.5) * (trajectory.duration / _PLACES)
+        velocity, jacobian = point_motion(trajectory, self.robot, problem.contact_point, t)
+        speed = np.linalg.norm(velocity, axis=1)
+        moving = speed > _MOVES
+        if not moving.any():
+            return 0.0
+        direction = velocity[moving] / speed[moving, None]
+        torque = np.einsum("nij,ni->nj", jacobian[moving], direction)
+        gain = stopping_time_per_speed(problem, trajectory.at(t, 1)[moving]) / speed[moving]
+        undetected = undetected_force(problem, torque, self.scenario.verdict.accepted_probability)
+        allowed = predicted_speed_limit(problem, undetected, gain, self.allowed_force)
+        return float((speed[moving] / np.maximum(allowed, MIN_SPEED)).max())
 
     def tool_speed(self, trajectory: Trajectory) -> float:
         """Greatest of the tip [m/s]."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 _WORDS = {"acceptable": "PASS", "not_acceptable": "FAIL"}
 _MAX_SPEED_MM_S = (1.0, 1e4)
+# An acceptable speed that could be raised by less stays: what is written once is written so again.
+_WORTH_IT = 1.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +45,7 @@ class SegmentResult:
     factor: float = 1.0
     safe_factor: float = math.nan
     limited_by: str = ""
-    written: Judgement = Judgement(None)
+    written: Judgement = field(default_factory=lambda: Judgement(None))
     written_s: float = math.nan
 
     @property
@@ -159,7 +161,8 @@ def _found(source: Source, segment: Segment, cell: Cell, max_speed: float, *, fa
     if not segment.speed_known and not all(source.may_be_raised(place) for place in segment.places()):
         return SegmentResult(segment, Judgement(None, "its speed may be set by what is not understood"))
     safe = highest_safe(segment, cell, max_speed, faster=faster and segment.speed_known)
-    return SegmentResult(segment, present, duration, safe.factor, safe.factor, safe.limited_by)
+    stays = present.conclusion == "acceptable" and 1.0 <= safe.factor < _WORTH_IT
+    return SegmentResult(segment, present, duration, 1.0 if stays else safe.factor, safe.factor, safe.limited_by)
 
 
 def _shared(source: Source, found: Sequence[SegmentResult]) -> dict[Segment, float]:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.errors import InputError
-from bumpstop.program.kinematics import joint_line, tool_line, transform
 from bumpstop.program.languages.statements import (
     Branch,
     Call,
@@ -22,7 +21,8 @@ from bumpstop.program.languages.statements import (
     Setting,
     SpeedSlot,
 )
-from bumpstop.program.path import Leg
+from bumpstop.program.motion.kinematics import joint_line, tool_line, transform
+from bumpstop.program.motion.path import Leg
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -168,7 +168,7 @@ class Interpreter:
         why = move.why or why
         q, end = self._samples(move, state)
         if isinstance(q, str):
-            return Visit(move, None, slots, q if not why else why), end
+            return Visit(move, None, slots, why if why else q), end
         if float(np.abs(q - q[0]).max()) < _AWAY:
             return Visit(move, None, slots, "", still=True), end
         assert state.tool is not None or move.target.pose is None
@@ -259,5 +259,3 @@ def _identity(chain: Sequence[Visit]) -> object:
         (v.move.line, v.move.word, id(v.move), v.why, None if v.leg is None else v.leg.q[0].tobytes(), v.slots)
         for v in chain
     )
-
-

@@ -10,16 +10,17 @@ from bumpstop.collision.trajectory.onset import approach
 from bumpstop.collision.trajectory.trajectory_curve import trajectory_kernel
 
 if TYPE_CHECKING:
+    from bumpstop import _native
     from bumpstop.arrays import FloatArray
     from bumpstop.collision import CollisionProblem
 
 # Times looked at along a motion, then about the worst of them. No motion of the control cycle divides their distance:
 # contact begins at all phases of it.
-_TIMES, _BESIDE = 239, 61
+_TIMES, _BESIDE = 173, 41
 _MOVES = 1e-6  # [m/s]
 
 
-def onset_forces(problem: CollisionProblem, begin: FloatArray) -> FloatArray:
+def onset_forces(problem: CollisionProblem, begin: FloatArray, kernel: _native.Trajectory | None = None) -> FloatArray:
     """Peak force that is exceeded with the accepted probability (N,) [N], where contact begins at times (N,) [s].
 
     By the integrated distribution of each, as in ``bumpstop evaluate`` with ``motion.contact_onset_s``; zero where the
@@ -28,13 +29,14 @@ def onset_forces(problem: CollisionProblem, begin: FloatArray) -> FloatArray:
     Args:
         problem: of a trajectory; clamped contact.
         begin: times of the trajectory.
+        kernel: of the problem, where it is known already.
     """
     normal, speed = approach(problem, begin)
     moving = np.flatnonzero(speed > _MOVES)
     force = np.zeros(len(begin))
     if not moving.size:
         return force
-    out = trajectory_kernel(problem).integrate(
+    out = (kernel or trajectory_kernel(problem)).integrate(
         problem.detector, problem.contact, begin[moving], np.ascontiguousarray(normal[moving])
     )
     # An onset's detections and what stays undetected, hardest first: where their probability comes to the accepted one.
@@ -63,13 +65,13 @@ def worst_onset(problem: CollisionProblem) -> tuple[float, float]:
     """
     trajectory = problem.trajectory
     assert trajectory is not None
-    end = trajectory.duration
-    times = (np.arange(_TIMES) + 0.5) * (end / _TIMES)
-    force = onset_forces(problem, times)
+    end, kernel = trajectory.duration, trajectory_kernel(problem)
+    times: FloatArray = (np.arange(_TIMES, dtype=np.float64) + 0.5) * (end / _TIMES)
+    force = onset_forces(problem, times, kernel)
     best = int(force.argmax())
     width = end / _TIMES
-    beside = np.clip(times[best] + np.linspace(-width, width, _BESIDE), 0.0, np.nextafter(end, 0.0))
-    nearer = onset_forces(problem, beside)
+    beside: FloatArray = np.clip(times[best] + np.linspace(-width, width, _BESIDE), 0.0, np.nextafter(end, 0.0))
+    nearer = onset_forces(problem, beside, kernel)
     if nearer.max() > force[best]:
         return float(beside[int(nearer.argmax())]), float(nearer.max())
     return float(times[best]), float(force[best])

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 # How closely the factor is found, how far below the force's own crossing it stays, and what is tried beyond a bracket.
 _PRECISION, _BELOW, _STEP, _ROUNDS = 0.002, 0.002, 1.25, 40
 _EASE, _EASINGS = 0.98, 8
-# What refuses the cell, not the motion.
-_OF_CELL = ("contact.kind", "verdict.clamped_limit", "detector.residuals", "contact.body", "robot")
 
 
 @dataclass(frozen=True)
@@ -37,25 +35,21 @@ class SafeSpeed:
 def highest_safe(segment: Segment, cell: Cell, max_speed: float, *, faster: bool) -> SafeSpeed:
     """Find the greatest factor whose motion the cell accepts.
 
-    The search begins at what ``bumpstop study speed-limits`` finds for the places of the motion, and goes on with the
-    force distributions of the motion itself, which is another one at each speed: where it is faster it has less of
-    the way at full speed.
+    The search begins where the formula of ``bumpstop study`` sees the limit, and goes on with the force distributions
+    of the motion itself, which is another one at each speed: where it is faster it has less of its way at full speed.
 
     Args:
         segment: that can be judged.
         cell: to judge it in.
         max_speed: of the tool, beyond which nothing is looked at [m/s].
         faster: look above the program's speed.
-
-    Raises:
-        InputError: the cell has no speed limits.
     """
     most = segment.max_factor(max_speed) if faster else 1.0
     excess = _Excess(segment, cell)
     if excess(most) <= 0:
         return SafeSpeed(_eased(segment, cell, most), "slower_only" if not faster else "max_speed")
     fails = most
-    trial = most / max(_ratio(segment, cell, most, max_speed), 1.02)
+    trial = most / max(_ratio(segment, cell, most), 1.02)
     met: float | None = None
     for _ in range(_ROUNDS):
         if segment_speed(segment, cell, trial) < MIN_SPEED:
@@ -101,9 +95,7 @@ class _Excess:
                 force = self._cell.force(self._segment.at(factor))
             except InputError:
                 force = math.inf  # a motion that cannot be
-            self._known[factor] = (
-                min(math.log(max(force, 1e-9) / self._cell.allowed_force), 20.0) + _BELOW
-            )
+            self._known[factor] = min(math.log(max(force, 1e-9) / self._cell.allowed_force), 20.0) + _BELOW
         return self._known[factor]
 
     def highest_met(self) -> float:
@@ -112,16 +104,12 @@ class _Excess:
         return max(factor for factor, value in self._known.items() if value <= 0 and factor < fails)
 
 
-def _ratio(segment: Segment, cell: Cell, factor: float, max_speed: float) -> float:
-    """Greatest speed over safe speed along the motion at a factor; 1 where no straight line says anything about it."""
+def _ratio(segment: Segment, cell: Cell, factor: float) -> float:
+    """Greatest speed over the one that the formula allows along the motion at a factor; 1 where there is none."""
     try:
-        ratios = cell.speed_limits(segment.at(factor), max_speed)
-    except InputError as error:
-        if error.field in _OF_CELL:
-            raise
+        return cell.speed_ratio(segment.at(factor))
+    except InputError:
         return 1.0
-    finite = ratios[ratios < math.inf]
-    return float(finite.max()) if finite.size else 1.0
 
 
 def _eased(segment: Segment, cell: Cell, factor: float) -> float:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from bumpstop.program.path import SHARE, full_speed_times, join, without_repeats
-from bumpstop.program.timing import timed
+from bumpstop.program.motion.path import SHARE, Path, full_speed_times, join, without_repeats
+from bumpstop.program.motion.timing import timed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,19 +22,27 @@ if TYPE_CHECKING:
 
 
 class Segment(Protocol):
-    """A motion from rest to rest whose speed is one number times that of the program.
+    """A motion from rest to rest whose speed is one number times that of the program."""
 
-    Attributes:
-        name: as people call it.
-        lines: of the file, first and last; of a recording, rows.
-        why: it cannot be judged; else empty.
-        speed_known: the program says how fast it is.
-    """
+    @property
+    def name(self) -> str:
+        """As people call it."""
+        ...
 
-    name: str
-    lines: tuple[int, int]
-    why: str
-    speed_known: bool
+    @property
+    def lines(self) -> tuple[int, int]:
+        """Of the file, first and last; of a recording, rows."""
+        ...
+
+    @property
+    def why(self) -> str:
+        """It cannot be judged; else empty."""
+        ...
+
+    @property
+    def speed_known(self) -> bool:
+        """The program says how fast it is."""
+        ...
 
     def at(self, factor: float) -> Trajectory:
         """The motion at so many times the program's speed; 1: as the program has it."""
@@ -116,7 +124,7 @@ class MoveSegment:
         return tuple(visit for visit in self.visits if visit.leg is not None)
 
     @cached_property
-    def _path(self):  # type: ignore[no-untyped-def]
+    def _path(self) -> Path:
         return join(self.robot, [visit.leg for visit in self._moving if visit.leg is not None])
 
     def _speeds(self, factor: float) -> list[FloatArray]:
@@ -135,7 +143,7 @@ class MoveSegment:
         return timed(q, times, max(shares) if len(shares) == len(speeds) else None, self.joint_acceleration)
 
     def max_factor(self, max_speed: float) -> float:  # noqa: D102
-        from bumpstop.program.kinematics import tool_positions
+        from bumpstop.program.motion.kinematics import tool_positions
 
         path, speeds = self._path, self._speeds(1.0)
         with np.errstate(divide="ignore"):

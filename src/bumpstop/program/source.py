@@ -23,19 +23,27 @@ _MESSAGES = (".yaml", ".yml", ".json")
 
 
 class Source(Protocol):
-    """A program.
+    """A program."""
 
-    Attributes:
-        language: as people call it.
-        segments: in the order of the file.
-        not_understood: lines and their text.
-        notes: what was taken for granted.
-    """
+    @property
+    def language(self) -> str:
+        """As people call it."""
+        ...
 
-    language: str
-    segments: Sequence[Segment]
-    not_understood: Sequence[tuple[int, str]]
-    notes: Sequence[str]
+    @property
+    def segments(self) -> Sequence[Segment]:
+        """In the order of the file."""
+        ...
+
+    @property
+    def not_understood(self) -> Sequence[tuple[int, str]]:
+        """Lines and their text."""
+        ...
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """What was taken for granted."""
+        ...
 
     def file_name(self, path: Path) -> str:
         """Of what is written."""
@@ -110,14 +118,14 @@ def read_source(path: Path, cell: Cell, max_speed: float) -> Source:
     if ending == ".dat":
         raise InputError(str(path), "holds data of a KRL program, and no moves", "give the .src beside it")
     if ending in _MESSAGES and not path.is_dir():
-        from bumpstop.program.messages import read_messages
+        from bumpstop.program.trajectories.messages import read_messages
 
         return read_messages(path, read_bytes(path), cell)
-    from bumpstop.program.bag import holds_trajectories, read_bag_trajectories
+    from bumpstop.program.trajectories.bag import holds_trajectories, read_bag_trajectories
 
     if holds_trajectories(path):
         return read_bag_trajectories(path, cell)
-    from bumpstop.program.recorded import read_recorded
+    from bumpstop.program.trajectories.recorded import read_recorded
 
     return read_recorded(path, cell)
 

@@ -100,6 +100,4 @@ class Assignments:
 
     def constants(self) -> dict[str, Expression]:
         """By name in small letters."""
-        return {
-            name: values[0] for name, values in self._found.items() if len(values) == 1 and values[0] is not None
-        }
+        return {name: values[0] for name, values in self._found.items() if len(values) == 1 and values[0] is not None}

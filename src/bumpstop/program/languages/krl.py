@@ -18,7 +18,7 @@ _TOKENS = re.compile(
     r"|(?P<name>[$#]?[A-Za-z_][A-Za-z0-9_$]*(?:\.[A-Za-z_][A-Za-z0-9_]*)*)|(?P<string>\"[^\"\n\r]*\")"
     r"|(?P<operator>==|<>|<=|>=|[-+*/=<>()\[\]{},:!?'])"
 )
-_TYPES = frozenset("e6pos pos e6axis axis frame real int bool char".split())
+_TYPES = frozenset(("e6pos", "pos", "e6axis", "axis", "frame", "real", "int", "bool", "char"))
 _OPEN: Mapping[str, tuple[str, bool]] = {
     "def": ("function", False),
     "deffct": ("function", False),
@@ -40,8 +40,9 @@ _CLOSE = {
     "endswitch": "branch",
 }
 # What neither moves the arm nor says how it moves.
-_HARMLESS = frozenset("wait halt continue pulse defdat enddat ext extfct signal enum struc ini return".split())
-_BLENDS = frozenset("c_ptp c_dis c_vel c_ori".split())
+_HARMLESS_WORDS = "wait halt continue pulse defdat enddat ext extfct signal enum struc ini return"
+_HARMLESS = frozenset(_HARMLESS_WORDS.split())
+_BLENDS = frozenset(("c_ptp", "c_dis", "c_vel", "c_ori"))
 _SETTINGS = {
     "$vel.cp": ("tool", "m/s", 3.0),
     "$acc.cp": ("acceleration tool", "m/s2", 10.0),
@@ -78,7 +79,7 @@ def read_krl(source: bytes, data: bytes = b"") -> ReadProgram:
         for name, value in _assignments(statement.words):
             assignments.add(name, value)
     constants = assignments.constants()
-    blocks, notes = Blocks(), []
+    blocks, notes = Blocks(), list[str]()
     for statement in tree.statements:
         if statement.words:
             _add(blocks, statement, tree, constants, notes)
@@ -172,9 +173,7 @@ def _set(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
     return True
 
 
-def _move(
-    statement: Statement, tree: SyntaxTree, constants: Mapping[str, Expression], notes: list[str]
-) -> Move:
+def _move(statement: Statement, tree: SyntaxTree, constants: Mapping[str, Expression], notes: list[str]) -> Move:
     words = statement.words
     linear = words[0].text.lower() == "lin"
     blend, why, rest = 0.0, "", words[1:]

@@ -43,8 +43,10 @@ class Value:
 
     def number(self) -> float | None:
         """Of a scalar; None where it is no finite number."""
-        if self.kind != "scalar" or self.quoted or not re.fullmatch(
-            r"[+-]?(?:[0-9]{1,30}\.?[0-9]{0,30}|\.[0-9]{1,30})(?:[eE][+-]?[0-9]{1,3})?", self.text
+        if (
+            self.kind != "scalar"
+            or self.quoted
+            or not re.fullmatch(r"[+-]?(?:[0-9]{1,30}\.?[0-9]{0,30}|\.[0-9]{1,30})(?:[eE][+-]?[0-9]{1,3})?", self.text)
         ):
             return None
         value = float(self.text)

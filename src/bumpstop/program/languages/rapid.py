@@ -20,10 +20,11 @@ _TOKENS = re.compile(
     r"|(?P<operator>:=|<>|<=|>=|[-+*/=<>()\[\]{},:;\\?|%&@])"
 )
 # Statements that end with their line, not with a semicolon.
-_LINES = frozenset(
+_LINE_WORDS = (
     "module endmodule proc endproc func endfunc trap endtrap record endrecord while endwhile for endfor if elseif else "
-    "endif test case default endtest error undo backward".split()
+    "endif test case default endtest error undo backward"
 )
+_LINES = frozenset(_LINE_WORDS.split())
 _OPEN = {"proc": "function", "func": "function", "trap": "function", "while": "loop", "for": "loop", "test": "branch"}
 _CLOSE = {
     "endproc": "function",
@@ -34,19 +35,18 @@ _CLOSE = {
     "endif": "branch",
     "endtest": "branch",
 }
-_HARMLESS = frozenset(
+_HARMLESS_WORDS = (
     "set reset setdo setao setgo waittime waitdi waitdo waituntil waitai tpwrite tperase pulsedo invertdo stop confl "
     "confj singarea accset return incr decr add clear clkreset clkstart clkstop module endmodule record endrecord "
-    "waitrob gripload idelete".split()
+    "waitrob gripload idelete"
 )
-_DATA = frozenset("const pers var local task".split())
+_HARMLESS = frozenset(_HARMLESS_WORDS.split())
+_DATA = frozenset(("const", "pers", "var", "local", "task"))
 _SPEEDS = {
     f"v{v}": float(v)
     for v in (5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 400, 500, 600, 800, 1000, 1500, 2000, 2500, 3000)
 } | {f"v{v}": float(v) for v in (4000, 5000, 6000, 7000)}
-_ZONES = {"fine": 0.0, "z0": 0.3} | {
-    f"z{z}": float(z) for z in (1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)
-}
+_ZONES = {"fine": 0.0, "z0": 0.3} | {f"z{z}": float(z) for z in (1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)}
 _MAX_SPEED_MM_S = 7000.0
 _MOVES = {"movel": True, "movej": False, "moveabsj": False}
 _NO_EXTERNAL = 9e8  # an external axis that is none is 9E9

@@ -21,9 +21,7 @@ def from_quaternion(w: float, x: float, y: float, z: float) -> tuple[float, floa
 
 def from_euler_zyx(a: float, b: float, c: float) -> tuple[float, float, float]:
     """The rotation vector [rad] of turns about Z, the new Y and the new X [deg], as KUKA's A, B and C."""
-    ca, sa, cb, sb, cc, sc = (
-        part(math.radians(angle) / 2) for angle in (a, b, c) for part in (math.cos, math.sin)
-    )
+    ca, sa, cb, sb, cc, sc = (part(math.radians(angle) / 2) for angle in (a, b, c) for part in (math.cos, math.sin))
     found = from_quaternion(
         ca * cb * cc + sa * sb * sc,
         ca * cb * sc - sa * sb * cc,

@@ -16,13 +16,14 @@ _TOKENS = re.compile(
     r"|(?P<name>[A-Za-z_][A-Za-z0-9_]*)|(?P<string>\"[^\"\n\r]*\"|'[^'\n\r]*')|(?P<operator>[-+*/%=<>!]=?|[()\[\]{},:.;@&|^~])"
 )
 # Statements that neither move the arm nor say how it moves.
-_HARMLESS = frozenset(
+_HARMLESS_WORDS = (
     "sleep sync textmsg popup halt set_digital_out set_standard_digital_out set_tool_digital_out set_analog_out "
     "set_configurable_digital_out set_standard_analog_out set_payload set_payload_mass set_payload_cog set_gravity "
     "set_target_payload stopj stopl rtde_set_watchdog request_boolean_from_primary_client set_tool_voltage "
     "modbus_set_output_signal modbus_set_output_register write_output_integer_register write_output_boolean_register "
-    "write_output_float_register set_flag enter_critical exit_critical set_safety_mode_transition_hardness".split()
+    "write_output_float_register set_flag enter_critical exit_critical set_safety_mode_transition_hardness"
 )
+_HARMLESS = frozenset(_HARMLESS_WORDS.split())
 # Arguments of the moves in their places; movep has no time.
 _PLACES = {
     "movej": ("q", "a", "v", "t", "r"),
@@ -178,5 +179,3 @@ def _target(argument: Expression | None, constants: Mapping[str, Expression]) ->
     if found.kind == "pose":
         return Target(pose=tuple(numbers)) if len(numbers) == 6 else Target(why="its pose has not six numbers")
     return Target(joints=tuple(numbers))
-
-

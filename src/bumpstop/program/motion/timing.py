@@ -65,7 +65,7 @@ class PathMotion:
             low, high = np.where(before, middle, low), np.where(before, high, middle)
         found = 0.5 * (low + high)
         found[0], found[-1] = 0.0, self.duration
-        return found
+        return np.asarray(found, dtype=np.float64)
 
 
 def import_ruckig() -> Any:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.program.kinematics import tool_positions
+from bumpstop.program.motion.kinematics import tool_positions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -98,9 +98,9 @@ def _way(robot: Robot, leg: Leg, q: FloatArray) -> FloatArray:
     """Of all pieces in the measure of one move."""
     turn = np.abs(np.diff(q, axis=0))
     if leg.measure == "tool":
-        return np.linalg.norm(np.diff(tool_positions(robot, q, leg.tool), axis=0), axis=1)[:, None]
+        return np.asarray(np.linalg.norm(np.diff(tool_positions(robot, q, leg.tool), axis=0), axis=1)[:, None])
     if leg.measure == "joint":
-        return turn.max(axis=1)[:, None]
+        return np.asarray(turn.max(axis=1)[:, None])
     return np.asarray(turn / robot.velocity)
 
 
@@ -117,12 +117,10 @@ def full_speed_times(robot: Robot, path: Path, speeds: Sequence[FloatArray]) -> 
     for i, speed in enumerate(speeds):
         own = path.leg == i
         asked[own] = (path.way[i][own] / speed).max(axis=1)
-    return np.maximum(asked, least)
+    return np.asarray(np.maximum(asked, least))
 
 
 def without_repeats(path: Path, times: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Joint positions and the times at full speed between them, without pieces that take none."""
     keep = np.append(True, times > _SHORT)
     return path.q[keep], times[times > _SHORT]
-
-

@@ -12,12 +12,12 @@ import numpy as np
 from bumpstop.errors import InputError
 from bumpstop.program.languages.message_syntax import Value, parse_json, parse_yaml
 from bumpstop.program.languages.syntax import Edit, edited
-from bumpstop.program.retimed_message import MessageRows, retimed_rows, stretches_of
+from bumpstop.program.trajectories.retimed_message import MessageRows, retimed_rows, stretches_of
 
 if TYPE_CHECKING:
     from bumpstop.program.cell import Cell
     from bumpstop.program.segment import Segment
-    from bumpstop.program.stretch import Stretch
+    from bumpstop.program.trajectories.stretch import Stretch
 
 _TIMES = (("sec", "nanosec"), ("secs", "nsecs"))  # of ROS 2, of ROS 1
 
@@ -99,7 +99,7 @@ def _trajectories(documents: Sequence[Value]) -> Iterator[tuple[str, Value]]:
     """Every map with joint_names and points, and where it stands."""
 
     def inside(value: Value, name: str) -> Iterator[tuple[str, Value]]:
-        if value.kind == "map" and "joint_names" in value.keys and "points" in value.keys:  # noqa: SIM118
+        if value.kind == "map" and "joint_names" in value.keys and "points" in value.keys:
             yield name or "trajectory", value
             return
         for i, item in enumerate(value.items):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from bumpstop.program.stretch import Stretch, find_stretches
+from bumpstop.program.trajectories.stretch import Stretch, find_stretches
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray

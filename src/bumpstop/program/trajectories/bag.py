@@ -10,19 +10,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.errors import InputError
-from bumpstop.program.retimed_message import MessageRows, retimed_rows, stretches_of
+from bumpstop.program.trajectories.retimed_message import MessageRows, retimed_rows, stretches_of
 
 if TYPE_CHECKING:
     from bumpstop.program.cell import Cell
     from bumpstop.program.segment import Segment
-    from bumpstop.program.stretch import Stretch
+    from bumpstop.program.trajectories.stretch import Stretch
 
 _JOINT = "trajectory_msgs/msg/JointTrajectory"
 _ROBOT = "moveit_msgs/msg/RobotTrajectory"
 _DISPLAY = "moveit_msgs/msg/DisplayTrajectory"
 _TYPES = (_JOINT, _ROBOT, _DISPLAY)
 _ROBOT_DEFINITION = (
-    "trajectory_msgs/JointTrajectory joint_trajectory\ntrajectory_msgs/MultiDOFJointTrajectory multi_dof_joint_trajectory"
+    "trajectory_msgs/JointTrajectory joint_trajectory\n"
+    "trajectory_msgs/MultiDOFJointTrajectory multi_dof_joint_trajectory"
 )
 
 
@@ -66,7 +67,7 @@ class BagProgram:
                 changed.setdefault(number, []).append((place, rows, stretches))
         with Reader(self.path) as reader:
             store = _store(reader)
-            mcap = any(str(name).endswith(".mcap") for name in reader.paths)
+            mcap = self.path.suffix.lower() == ".mcap" or any(self.path.glob("*.mcap"))
             plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
             with Writer(target, version=9, storage_plugin=plugin) as writer:
                 into = {

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.errors import InputError
-from bumpstop.program.stretch import Stretch, find_stretches
+from bumpstop.program.trajectories.stretch import Stretch, find_stretches
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -48,7 +48,10 @@ class RecordedProgram:
 
     def written(self, factors: Mapping[Segment, float]) -> bytes:
         """Columns t, q_1.., qd_1..: stretches with their new times, and the rests between them as long as they were."""
-        time, position, velocity, now, last = [], [], [], 0.0, 0
+        time: list[float] = []
+        position: list[list[float]] = []
+        velocity: list[list[float]] = []
+        now, last = 0.0, 0
         for segment in self.segments:
             first = segment.rows[0]
             now += float(self.time[first] - self.time[last])
@@ -105,7 +108,7 @@ def _smoothed(t: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray, lis
     if len(t) < 4 or not t[-1] > 0:
         raise InputError("program", f"the recording has {len(t)} rows", "wanted four at least")
     rate = min(_RATE_HZ, (len(t) - 1) / float(t[-1]))
-    n = max(4, int(round(float(t[-1]) * rate)) + 1)
+    n = max(4, round(float(t[-1]) * rate) + 1)
     even = np.linspace(0.0, float(t[-1]), n)
     resampled = np.column_stack([np.interp(even, t, column) for column in q.T])
     if n < 2 * _SMOOTHED:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bumpstop.collision.trajectory.trajectory import Trajectory, point_motion
 from bumpstop.errors import InputError
-from bumpstop.program.path import SHARE
-from bumpstop.program.timing import PathMotion
+from bumpstop.program.motion.path import SHARE
+from bumpstop.program.motion.timing import PathMotion
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -61,14 +62,14 @@ def find_stretches(time: FloatArray, position: FloatArray, velocity: FloatArray 
 
 def _split_at_turns(speed: FloatArray, first: int, last: int) -> list[tuple[int, int]]:
     """A moving part cut where the speed falls to next to nothing between two peaks."""
-    cuts = []
+    cuts: list[int] = []
     for i in range(first + 1, last):
         if speed[i] <= speed[i - 1] and speed[i] <= speed[i + 1]:
             begin = cuts[-1] if cuts else first
             if speed[i] < _TURNS * min(speed[begin:i].max(), speed[i + 1 : last + 1].max()):
                 cuts.append(i)
     bounds = [first, *cuts, last]
-    return list(zip(bounds[:-1], bounds[1:], strict=True))
+    return list(pairwise(bounds))
 
 
 @dataclass(frozen=True, eq=False)
