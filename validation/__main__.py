@@ -51,6 +51,7 @@ from validation.identification import (  # noqa: E402
     tx40,
 )
 from validation.measure import commissioning  # noqa: E402
+from validation.program import fuzz, programs  # noqa: E402
 from validation.schroeder2013 import (  # noqa: E402
     chapter5,
     chapter6,
@@ -102,6 +103,8 @@ COMPARISONS = {
     "generic_fit": generic_fit,
     "tx40": tx40,
     "commissioning": commissioning,
+    "program_fuzz": fuzz,
+    "programs": programs,
 }
 
 

@@ -54,6 +54,10 @@ def command(
     from bumpstop.program.evaluation import evaluate_program
 
     check_folder(out)
+    if out is not None:
+        from bumpstop.program.writing import check_target
+
+        check_target(program, out)
     checked = load_scenario(scenario, dict(change(text) for text in changes or []))
     with progress("judging segments") as share:
         result = evaluate_program(program, checked, max_speed_mm_s=max_speed, faster=not only_slower, progress=share)
@@ -82,7 +86,7 @@ def _print(result: ProgramResult) -> None:
     table = Table(box=None, pad_edge=False)
     for heading in ("", "line", "segment", "worst at", "force, N", "mm/s", "safe mm/s", "written", "won, s"):
         right = heading in ("force, N", "mm/s", "safe mm/s", "won, s")
-        table.add_column(heading, justify="right" if right else "left", overflow="fold")
+        table.add_column(heading, justify="right" if right else "left", no_wrap=heading != "worst at", overflow="fold")
     for one in result.segments:
         word = outcome_word(one.present)
         table.add_row(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from bumpstop.errors import InputError
 from bumpstop.program.cell import Cell, Judgement
+from bumpstop.program.motion.timing import import_ruckig
 from bumpstop.program.safe_speed import highest_safe
 from bumpstop.program.source import Source, read_source
 
@@ -136,6 +137,7 @@ def evaluate_program(
     low, high = _MAX_SPEED_MM_S
     if not low <= max_speed_mm_s <= high:
         raise InputError("--max-speed", f"{max_speed_mm_s:g} mm/s cannot be used", f"wanted {low:g} to {high:g}")
+    import_ruckig()
     cell = Cell(scenario)
     source = read_source(Path(path), cell, max_speed_mm_s / 1e3)
     found: list[SegmentResult] = []

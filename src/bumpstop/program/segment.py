@@ -135,12 +135,20 @@ class MoveSegment:
     def at(self, factor: float) -> Trajectory:  # noqa: D102
         speeds = self._speeds(factor)
         q, times = without_repeats(self._path, full_speed_times(self.robot, self._path, speeds))
-        shares = [
-            visit.leg.acceleration / float(speed.min())
-            for visit, speed in zip(self._moving, speeds, strict=True)
-            if visit.leg is not None and visit.leg.acceleration is not None
-        ]
-        return timed(q, times, max(shares) if len(shares) == len(speeds) else None, self.joint_acceleration)
+        return timed(q, times, self._ramp(speeds), self.joint_acceleration)
+
+    def _ramp(self, speeds: Sequence[FloatArray]) -> float | None:
+        """Greatest acceleration as a share of full speed [1/s]; None where the program does not say all of them."""
+        path, ramps = self._path, []
+        every = full_speed_times(self.robot, path, speeds)
+        for i, visit in enumerate(self._moving):
+            own = (path.leg == i) & (every > 0)
+            if visit.leg is None or visit.leg.acceleration is None or not own.any():
+                return None
+            # Where joints are at their limits, less than the program asks for is full speed.
+            full = float((path.way[i][own].max(axis=1) / every[own]).max())
+            ramps.append(visit.leg.acceleration / max(full, 1e-9))
+        return max(ramps)
 
     def max_factor(self, max_speed: float) -> float:  # noqa: D102
         from bumpstop.program.motion.kinematics import tool_positions

@@ -15,6 +15,16 @@ if TYPE_CHECKING:
     from bumpstop.program.evaluation import ProgramResult
 
 
+def check_target(path: Path, folder: Path) -> None:
+    """Refuse the folder of the program itself, before any work is done.
+
+    Raises:
+        InputError: it is.
+    """
+    if folder.resolve() == path.resolve().parent:
+        raise InputError("--out", f"{str(folder)!r} is where the program is", "give another folder")
+
+
 def write_program(result: ProgramResult, path: Path, folder: Path) -> list[Path]:
     """Write the program with its new speeds, its segments and a summary; returns the files.
 
@@ -24,11 +34,9 @@ def write_program(result: ProgramResult, path: Path, folder: Path) -> list[Path]
         folder: made where it is missing.
 
     Raises:
-        InputError: the folder cannot be written, or is that of the program.
+        InputError: the folder cannot be written.
     """
     target = folder / result.source.file_name(path)
-    if target.resolve() == path.resolve():
-        raise InputError("--out", f"{str(folder)!r} is where the program is", "give another folder")
     files = [target]
     try:
         segments = folder / "segments"
