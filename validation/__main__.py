@@ -52,6 +52,7 @@ from validation.identification import (  # noqa: E402
     tx40,
 )
 from validation.measure import commissioning  # noqa: E402
+from validation.program import fuzz, programs  # noqa: E402
 from validation.schroeder2013 import (  # noqa: E402
     chapter5,
     chapter6,
@@ -105,6 +106,8 @@ COMPARISONS = {
     "commissioning": commissioning,
     "faults": faults,
     "scale": scale,
+    "program_fuzz": fuzz,
+    "programs": programs,
 }
 
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bumpstop.cli import bodies, plant, robots, view
+from bumpstop.cli import bodies, plant, program, robots, view
 from bumpstop.cli.campaign import campaign
 from bumpstop.cli.collision import evaluate, require, speed_limits, stopping, study
 from bumpstop.cli.command_group import CommandGroup
@@ -40,6 +40,7 @@ app.add_typer(study.app, name="study")
 app.add_typer(campaign.app, name="campaign")
 app.add_typer(plant.app, name="plant")
 app.command("require")(require.require)
+app.command("program")(program.command)
 app.command("stopping")(stopping.command)
 app.command("bodies")(bodies.bodies)
 app.command("identify")(identify.identify)

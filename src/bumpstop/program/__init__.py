@@ -1,0 +1,1 @@
+"""Programs of robots in, the same programs with safe speeds out."""

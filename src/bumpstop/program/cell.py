@@ -1,0 +1,222 @@
+"""The cell that segments are judged in: a scenario whose motion is replaced by theirs."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.collision import CollisionProblem, evaluate
+from bumpstop.collision.scenario.scenario import Scenario
+from bumpstop.collision.trajectory.trajectory import point_motion, point_places
+from bumpstop.errors import InputError
+from bumpstop.program.onset_force import worst_onset
+from bumpstop.study.prediction import predicted_speed_limit, stopping_time_per_speed, undetected_force
+from bumpstop.study.requirement.risk import allowed_force
+from bumpstop.study.speed.speed_limit import MIN_SPEED
+
+if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
+    from bumpstop.collision.trajectory.trajectory import Trajectory
+    from bumpstop.collision.verdict.verdict import Verdict
+    from bumpstop.model import Robot
+
+# Keys that say where the body is on a line; on a trajectory contact begins at any time.
+_OFFSET = ("offset_law", "offset_sd_s", "offset_mm")
+_PLACEHOLDER = "segment.csv"
+_PLACES, _MOVES = 200, 1e-6  # looked at along a motion; [m/s]
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """A motion as ``bumpstop evaluate`` judges it.
+
+    Attributes:
+        verdict: None where there is none.
+        why: there is none; else empty.
+        force: peak force that is exceeded with the accepted probability [N]; NaN without a verdict.
+        worst_s: time of the motion at which contact is hardest [s].
+        worst_m: where the contact point is then, base frame (3,) [m].
+        tool_speed: greatest of the tip [m/s].
+    """
+
+    verdict: Verdict | None
+    why: str = ""
+    force: float = math.nan
+    worst_s: float = math.nan
+    worst_m: tuple[float, ...] = ()
+    tool_speed: float = math.nan
+
+    @property
+    def conclusion(self) -> str:
+        """``"acceptable"``, ``"not_acceptable"`` or ``"inconclusive"``."""
+        return "inconclusive" if self.verdict is None else self.verdict.conclusion
+
+    @property
+    def over(self) -> float:
+        """Probability of passing a limit; NaN without a verdict."""
+        verdict = self.verdict
+        return math.nan if verdict is None else max(verdict.p_over_force or 0.0, verdict.p_over_pressure or 0.0)
+
+
+class Cell:
+    """A scenario to judge motions in.
+
+    Args:
+        scenario: of a line or a trajectory, whose motion, pose and offset are not used, but for the start.
+
+    Raises:
+        InputError: the scenario cannot judge trajectories, or names no body region.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        if scenario.uncertainty:
+            problem = "is not taken into account for programs"
+            raise InputError(
+                "uncertainty", problem, "leave the table out; judge what is written with bumpstop evaluate"
+            )
+        data = scenario.model_dump(exclude_unset=True, exclude_none=True, mode="python", exclude={"folder"})
+        self.start = self._start(scenario)
+        for key in ("pose_deg", "pose_rad"):
+            data.pop(key, None)
+        data["motion"] = {"kind": "trajectory", "file": _PLACEHOLDER, "contact_onset_s": "uniform"}
+        data["contact"] = {key: value for key, value in data["contact"].items() if key not in _OFFSET}
+        if "stiffness_N_m" in data["contact"]:
+            data["contact"].pop("stiffness_N_mm", None)
+        self.scenario = Scenario.from_dict(data, scenario.folder)
+        self._check()
+
+    def _check(self) -> None:
+        scenario = self.scenario
+        if scenario.contact.body is None:
+            raise InputError("contact.body", "is missing", "a verdict needs limits: name a body region")
+        for key, found, wanted in (
+            ("contact.kind", scenario.contact.kind, "clamped"),
+            ("verdict.clamped_limit", scenario.verdict.clamped_limit, "quasi_static"),
+            ("arm.model", scenario.arm.model, "rigid"),
+        ):
+            if found != wanted:
+                raise InputError(key, f"{found!r} has no speed limits", f"wanted {wanted!r}")
+        if scenario.detector.residuals is not None:
+            raise InputError("detector.residuals", "have no integrated distribution", "give detector.noise_sd_Nm")
+        limits = self.at_rest.limits
+        if limits is None or not limits.permitted:
+            reason = "there is none" if limits is None else limits.reason
+            raise InputError("contact.body", f"no speed is safe: {reason}", "name another body region")
+
+    @staticmethod
+    def _start(scenario: Scenario) -> FloatArray | None:
+        if scenario.pose_rad is not None:
+            return np.array(scenario.pose_rad, dtype=np.float64)
+        return None if scenario.pose_deg is None else np.radians(np.array(scenario.pose_deg, dtype=np.float64))
+
+    @cached_property
+    def robot(self) -> Robot:
+        """The arm."""
+        return self.at_rest.robot
+
+    @cached_property
+    def joint_acceleration(self) -> FloatArray:
+        """Of the reaction (dof,) [rad/s2 or m/s2]."""
+        return self.at_rest.joint_acceleration
+
+    @cached_property
+    def at_rest(self) -> CollisionProblem:
+        """The problem of a motion that is next to none: what all segments share."""
+        from bumpstop.model import Robot
+
+        path = self.scenario.robot_path
+        robot = Robot.load(self.scenario.robot) if path is None else Robot.from_urdf(path)
+        q = np.zeros(robot.dof) if self.start is None else self.start
+        q = np.clip(q, robot.lower, robot.upper)
+        from bumpstop.collision.trajectory.trajectory import Trajectory
+
+        still = Trajectory(np.array([0.0, 1.0]), np.stack([q, q]), np.zeros((2, robot.dof)))
+        with tempfile.TemporaryDirectory() as folder:
+            write_trajectory(Path(folder) / _PLACEHOLDER, still)
+            return CollisionProblem.from_scenario(self.of(Path(folder) / _PLACEHOLDER))
+
+    @cached_property
+    def allowed_force(self) -> float:
+        """Greatest peak force within the limits of the body [N]."""
+        return allowed_force(self.at_rest)
+
+    def of(self, file: Path | str, onset_s: float | None = None) -> Scenario:
+        """The scenario of a trajectory file, with contact at a time of it, or at any."""
+        at: float | str = "uniform" if onset_s is None else onset_s
+        return self.scenario.with_values({"motion.file": str(file), "motion.contact_onset_s": at})
+
+    def force(self, trajectory: Trajectory) -> float:
+        """Peak force at its worst place that is exceeded with the accepted probability [N].
+
+        Raises:
+            InputError: the motion passes a limit of the robot.
+        """
+        with tempfile.TemporaryDirectory() as folder:
+            return worst_onset(self._problem(Path(folder) / _PLACEHOLDER, trajectory))[1]
+
+    def speed_ratio(self, trajectory: Trajectory) -> float:
+        """Greatest speed of the tip over the highest that the formula of ``bumpstop study`` allows at its place.
+
+        Raises:
+            InputError: the motion passes a limit of the robot.
+        """
+        with tempfile.TemporaryDirectory() as folder:
+            problem = self._problem(Path(folder) / _PLACEHOLDER, trajectory)
+        t: FloatArray = (np.arange(_PLACES, dtype=np.float64) + 0.5) * (trajectory.duration / _PLACES)
+        velocity, jacobian = point_motion(trajectory, self.robot, problem.contact_point, t)
+        speed = np.linalg.norm(velocity, axis=1)
+        moving = speed > _MOVES
+        if not moving.any():
+            return 0.0
+        direction = velocity[moving] / speed[moving, None]
+        torque = np.einsum("nij,ni->nj", jacobian[moving], direction)
+        gain = stopping_time_per_speed(problem, trajectory.at(t, 1)[moving]) / speed[moving]
+        undetected = undetected_force(problem, torque, self.scenario.verdict.accepted_probability)
+        allowed = predicted_speed_limit(problem, undetected, gain, self.allowed_force)
+        return float((speed[moving] / np.maximum(allowed, MIN_SPEED)).max())
+
+    def tool_speed(self, trajectory: Trajectory) -> float:
+        """Greatest of the tip [m/s]."""
+        t = np.linspace(0, trajectory.duration, 400)
+        velocity, _ = point_motion(trajectory, self.robot, self.robot.frame(None), t)
+        return float(np.linalg.norm(velocity, axis=1).max())
+
+    def _problem(self, file: Path, trajectory: Trajectory) -> CollisionProblem:
+        write_trajectory(file, trajectory)
+        return CollisionProblem.from_scenario(self.of(file))
+
+    def judge(self, trajectory: Trajectory) -> Judgement:
+        """A contact at the worst place, by the function that ``bumpstop evaluate`` uses, from the file it reads."""
+        speed = self.tool_speed(trajectory)
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / _PLACEHOLDER
+            try:
+                problem = self._problem(file, trajectory)
+                worst, force = worst_onset(problem)
+                if force == 0:
+                    return Judgement(None, "the contact point touches nothing on the way", tool_speed=speed)
+                result = evaluate(self.of(file, worst))
+            except InputError as error:
+                return Judgement(None, error.problem.replace(f"{file}: ", ""), tool_speed=speed)
+        verdict = result.verdict
+        where = point_places(trajectory, self.robot, problem.contact_point, np.array([worst]))[0]
+        force = float(result.peak_force.quantile(1 - verdict.accepted_probability))
+        return Judgement(verdict, "", force, worst, tuple(float(x) for x in where), speed)
+
+
+def write_trajectory(path: Path, trajectory: Trajectory) -> None:
+    """Columns t, q_1.. and qd_1.. where there are velocities, as a scenario's motion.file takes them; all digits."""
+    dof = trajectory.position.shape[1]
+    columns = [trajectory.time[:, None], trajectory.position]
+    names = ["t", *(f"q_{j + 1}" for j in range(dof))]
+    if trajectory.velocity is not None:
+        columns.append(trajectory.velocity)
+        names += [f"qd_{j + 1}" for j in range(dof)]
+    lines = [",".join(names), *(",".join(map(repr, row)) for row in np.hstack(columns).tolist())]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -1,0 +1,225 @@
+"""From a program to its safe speeds, segment by segment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bumpstop.errors import InputError
+from bumpstop.program.cell import Cell, Judgement
+from bumpstop.program.motion.timing import import_ruckig
+from bumpstop.program.safe_speed import highest_safe
+from bumpstop.program.source import Source, read_source
+
+if TYPE_CHECKING:
+    from bumpstop.collision import Scenario
+    from bumpstop.collision.trajectory.trajectory import Trajectory
+    from bumpstop.program.segment import Segment
+
+_WORDS = {"acceptable": "PASS", "not_acceptable": "FAIL"}
+_MAX_SPEED_MM_S = (1.0, 1e4)
+# An acceptable speed that could be raised by less stays: what is written once is written so again.
+_WORTH_IT = 1.02
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentResult:
+    """What is found of a segment.
+
+    Attributes:
+        segment: the motion.
+        present: the verdict of the motion as the program has it; without one where it cannot be judged.
+        present_s: its duration [s]; NaN where it is not known.
+        factor: what its speed is multiplied by in the program that is written; 1 where it stays.
+        safe_factor: the highest safe one; 0: none is; NaN where it cannot be judged.
+        limited_by: what limits it.
+        written: the verdict of the motion as it is written.
+        written_s: its duration [s]; NaN where it is not known.
+    """
+
+    segment: Segment
+    present: Judgement
+    present_s: float = math.nan
+    factor: float = 1.0
+    safe_factor: float = math.nan
+    limited_by: str = ""
+    written: Judgement = field(default_factory=lambda: Judgement(None))
+    written_s: float = math.nan
+
+    @property
+    def won_s(self) -> float:
+        """Time that is won, negative where it is lost [s]."""
+        return self.present_s - self.written_s
+
+    def to_json(self) -> dict[str, Any]:
+        """As ``--json`` prints it."""
+        first, last = self.segment.lines
+        return {
+            "name": self.segment.name,
+            "lines": [first, last],
+            "present": _judgement_json(self.present, self.segment, self.present_s),
+            "safe_factor": _finite(self.safe_factor),
+            "limited_by": self.limited_by or None,
+            "factor": self.factor,
+            "written": _judgement_json(self.written, self.segment, self.written_s),
+            "won_s": _finite(self.won_s),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class ProgramResult:
+    """What is found of a program.
+
+    Attributes:
+        source: the program.
+        cell: it was judged in.
+        segments: in its order.
+    """
+
+    source: Source
+    cell: Cell
+    segments: Sequence[SegmentResult]
+
+    @property
+    def present(self) -> str:
+        """``"PASS"``, ``"FAIL"`` or ``"INCONCLUSIVE"`` of the program as it is."""
+        return _worst(one.present for one in self.segments)
+
+    @property
+    def written_outcome(self) -> str:
+        """The same of the program as it is written."""
+        return _worst(one.written for one in self.segments)
+
+    @property
+    def factors(self) -> Mapping[Segment, float]:
+        """By segment."""
+        return {one.segment: one.factor for one in self.segments}
+
+    def to_json(self) -> dict[str, Any]:
+        """As ``--json`` prints it."""
+        known = [one for one in self.segments if math.isfinite(one.won_s)]
+        return {
+            "language": self.source.language,
+            "present": self.present,
+            "written": self.written_outcome,
+            "body": self.cell.scenario.contact.body,
+            "allowed_force_N": self.cell.allowed_force,
+            "won_s": sum(one.won_s for one in known),
+            "segments": [one.to_json() for one in self.segments],
+            "not_understood": [{"line": line, "text": text} for line, text in self.source.not_understood],
+            "notes": list(self.source.notes),
+        }
+
+
+def evaluate_program(
+    path: Path | str,
+    scenario: Scenario,
+    *,
+    max_speed_mm_s: float = 1000.0,
+    faster: bool = True,
+    progress: Callable[[float], None] = lambda share: None,
+) -> ProgramResult:
+    """Judge every segment of a program, and find its highest safe speed.
+
+    Args:
+        path: of a program, a trajectory or a recording.
+        scenario: the cell: robot, body, detector, reaction and limits. Of a line, its pose is where the program starts.
+        max_speed_mm_s: no speed of the tip is raised above it.
+        faster: raise speeds that are lower than safe; else they are only lowered.
+        progress: is told the share that is done.
+
+    Raises:
+        InputError: the file cannot be read or the scenario cannot judge it.
+    """
+    low, high = _MAX_SPEED_MM_S
+    if not low <= max_speed_mm_s <= high:
+        raise InputError("--max-speed", f"{max_speed_mm_s:g} mm/s cannot be used", f"wanted {low:g} to {high:g}")
+    import_ruckig()
+    cell = Cell(scenario)
+    source = read_source(Path(path), cell, max_speed_mm_s / 1e3)
+    found: list[SegmentResult] = []
+    for number, segment in enumerate(source.segments):
+        found.append(_found(source, segment, cell, max_speed_mm_s / 1e3, faster=faster))
+        progress((number + 1) / len(source.segments))
+    factors = _shared(source, found)
+    return ProgramResult(source, cell, [_written(one, factors[one.segment], cell) for one in found])
+
+
+def _found(source: Source, segment: Segment, cell: Cell, max_speed: float, *, faster: bool) -> SegmentResult:
+    if segment.why:
+        return SegmentResult(segment, Judgement(None, segment.why))
+    present, duration = Judgement(None, "its speed is set outside the program"), math.nan
+    try:
+        motion = segment.at(1.0)
+    except InputError as error:
+        return SegmentResult(segment, Judgement(None, error.problem))
+    if segment.speed_known:
+        present, duration = cell.judge(motion), motion.duration
+        if present.verdict is None:
+            return SegmentResult(segment, present, duration)
+    if not segment.speed_known and not all(source.may_be_raised(place) for place in segment.places()):
+        return SegmentResult(segment, Judgement(None, "its speed may be set by what is not understood"))
+    safe = highest_safe(segment, cell, max_speed, faster=faster and segment.speed_known)
+    stays = present.conclusion == "acceptable" and 1.0 <= safe.factor < _WORTH_IT
+    return SegmentResult(segment, present, duration, 1.0 if stays else safe.factor, safe.factor, safe.limited_by)
+
+
+def _shared(source: Source, found: Sequence[SegmentResult]) -> dict[Segment, float]:
+    """Factor of every segment: the lowest of all that share a place with it, and 1 where that is not known."""
+    factors = {one.segment: one.factor if one.safe_factor > 0 else 1.0 for one in found}
+    judged = {one.segment: one.safe_factor > 0 for one in found}
+    changed = True
+    while changed:
+        changed = False
+        lowest: dict[object, float] = {}
+        for segment, factor in factors.items():
+            for place in segment.places():
+                own = factor if judged[segment] else min(factor, 1.0)
+                least = own if source.may_be_raised(place) else min(own, 1.0)
+                lowest[place] = min(lowest.get(place, math.inf), least)
+        for segment, factor in factors.items():
+            least = min([factor, *(lowest[place] for place in segment.places())])
+            if least < factor:
+                factors[segment], changed = least, True
+    return factors
+
+
+def _written(one: SegmentResult, factor: float, cell: Cell) -> SegmentResult:
+    if one.segment.why or (not one.segment.speed_known and not one.safe_factor > 0):
+        return replace(one, factor=1.0, written=one.present, written_s=one.present_s)
+    if factor == 1.0 and one.segment.speed_known:
+        return replace(one, factor=1.0, written=one.present, written_s=one.present_s)
+    try:
+        motion: Trajectory = one.segment.at(factor)
+    except InputError as error:
+        return replace(one, factor=factor, written=Judgement(None, error.problem))
+    return replace(one, factor=factor, written=cell.judge(motion), written_s=motion.duration)
+
+
+def _worst(judgements: Any) -> str:
+    words = {_WORDS.get(judgement.conclusion, "INCONCLUSIVE") for judgement in judgements}
+    return next((word for word in ("FAIL", "INCONCLUSIVE", "PASS") if word in words), "INCONCLUSIVE")
+
+
+def outcome_word(judgement: Judgement) -> str:
+    """``"PASS"``, ``"FAIL"`` or ``"INCONCLUSIVE"``."""
+    return _WORDS.get(judgement.conclusion, "INCONCLUSIVE")
+
+
+def _judgement_json(judgement: Judgement, segment: Segment, duration: float) -> dict[str, Any]:
+    return {
+        "outcome": outcome_word(judgement),
+        "reason": judgement.verdict.reason if judgement.verdict is not None else judgement.why,
+        "force_N": _finite(judgement.force),
+        "worst_s": _finite(judgement.worst_s),
+        "worst_m": list(judgement.worst_m) or None,
+        "tool_speed_mm_s": _finite(1e3 * judgement.tool_speed),
+        "duration_s": _finite(duration),
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,1 @@
+"""Robot languages: syntax trees without loss, and what of them is understood."""

@@ -1,0 +1,199 @@
+"""What a program is read into: moves, settings, calls, loops and branches, whatever its language."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from bumpstop.program.languages.expression import Expression
+from bumpstop.program.languages.syntax import Edit
+
+Measure = Literal["tool", "joint", "axes"]
+
+
+@dataclass(frozen=True)
+class SpeedSlot:
+    """A place of the program that says how fast moves go.
+
+    Attributes:
+        start, end: of the bytes of its value; the same where there is none yet.
+        value: as the program writes it; None where it is not known before the program runs.
+        template: what is written there, with ``{}`` for the number.
+        most: greatest value that the language takes.
+        unit: as people read it.
+        factor: of the value to SI.
+        setting: it holds for all moves that follow, not for one.
+        whole: the language takes whole numbers.
+    """
+
+    start: int
+    end: int
+    value: float | None
+    template: str = "{}"
+    most: float = 1e9
+    unit: str = ""
+    factor: float = 1.0
+    setting: bool = False
+    whole: bool = False
+
+    def rounded(self, value: float) -> str:
+        """A value as the language takes it, not above it; of whole numbers 1 at least."""
+        value = min(value, self.most)
+        return str(max(1, math.floor(value + 1e-9))) if self.whole else short(value)
+
+    def edit(self, value: float) -> Edit:
+        """A new value for it."""
+        return Edit(self.start, self.end, self.template.format(self.rounded(value)))
+
+
+def short(value: float) -> str:
+    """A number of four digits, never above the value."""
+    if value <= 0:
+        return "0"
+    unit = 10.0 ** (math.floor(math.log10(value)) - 3)
+    steps = math.floor(value / unit + 1e-9)
+    return f"{steps * unit:.4g}" if 1e-4 <= value < 1e4 else f"{steps * unit:.0f}" if value >= 1 else f"{value:.9f}"
+
+
+@dataclass(frozen=True)
+class Target:
+    """Where a move goes.
+
+    Attributes:
+        joints: positions [rad or m], or None.
+        pose: translation [m] and rotation vector [rad] of the tool in the base frame, six numbers, or None.
+        why: neither is known; else empty.
+    """
+
+    joints: tuple[float, ...] | None = None
+    pose: tuple[float, ...] | None = None
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class Move:
+    """A statement that moves the arm.
+
+    Attributes:
+        line: from 1.
+        word: the language's own, as the program writes it.
+        linear: the tool goes on a straight line; else the joints do.
+        target: where to.
+        measure: what the speed is of: the tool [m/s], the leading joint [rad/s], or a share of the joints' own limits.
+        speed: where its own speed is written; empty where a setting's is in force.
+        default: slot for an own speed where nothing says any.
+        default_speed: of moves of this kind, in SI; None where the controller knows it alone.
+        acceleration: in the measure's unit per second; None: the cell's joint acceleration.
+        blend: how far before its target it goes over into the next [m].
+        why: it cannot be judged; else empty.
+    """
+
+    line: int
+    word: str
+    linear: bool
+    target: Target
+    measure: Measure
+    speed: tuple[SpeedSlot, ...] = ()
+    default: SpeedSlot | None = None
+    default_speed: float | None = None
+    acceleration: float | None = None
+    blend: float = 0.0
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A statement that sets the speed or acceleration of moves that follow.
+
+    Attributes:
+        key: ``"tool"``, ``"axes"``, or ``"axes[3]"`` of joint 3; with ``"acceleration "`` before it, that.
+        slot: where its value is written; None: set to what is not known.
+    """
+
+    line: int
+    key: str
+    slot: SpeedSlot | None
+
+
+@dataclass(frozen=True)
+class Call:
+    """A call of a function of the program, without arguments."""
+
+    line: int
+    name: str
+
+
+@dataclass(frozen=True)
+class Opaque:
+    """What is not understood: left as it is.
+
+    Attributes:
+        text: of the statement.
+        moves: the arm may be elsewhere afterwards.
+        resets: speeds may be others afterwards.
+    """
+
+    line: int
+    text: str
+    moves: bool = True
+    resets: bool = False
+
+
+@dataclass(frozen=True)
+class Frames:
+    """The tool or the frame of poses changes.
+
+    Attributes:
+        pose: of the tool in the flange, or of the frame in the base: translation [m] and rotation vector [rad]; None:
+            not known, nor are targets given as poses from here on.
+    """
+
+    line: int
+    which: Literal["tool", "base"]
+    pose: tuple[float, ...] | None
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Statements that are run again and again.
+
+    Attributes:
+        certain: they are run once at least.
+    """
+
+    line: int
+    body: tuple[Node, ...]
+    certain: bool = False
+
+
+@dataclass(frozen=True)
+class Branch:
+    """Statements of which one group or none is run."""
+
+    line: int
+    bodies: tuple[tuple[Node, ...], ...]
+
+
+Node = Move | Setting | Call | Opaque | Frames | Loop | Branch
+
+
+@dataclass(frozen=True)
+class ReadProgram:
+    """What a reader understood of a program.
+
+    Attributes:
+        language: as people call it.
+        source: the bytes.
+        functions: bodies by name; the main part may have the empty name.
+        not_understood: lines and their text.
+        notes: what was taken for granted.
+    """
+
+    language: str
+    source: bytes
+    functions: Mapping[str, tuple[Node, ...]]
+    not_understood: tuple[tuple[int, str], ...] = ()
+    notes: tuple[str, ...] = ()
+    constants: Mapping[str, Expression] = field(default_factory=dict)

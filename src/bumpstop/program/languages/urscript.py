@@ -1,0 +1,181 @@
+"""URScript: movej, movel and movep with constants, in functions, loops and branches."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+from bumpstop.program.languages.blocks import Assignments, Blocks
+from bumpstop.program.languages.expression import Expression, number_of, numbers_of, read_expression, resolved
+from bumpstop.program.languages.statements import Call, Frames, Move, ReadProgram, SpeedSlot, Target
+from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token, statement_of, tokenize
+
+_TOKENS = re.compile(
+    r"(?P<comment>\#[^\n\r]*)|(?P<newline>\r?\n)|(?P<space>[ \t\r\f\v]+)"
+    r"|(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
+    r"|(?P<name>[A-Za-z_][A-Za-z0-9_]*)|(?P<string>\"[^\"\n\r]*\"|'[^'\n\r]*')|(?P<operator>[-+*/%=<>!]=?|[()\[\]{},:.;@&|^~])"
+)
+# Statements that neither move the arm nor say how it moves.
+_HARMLESS_WORDS = (
+    "sleep sync textmsg popup halt set_digital_out set_standard_digital_out set_tool_digital_out set_analog_out "
+    "set_configurable_digital_out set_standard_analog_out set_payload set_payload_mass set_payload_cog set_gravity "
+    "set_target_payload stopj stopl rtde_set_watchdog request_boolean_from_primary_client set_tool_voltage "
+    "modbus_set_output_signal modbus_set_output_register write_output_integer_register write_output_boolean_register "
+    "write_output_float_register set_flag enter_critical exit_critical set_safety_mode_transition_hardness"
+)
+_HARMLESS = frozenset(_HARMLESS_WORDS.split())
+# Arguments of the moves in their places; movep has no time.
+_PLACES = {
+    "movej": ("q", "a", "v", "t", "r"),
+    "movel": ("pose", "a", "v", "t", "r"),
+    "movep": ("pose", "a", "v", "r"),
+}
+# The maker's defaults: acceleration and speed, rad or m.
+_DEFAULTS = {"movej": (1.4, 1.05), "movel": (1.2, 0.25), "movep": (1.2, 0.25)}
+_MAX_SPEED = {"movej": 6.28, "movel": 3.0, "movep": 3.0}
+
+
+def parse_urscript(source: bytes) -> SyntaxTree:
+    """The syntax tree of any bytes; a line is a statement."""
+    statements: list[Statement] = []
+    begin, line = 0, 1
+    tokens = tokenize(source, _TOKENS)
+    for i, token in enumerate(tokens):
+        if token.kind == "newline":
+            statements.append(statement_of(tokens[begin : i + 1], line))
+            begin, line = i + 1, line + 1
+    if begin < len(tokens):
+        statements.append(statement_of(tokens[begin:], line))
+    return SyntaxTree(source, tuple(statements))
+
+
+def read_urscript(source: bytes) -> ReadProgram:
+    """What is understood of a program."""
+    tree = parse_urscript(source)
+    assignments, names = Assignments(), set()
+    for statement in tree.statements:
+        words = statement.words
+        if len(words) > 1 and words[0].text in ("def", "thread", "sec"):
+            names.add(words[1].text.lower())
+            for parameter in words[3:]:
+                assignments.add(parameter.text, None)
+        if (assigned := _assignment(words)) is not None:
+            assignments.add(*assigned)
+    constants = assignments.constants()
+    blocks = Blocks()
+    for statement in tree.statements:
+        if statement.words:
+            _add(blocks, statement, constants, names)
+    functions = blocks.finish()
+    return ReadProgram("URScript", source, functions, tuple(blocks.not_understood), (), constants)
+
+
+def _assignment(words: list[Token]) -> tuple[str, Expression | None] | None:
+    if words and words[0].text in ("global", "local"):
+        words = words[1:]
+    if len(words) > 1 and words[0].kind == "name" and words[1].text == "=":
+        return words[0].text, read_expression(words[2:])
+    # An element of a list changes the list.
+    if len(words) > 1 and words[0].kind == "name" and words[1].text == "[" and any(w.text == "=" for w in words):
+        return words[0].text, None
+    return None
+
+
+def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expression], functions: set[str]) -> None:
+    words = statement.words
+    first, last = words[0].text, words[-1].text
+    if first in ("def", "sec") and last == ":" and len(words) > 2:
+        blocks.begin("function", statement, words[1].text)
+    elif first == "thread" and last == ":" and len(words) > 2:
+        # What runs beside the rest is called by nobody.
+        blocks.begin("function", statement, f"thread {words[1].text}")
+        blocks.opaque(statement)
+    elif first == "while" and last == ":":
+        blocks.begin("loop", statement, certain=len(words) == 3 and words[1].text == "True")
+    elif first == "if" and last == ":":
+        blocks.begin("branch", statement)
+    elif first in ("elif", "else") and last == ":":
+        blocks.otherwise(statement)
+    elif first == "end" and len(words) == 1:
+        blocks.end(statement)
+    elif _assignment(words) is not None:
+        value = _assignment(words)
+        if value is not None and value[1] is None and _may_move(words, functions):
+            blocks.opaque(statement)
+    elif (call := read_expression(words)) is not None and call.kind == "call":
+        _add_call(blocks, statement, call, constants, functions)
+    elif first in ("return", "break", "continue", "halt") or (call is not None and call.kind == "string"):
+        if first in ("break", "continue", "return"):
+            blocks.opaque(statement)
+    else:
+        blocks.opaque(statement)
+
+
+def _may_move(words: list[Token], functions: set[str]) -> bool:
+    return any(word.text.lower() in functions or word.text.startswith(("move", "servo", "speed")) for word in words)
+
+
+def _add_call(
+    blocks: Blocks, statement: Statement, call: Expression, constants: Mapping[str, Expression], functions: set[str]
+) -> None:
+    if call.name in _PLACES:
+        blocks.add(_move(statement, call, constants))
+    elif call.name == "set_tcp":
+        tool = numbers_of(call.argument("pose", 0), constants)
+        known = tool is not None and len(tool) == 6
+        blocks.add(Frames(statement.line, "tool", tuple(tool) if known and tool else None))
+        if not known:
+            blocks.opaque(statement, moves=False)
+    elif call.name.lower() in functions and not call.items:
+        blocks.add(Call(statement.line, call.name.lower()))
+    elif call.name not in _HARMLESS:
+        blocks.opaque(statement)
+
+
+def _move(statement: Statement, call: Expression, constants: Mapping[str, Expression]) -> Move:
+    places = _PLACES[call.name]
+    arguments = {name: call.argument(name, i) for i, name in enumerate(places)}
+    acceleration, speed = _DEFAULTS[call.name]
+    why = ""
+    if len(call.items) > len(places) or any(key and key not in places for key in call.keys):
+        why = "an argument is not understood"
+    values: dict[str, float] = {"a": acceleration, "v": speed, "t": 0.0, "r": 0.0}
+    for name, meaning in (("a", "acceleration"), ("v", "speed"), ("t", "time"), ("r", "blend radius")):
+        if arguments.get(name) is not None:
+            value = number_of(arguments[name], constants)
+            if value is None or value < 0 or (name in "av" and value == 0):
+                why = why or f"its {meaning} is not known before the program runs"
+            else:
+                values[name] = value
+    if values["t"] > 0:
+        why = why or "its time t is given, before which its speed does not count"
+    unit, most = ("rad/s", "mm/s")[call.name != "movej"], _MAX_SPEED[call.name]
+    given = arguments["v"]
+    close = statement.words[-1].start
+    if given is not None:
+        slot = SpeedSlot(given.start, given.end, values["v"], most=most, unit="rad/s" if unit == "rad/s" else "m/s")
+    else:
+        slot = SpeedSlot(close, close, values["v"], ", v={}", most, "rad/s" if unit == "rad/s" else "m/s")
+    return Move(
+        line=statement.line,
+        word=call.name,
+        linear=call.name != "movej",
+        target=_target(arguments[places[0]], constants),
+        measure="joint" if call.name == "movej" else "tool",
+        speed=(slot,),
+        acceleration=values["a"],
+        blend=values["r"],
+        why=why,
+    )
+
+
+def _target(argument: Expression | None, constants: Mapping[str, Expression]) -> Target:
+    found = resolved(argument, constants)
+    if found is not None and found.kind == "call" and found.name == "get_inverse_kin" and len(found.items) == 1:
+        found = resolved(found.items[0], constants)
+    numbers = numbers_of(found, constants)
+    if found is None or numbers is None:
+        return Target(why="its target is not known before the program runs")
+    if found.kind == "pose":
+        return Target(pose=tuple(numbers)) if len(numbers) == 6 else Target(why="its pose has not six numbers")
+    return Target(joints=tuple(numbers))

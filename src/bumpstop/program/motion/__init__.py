@@ -1,0 +1,1 @@
+"""The motions of moves: paths of the joints, and how they are gone along."""

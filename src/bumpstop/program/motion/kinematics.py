@@ -1,0 +1,101 @@
+"""Joint paths to poses: the tool on a straight line, followed from where the arm stands."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bumpstop.arrays import FloatArray
+    from bumpstop.model import Robot
+
+# Samples of a line: so far apart at most, and so many at most.
+_STEP_M, _STEP_RAD, _MIN_SAMPLES, _MAX_SAMPLES = 0.005, 0.03, 12, 400
+# A sample is found when the pose is this near [m and rad]; joints that turn more from one sample to the next jump.
+_CLOSE, _ITERATIONS, _MAX_JUMP = 1e-9, 30, 0.5
+# Damping of the least squares as a share of the distance that is left: none at the end.
+_DAMPING = 0.05
+
+
+def transform(pose: Sequence[float]) -> FloatArray:
+    """Translation [m] and rotation vector [rad], six numbers, as a 4 x 4 transform."""
+    from scipy.spatial.transform import Rotation
+
+    X = np.eye(4)
+    X[:3, 3] = pose[:3]
+    X[:3, :3] = Rotation.from_rotvec(pose[3:6]).as_matrix()
+    return X
+
+
+def tool_positions(robot: Robot, q: FloatArray, tool: FloatArray) -> FloatArray:
+    """Where the tool is (N, 3) [m] at joint positions (N, dof); ``tool`` is its pose in the tip, (4, 4)."""
+    return robot.pose(q, point=tool[:3, 3])[:, :3, 3]
+
+
+def joint_line(q0: FloatArray, q1: FloatArray) -> FloatArray:
+    """Samples (N, dof) of a straight line from one joint position to another."""
+    n = int(np.clip(math.ceil(float(np.abs(q1 - q0).max()) / _STEP_RAD), _MIN_SAMPLES, _MAX_SAMPLES))
+    return np.asarray(q0 + np.linspace(0, 1, n + 1)[:, None] * (q1 - q0))
+
+
+def tool_line(robot: Robot, q0: FloatArray, target: FloatArray, tool: FloatArray) -> FloatArray | str:
+    """Joint positions (N, dof) while the tool goes straight from where it is to a pose; or why it cannot.
+
+    The tool turns about one axis, evenly. Each sample is the nearest solution to the one before it, by damped least
+    squares, so that an arm with more joints than six takes the least turning.
+
+    Args:
+        robot: with six joints or more.
+        q0: joint positions at the begin (dof,).
+        target: pose of the tool in the base (4, 4).
+        tool: its pose in the tip (4, 4).
+    """
+    from scipy.spatial.transform import Rotation
+
+    if robot.dof < 6:
+        return f"{robot.name} has {robot.dof} joints, which reach no pose"
+    begin = robot.pose(q0) @ tool
+    turn = Rotation.from_matrix(begin[:3, :3].T @ target[:3, :3]).as_rotvec()
+    way = target[:3, 3] - begin[:3, 3]
+    size = max(float(np.linalg.norm(way)) / _STEP_M, float(np.linalg.norm(turn)) / _STEP_RAD)
+    n = int(np.clip(math.ceil(size), _MIN_SAMPLES, _MAX_SAMPLES))
+    turned = Rotation.from_rotvec(np.linspace(0, 1, n + 1)[:, None] * turn).as_matrix()
+    rows = [q0]
+    for i in range(1, n + 1):
+        wanted = np.eye(4)
+        wanted[:3, 3] = begin[:3, 3] + way * (i / n)
+        wanted[:3, :3] = begin[:3, :3] @ turned[i]
+        # Where the joints went they go on first: half the iterations are saved.
+        guess = 2 * rows[-1] - rows[-2] if len(rows) > 1 else rows[-1]
+        q = _solve(robot, guess, wanted, tool)
+        if q is None:
+            return f"the arm cannot follow it beyond {i - 1} of {n} parts of the way"
+        if float(np.abs(q - rows[-1]).max()) > _MAX_JUMP:
+            return f"joints jump after {i - 1} of {n} parts of the way, at a singularity"
+        rows.append(q)
+    return np.array(rows)
+
+
+def _solve(robot: Robot, q: FloatArray, wanted: FloatArray, tool: FloatArray) -> FloatArray | None:
+    """The joint positions beside ``q`` at which the tool has a pose; None where none is found."""
+    from scipy.spatial.transform import Rotation
+
+    q = q.copy()
+    for _ in range(_ITERATIONS):
+        pose = robot.pose(q) @ tool
+        error = np.concatenate(
+            [wanted[:3, 3] - pose[:3, 3], Rotation.from_matrix(wanted[:3, :3] @ pose[:3, :3].T).as_rotvec()]
+        )
+        left = float(np.linalg.norm(error))
+        if left < _CLOSE:
+            return q
+        J = robot.jacobian(q, point=tool[:3, 3])
+        damping = (_DAMPING * min(left, 1.0)) ** 2
+        q += J.T @ np.linalg.solve(J @ J.T + damping * np.eye(6), error)
+        if not np.isfinite(q).all():
+            return None
+    return None

@@ -1,0 +1,108 @@
+"""Motions along a path, from rest to rest, with limited jerk."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bumpstop.collision.trajectory.piecewise_cubic import PiecewiseCubic
+from bumpstop.collision.trajectory.trajectory import Trajectory
+from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
+
+# An acceleration is built up in so much time [s]: the ramp of an industrial controller.
+RAMP_S = 0.05
+# Rows of a trajectory: so far apart at most [s], and so many at least.
+_ROW_S, _MIN_ROWS = 0.02, 40
+_MAX_DURATION_S = 120.0
+
+
+class PathMotion:
+    """From rest at the begin of a path to rest at its end: its coordinate u over time, by ruckig.
+
+    The coordinate u is the time that the path takes at full speed, so that du/dt is 1 at full speed.
+
+    Attributes:
+        duration: [s].
+    """
+
+    def __init__(self, length: float, acceleration: float) -> None:
+        """Compute it.
+
+        Args:
+            length: of u [s].
+            acceleration: greatest of u [1/s]; its jerk is that over ``RAMP_S``.
+
+        Raises:
+            InputError: ruckig is not installed.
+        """
+        ruckig = import_ruckig()
+        wanted = ruckig.InputParameter(1)
+        wanted.current_position, wanted.target_position = [0.0], [length]
+        wanted.max_velocity, wanted.max_acceleration = [1.0], [acceleration]
+        wanted.max_jerk = [acceleration / RAMP_S]
+        self._profile = ruckig.Trajectory(1)
+        if ruckig.Ruckig(1).calculate(wanted, self._profile) not in (ruckig.Result.Working, ruckig.Result.Finished):
+            raise InputError("program", f"no motion of {length:g} s is found", "give a shorter move")
+        self.duration = float(self._profile.duration)
+        self._length = length
+
+    def at(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Coordinate u [s], its speed and its acceleration at times (N,)."""
+        rows = np.array([[part[0] for part in self._profile.at_time(float(x))] for x in t])
+        return np.clip(rows[:, 0], 0.0, self._length), rows[:, 1], rows[:, 2]
+
+    def times(self, u: FloatArray) -> FloatArray:
+        """When the coordinate passes values (N,), ascending from 0 to its end [s]."""
+        low, high = np.zeros(len(u)), np.full(len(u), self.duration)
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            before = self.at(middle)[0] < u
+            low, high = np.where(before, middle, low), np.where(before, high, middle)
+        found = 0.5 * (low + high)
+        found[0], found[-1] = 0.0, self.duration
+        return np.asarray(found, dtype=np.float64)
+
+
+def import_ruckig() -> Any:
+    """The module ruckig.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        import ruckig
+    except ImportError:
+        raise InputError("program", "ruckig is not installed", "pip install 'bumpstop[program]'") from None
+    return ruckig
+
+
+def timed(q: FloatArray, times: FloatArray, acceleration: float | None, joint_acceleration: FloatArray) -> Trajectory:
+    """The trajectory along samples of a path.
+
+    Args:
+        q: (N, dof) joint positions.
+        times: that pieces take at full speed (N - 1,) [s], all above zero.
+        acceleration: of the share of full speed [1/s]; None: as much as the joints' allow.
+        joint_acceleration: (dof,) [rad/s2 or m/s2].
+    """
+    u = np.append(0.0, np.cumsum(times))
+    path = PiecewiseCubic.spline(u, q)
+    rate = path(np.concatenate([u, 0.5 * (u[1:] + u[:-1])]), 1)
+    if acceleration is None:
+        with np.errstate(divide="ignore"):
+            acceleration = float((joint_acceleration / np.abs(rate).max(axis=0)).min())
+    motion = PathMotion(float(u[-1]), acceleration)
+    if motion.duration > _MAX_DURATION_S:
+        raise InputError("program", f"a motion of {motion.duration:.0f} s", f"wanted at most {_MAX_DURATION_S:g} s")
+    rows = max(_MIN_ROWS, math.ceil(motion.duration / _ROW_S)) + 1
+    t = np.linspace(0, motion.duration, rows)
+    along, speed, _ = motion.at(t)
+    position, velocity = path(along), path(along, 1) * speed[:, None]
+    position[0], position[-1] = q[0], q[-1]
+    velocity[0] = velocity[-1] = 0.0
+    return Trajectory(t, position, velocity)

@@ -1,0 +1,173 @@
+"""Segments: what of a program has one speed and one verdict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from bumpstop.program.motion.path import SHARE, Path, full_speed_times, join, without_repeats
+from bumpstop.program.motion.timing import timed
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bumpstop.arrays import FloatArray
+    from bumpstop.collision.trajectory.trajectory import Trajectory
+    from bumpstop.model import Robot
+    from bumpstop.program.interpreter import Visit
+    from bumpstop.program.languages.statements import SpeedSlot
+
+
+class Segment(Protocol):
+    """A motion from rest to rest whose speed is one number times that of the program."""
+
+    @property
+    def name(self) -> str:
+        """As people call it."""
+        ...
+
+    @property
+    def lines(self) -> tuple[int, int]:
+        """Of the file, first and last; of a recording, rows."""
+        ...
+
+    @property
+    def why(self) -> str:
+        """It cannot be judged; else empty."""
+        ...
+
+    @property
+    def speed_known(self) -> bool:
+        """The program says how fast it is."""
+        ...
+
+    def at(self, factor: float) -> Trajectory:
+        """The motion at so many times the program's speed; 1: as the program has it."""
+        ...
+
+    def max_factor(self, max_speed: float) -> float:
+        """Beyond it nothing gets faster, or the tool faster than ``max_speed`` [m/s]; 1 at least."""
+        ...
+
+    def places(self) -> Sequence[object]:
+        """What its speed is written in; segments that share a place have one factor."""
+        ...
+
+    def line_at(self, t: float, motion: Trajectory) -> int:
+        """Line of what moves at a time of a motion [s]."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class MoveSegment:
+    """Moves of a program that go over into each other.
+
+    Attributes:
+        visits: the moves, each with its path.
+        robot: the arm.
+        joint_acceleration: where the program says none (dof,).
+        unknown_speed: what is tried first where the program does not say how fast the tool goes [m/s].
+    """
+
+    visits: tuple[Visit, ...]
+    robot: Robot
+    joint_acceleration: FloatArray
+    unknown_speed: float
+
+    @property
+    def name(self) -> str:  # noqa: D102
+        first, last = self.visits[0].move, self.visits[-1].move
+        return first.word if len(self.visits) == 1 else f"{first.word} .. {last.word}"
+
+    @property
+    def lines(self) -> tuple[int, int]:  # noqa: D102
+        every = [visit.move.line for visit in self.visits]
+        return min(every), max(every)
+
+    @property
+    def why(self) -> str:  # noqa: D102
+        for visit in self.visits:
+            if visit.why:
+                return f"line {visit.move.line}: {visit.why}"
+        if not any(visit.slots for visit in self.visits):
+            return f"line {self.lines[0]}: its speed is set outside the program"
+        return ""
+
+    @property
+    def still(self) -> bool:
+        """Nothing moves."""
+        return all(visit.still for visit in self.visits)
+
+    @property
+    def speed_known(self) -> bool:  # noqa: D102
+        return all(slot.value is not None for visit in self.visits for slot in visit.slots)
+
+    def places(self) -> Sequence[SpeedSlot]:  # noqa: D102
+        return tuple(dict.fromkeys(slot for visit in self.visits if visit.leg is not None for slot in visit.slots))
+
+    def base_value(self, slot: SpeedSlot) -> float:
+        """What a factor is of: the program's value, or the highest that is tried where it has none."""
+        if slot.value is not None:
+            return slot.value
+        return slot.most if slot.unit == "%" else self.unknown_speed / slot.factor
+
+    def new_value(self, slot: SpeedSlot, factor: float) -> float:
+        """What is written for a factor."""
+        base = self.base_value(slot)
+        return base if factor == 1 and slot.value is not None else float(slot.rounded(factor * base))
+
+    @cached_property
+    def _moving(self) -> tuple[Visit, ...]:
+        return tuple(visit for visit in self.visits if visit.leg is not None)
+
+    @cached_property
+    def _path(self) -> Path:
+        return join(self.robot, [visit.leg for visit in self._moving if visit.leg is not None])
+
+    def _speeds(self, factor: float) -> list[FloatArray]:
+        return [
+            np.array([self.new_value(slot, factor) * slot.factor for slot in visit.slots]) for visit in self._moving
+        ]
+
+    def at(self, factor: float) -> Trajectory:  # noqa: D102
+        speeds = self._speeds(factor)
+        q, times = without_repeats(self._path, full_speed_times(self.robot, self._path, speeds))
+        return timed(q, times, self._ramp(speeds), self.joint_acceleration)
+
+    def _ramp(self, speeds: Sequence[FloatArray]) -> float | None:
+        """Greatest acceleration as a share of full speed [1/s]; None where the program does not say all of them."""
+        path, ramps = self._path, []
+        every = full_speed_times(self.robot, path, speeds)
+        for i, visit in enumerate(self._moving):
+            own = (path.leg == i) & (every > 0)
+            if visit.leg is None or visit.leg.acceleration is None or not own.any():
+                return None
+            # Where joints are at their limits, less than the program asks for is full speed.
+            full = float((path.way[i][own].max(axis=1) / every[own]).max())
+            ramps.append(visit.leg.acceleration / max(full, 1e-9))
+        return max(ramps)
+
+    def max_factor(self, max_speed: float) -> float:  # noqa: D102
+        from bumpstop.program.motion.kinematics import tool_positions
+
+        path, speeds = self._path, self._speeds(1.0)
+        with np.errstate(divide="ignore"):
+            asked = np.zeros(len(path.leg))
+            for i, speed in enumerate(speeds):
+                asked[path.leg == i] = (path.way[i][path.leg == i] / speed).max(axis=1)
+            least = (np.abs(np.diff(path.q, axis=0)) / (SHARE * self.robot.velocity)).max(axis=1)
+            way = np.linalg.norm(np.diff(tool_positions(self.robot, path.q, np.eye(4)), axis=0), axis=1)
+        moving = least > 1e-12
+        joints = float((asked[moving] / least[moving]).max())
+        tool = float(max_speed / max((way[moving] / np.maximum(asked[moving], least[moving])).max(), 1e-12))
+        written = min(slot.most / self.base_value(slot) for slot in self.places())
+        return max(1.0, min(joints, tool, written))
+
+    def line_at(self, t: float, motion: Trajectory) -> int:  # noqa: D102
+        q = motion.at(min(max(t, 0.0), motion.duration))
+        nearest = int(np.abs(self._path.q - q).max(axis=1).argmin())
+        leg = int(self._path.leg[min(nearest, len(self._path.leg) - 1)])
+        return self._moving[leg].move.line

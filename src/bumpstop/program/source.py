@@ -1,0 +1,173 @@
+"""Programs as files: what is read from them, and the same files with new speeds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from glob import escape as glob_escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from bumpstop.errors import InputError
+from bumpstop.program.interpreter import Interpreter
+from bumpstop.program.languages.syntax import edited
+from bumpstop.program.segment import MoveSegment, Segment
+
+if TYPE_CHECKING:
+    from bumpstop.program.cell import Cell
+    from bumpstop.program.languages.statements import ReadProgram
+
+_MAX_BYTES = 5_000_000
+_URSCRIPT, _KRL, _RAPID = (".script", ".urscript"), (".src",), (".mod", ".modx", ".prg", ".sys")
+_MESSAGES = (".yaml", ".yml", ".json")
+
+
+class Source(Protocol):
+    """A program."""
+
+    @property
+    def language(self) -> str:
+        """As people call it."""
+        ...
+
+    @property
+    def segments(self) -> Sequence[Segment]:
+        """In the order of the file."""
+        ...
+
+    @property
+    def not_understood(self) -> Sequence[tuple[int, str]]:
+        """Lines and their text."""
+        ...
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """What was taken for granted."""
+        ...
+
+    def file_name(self, path: Path) -> str:
+        """Of what is written."""
+        ...
+
+    def may_be_raised(self, place: object) -> bool:
+        """Whether all that a place makes faster is known."""
+        ...
+
+    def write(self, factors: Mapping[Segment, float], target: Path) -> None:
+        """Write it to a path with the speeds of segments multiplied."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class TextProgram:
+    """A program in a robot's language."""
+
+    read: ReadProgram
+    segments: Sequence[MoveSegment]
+    still: Sequence[int] = ()
+
+    @property
+    def language(self) -> str:  # noqa: D102
+        return self.read.language
+
+    @property
+    def not_understood(self) -> Sequence[tuple[int, str]]:  # noqa: D102
+        return self.read.not_understood
+
+    @property
+    def notes(self) -> Sequence[str]:  # noqa: D102
+        lines = ", ".join(str(line) for line in self.still)
+        return (*self.read.notes, *([f"line {lines}: the arm is at its target already"] if lines else []))
+
+    def file_name(self, path: Path) -> str:  # noqa: D102
+        return path.name
+
+    def may_be_raised(self, place: object) -> bool:  # noqa: D102
+        # What is not understood may move by a setting, too.
+        return not (getattr(place, "setting", False) and self.not_understood)
+
+    def write(self, factors: Mapping[Segment, float], target: Path) -> None:  # noqa: D102
+        target.write_bytes(self.written(factors))
+
+    def written(self, factors: Mapping[Segment, float]) -> bytes:
+        """The program with other speeds."""
+        edits = []
+        for segment in self.segments:
+            factor = factors.get(segment, 1.0)
+            if factor != 1.0:
+                edits += [slot.edit(segment.new_value(slot, factor)) for slot in segment.places()]
+        return edited(self.read.source, edits)
+
+
+def read_source(path: Path, cell: Cell, max_speed: float) -> Source:
+    """Read a program, a trajectory or a recording by its name's ending.
+
+    Args:
+        path: of the file; of a bag also its folder.
+        cell: whose robot it is for.
+        max_speed: what is tried first where a program does not say how fast the tool goes [m/s].
+
+    Raises:
+        InputError: it cannot be read, or holds no motion.
+    """
+    ending = path.suffix.lower()
+    if not path.exists():
+        raise InputError(str(path), "there is no such file", "wanted a program, a trajectory or a recording")
+    if ending in (*_URSCRIPT, *_KRL, *_RAPID) and not path.is_dir():
+        return _text_program(path, ending, cell, max_speed)
+    if ending == ".dat":
+        raise InputError(str(path), "holds data of a KRL program, and no moves", "give the .src beside it")
+    if ending in _MESSAGES and not path.is_dir():
+        from bumpstop.program.trajectories.messages import read_messages
+
+        return read_messages(path, read_bytes(path), cell)
+    from bumpstop.program.trajectories.bag import holds_trajectories, read_bag_trajectories
+
+    if holds_trajectories(path):
+        return read_bag_trajectories(path, cell)
+    from bumpstop.program.trajectories.recorded import read_recorded
+
+    return read_recorded(path, cell)
+
+
+def _text_program(path: Path, ending: str, cell: Cell, max_speed: float) -> TextProgram:
+    read = _read(path, ending)
+    chains = Interpreter(read, cell.robot, cell.start, str(path)).chains()
+    every = [MoveSegment(chain, cell.robot, cell.joint_acceleration, max_speed) for chain in chains]
+    if not every:
+        raise InputError(str(path), f"has no move that is understood as {read.language}", "see docs/program.md")
+    still = sorted({segment.lines[0] for segment in every if segment.still})
+    moving = sorted((segment for segment in every if not segment.still), key=lambda segment: segment.lines)
+    return TextProgram(read, moving, still)
+
+
+def _read(path: Path, ending: str) -> ReadProgram:
+    source = read_bytes(path)
+    if ending in _URSCRIPT:
+        from bumpstop.program.languages.urscript import read_urscript
+
+        return read_urscript(source)
+    if ending in _RAPID:
+        from bumpstop.program.languages.rapid import read_rapid
+
+        return read_rapid(source)
+    from bumpstop.program.languages.krl import read_krl
+
+    beside = [other for other in path.parent.glob(f"{glob_escape(path.stem)}.*") if other.suffix.lower() == ".dat"]
+    return read_krl(source, read_bytes(beside[0]) if beside else b"")
+
+
+def read_bytes(path: Path) -> bytes:
+    """The bytes of a program.
+
+    Raises:
+        InputError: it cannot be read, or is too long.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read(_MAX_BYTES + 1)
+    except OSError as error:
+        raise InputError(str(path), f"cannot be read ({error.strerror or error})", "wanted a program") from None
+    if len(content) > _MAX_BYTES:
+        raise InputError(str(path), f"is longer than {_MAX_BYTES} bytes", "wanted a program")
+    return content

@@ -1,0 +1,1 @@
+"""Trajectories and recordings as programs: their stretches, and the same files with other times."""

@@ -1,0 +1,120 @@
+"""Recordings and trajectory tables as programs: their stretches, and the whole with new times."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.errors import InputError
+from bumpstop.program.trajectories.stretch import Stretch, find_stretches
+
+if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
+    from bumpstop.program.cell import Cell
+    from bumpstop.program.segment import Segment
+
+# A recording is thinned to this rate [Hz] and smoothed over so many rows: encoders tremble.
+_RATE_HZ, _SMOOTHED = 50.0, 7
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedProgram:
+    """A recording: its stretches, and how long it rests between them.
+
+    Attributes:
+        time: of the thinned rows [s].
+        position: of them (rows, dof).
+    """
+
+    language: str
+    segments: Sequence[Stretch]
+    time: FloatArray
+    position: FloatArray
+    notes: Sequence[str]
+    not_understood: Sequence[tuple[int, str]] = ()
+
+    def file_name(self, path: Path) -> str:  # noqa: D102
+        return f"{path.stem}.csv"
+
+    def may_be_raised(self, place: object) -> bool:  # noqa: D102
+        return True
+
+    def write(self, factors: Mapping[Segment, float], target: Path) -> None:  # noqa: D102
+        target.write_bytes(self.written(factors))
+
+    def written(self, factors: Mapping[Segment, float]) -> bytes:
+        """Columns t, q_1.., qd_1..: stretches with their new times, and the rests between them as long as they were."""
+        time: list[float] = []
+        position: list[list[float]] = []
+        velocity: list[list[float]] = []
+        now, last = 0.0, 0
+        for segment in self.segments:
+            first = segment.rows[0]
+            now += float(self.time[first] - self.time[last])
+            motion = segment.at(factors.get(segment, 1.0))
+            rate = motion.at(motion.time, 1)
+            # Where one begins right where the one before it ends, their common row is written once.
+            skip = 1 if time and now <= time[-1] else 0
+            time += (now + motion.time[skip:]).tolist()
+            position += motion.position[skip:].tolist()
+            velocity += rate[skip:].tolist()
+            now, last = now + motion.duration, segment.rows[1]
+        dof = self.position.shape[1]
+        names = ["t", *(f"q_{j + 1}" for j in range(dof)), *(f"qd_{j + 1}" for j in range(dof))]
+        rows = (",".join(map(repr, (t, *q, *v))) for t, q, v in zip(time, position, velocity, strict=True))
+        return ("\n".join([",".join(names), *rows]) + "\n").encode()
+
+
+def read_recorded(path: Path, cell: Cell) -> RecordedProgram:
+    """A recording in any format of ``bumpstop recording``.
+
+    Raises:
+        InputError: it cannot be read, is of another arm, or rests all the time.
+    """
+    from bumpstop.recording import Recording
+
+    recording = Recording.load(path, robot=cell.robot)
+    recording.check_robot(cell.robot)
+    t, q, notes = _smoothed(recording.t - recording.t[0], recording.q)
+    robot = cell.robot
+    stretches = []
+    for number, (first, last) in enumerate(find_stretches(t, q, None), start=1):
+        rows = slice(first, last + 1)
+        origin = tuple(int(np.searchsorted(recording.t - recording.t[0], t[i] - 1e-9)) + 1 for i in (first, last))
+        stretches.append(
+            Stretch(
+                f"stretch {number}",
+                (origin[0], origin[1]),
+                (first, last),
+                robot,
+                t[rows],
+                q[rows],
+                None,
+                cell.joint_acceleration,
+                dense=True,
+            )
+        )
+    if not stretches:
+        raise InputError(str(path), "rests all the time", "wanted a recording of a motion")
+    return RecordedProgram("recording", stretches, t, q, notes)
+
+
+def _smoothed(t: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray, list[str]]:
+    """Evenly spaced rows, smoothed, and what was done."""
+    if len(t) < 4 or not t[-1] > 0:
+        raise InputError("program", f"the recording has {len(t)} rows", "wanted four at least")
+    rate = min(_RATE_HZ, (len(t) - 1) / float(t[-1]))
+    n = max(4, round(float(t[-1]) * rate) + 1)
+    even = np.linspace(0.0, float(t[-1]), n)
+    resampled = np.column_stack([np.interp(even, t, column) for column in q.T])
+    if n < 2 * _SMOOTHED:
+        return even, resampled, []
+    from scipy.signal import savgol_filter
+
+    smooth = np.asarray(savgol_filter(resampled, _SMOOTHED, 3, axis=0))
+    moved = float(np.abs(smooth - resampled).max())
+    return even, smooth, [f"rows at {rate:.3g} Hz, smoothed; that moves a joint by {moved:.2g} rad at most"]

@@ -1,0 +1,117 @@
+"""The points of a trajectory message, and the same points at other times."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from bumpstop.program.trajectories.stretch import Stretch, find_stretches
+
+if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
+    from bumpstop.program.cell import Cell
+    from bumpstop.program.segment import Segment
+
+
+@dataclass(frozen=True, eq=False)
+class MessageRows:
+    """Points of a message.
+
+    Attributes:
+        time: (points,) [s].
+        position: (points, dof) in the robot's order of joints.
+        velocity, acceleration: the same, or None.
+        order: of the robot's joints in the message.
+    """
+
+    time: FloatArray
+    position: FloatArray
+    velocity: FloatArray | None
+    acceleration: FloatArray | None
+    order: tuple[int, ...]
+
+    @classmethod
+    def checked(
+        cls,
+        time: Sequence[float],
+        position: Sequence[Sequence[float]],
+        velocity: Sequence[Sequence[float]],
+        column: Sequence[int],
+        order: Sequence[int],
+    ) -> MessageRows | str:
+        """The points in the robot's order, or what is wrong with them.
+
+        Args:
+            time: of the points [s].
+            position: of them, in the message's order.
+            velocity: the same, or empty.
+            column: of the message for every joint of the robot.
+            order: of the robot's joints in the message.
+        """
+        t = np.array(time, dtype=np.float64)
+        if len(t) < 2:
+            return f"has {len(t)} points"
+        if not (np.diff(t) > 0).all():
+            return f"point {int(np.argmax(np.diff(t) <= 0)) + 2} is not after the one before it"
+        if len(velocity) not in (0, len(t)):
+            return "velocities are given at some points only"
+        q = np.array(position, dtype=np.float64)[:, list(column)]
+        qd = np.array(velocity, dtype=np.float64)[:, list(column)] if velocity else None
+        return cls(t, q, qd, None, tuple(order))
+
+
+def stretches_of(name: str, rows: MessageRows, lines: Sequence[int], cell: Cell) -> list[Stretch]:
+    """The stretches of a message, numbered where there are several.
+
+    Args:
+        name: of the message.
+        rows: its points.
+        lines: of the file, of every point.
+        cell: whose joint acceleration counts where the message shows none.
+    """
+    bounds = find_stretches(rows.time, rows.position, rows.velocity)
+    return [
+        Stretch(
+            name if len(bounds) == 1 else f"{name}/{number}",
+            (lines[first], lines[last]),
+            (first, last),
+            cell.robot,
+            rows.time[first : last + 1],
+            rows.position[first : last + 1],
+            None if rows.velocity is None else rows.velocity[first : last + 1],
+            cell.joint_acceleration,
+            dense=False,
+        )
+        for number, (first, last) in enumerate(bounds, start=1)
+    ]
+
+
+def retimed_rows(
+    rows: MessageRows, stretches: Sequence[Stretch], factors: Mapping[Segment, float]
+) -> tuple[MessageRows, npt.NDArray[np.bool_]]:
+    """The same points: stretches at so many times their speed, rests as long as they were.
+
+    Returns:
+        The points, and which of them have other velocities and accelerations (points,).
+    """
+    changed = np.zeros(len(rows.time), dtype=bool)
+    step = np.diff(rows.time)
+    velocity = None if rows.velocity is None else rows.velocity.copy()
+    acceleration = np.zeros_like(rows.position)
+    for stretch in stretches:
+        factor = factors.get(stretch, 1.0)
+        first, last = stretch.rows
+        motion = stretch.at(factor)
+        if factor == 1.0:
+            continue
+        changed[first : last + 1] = True
+        step[first:last] = np.diff(motion.time)
+        acceleration[first : last + 1] = stretch.accelerations(factor)
+        if velocity is not None and motion.velocity is not None:
+            velocity[first : last + 1] = motion.velocity
+    time = rows.time[0] + np.append(0.0, np.cumsum(step))
+    return MessageRows(time, rows.position, velocity, acceleration, rows.order), changed

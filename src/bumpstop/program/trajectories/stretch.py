@@ -1,0 +1,201 @@
+"""Stretches: the parts of a trajectory between places where the arm rests or turns round."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.collision.trajectory.trajectory import Trajectory, point_motion
+from bumpstop.errors import InputError
+from bumpstop.program.motion.path import SHARE
+from bumpstop.program.motion.timing import PathMotion
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bumpstop.arrays import FloatArray
+    from bumpstop.model import Robot
+
+# Joints rest below this share of the greatest speed, and below this speed in any case [rad/s].
+_RESTS, _STANDS = 0.02, 1e-3
+# Between two peaks of the speed the arm turns round where it is slower than this share of the lower one.
+_TURNS = 0.1
+# A stretch on which no joint turns more is none [rad].
+_MIN_TURN = 0.01
+_SAMPLES = 1500  # of a stretch
+_FULL = 0.7  # of the greatest speed: from the first peak that reaches it to the last the arm goes at its own speed
+_MAX_RAMP = 95.0  # percentile of the acceleration along the path
+_DIFFERENCE_S = 1e-4
+
+
+def find_stretches(time: FloatArray, position: FloatArray, velocity: FloatArray | None) -> list[tuple[int, int]]:
+    """First and last rows of the stretches of a trajectory, in order.
+
+    Args:
+        time: (rows,) [s].
+        position: (rows, dof).
+        velocity: (rows, dof), or None: of the spline through the rows.
+    """
+    rate = Trajectory(time - time[0], position).at(time - time[0], 1) if velocity is None else velocity
+    speed = np.linalg.norm(rate, axis=1)
+    rests = max(_RESTS * float(speed.max(initial=0.0)), _STANDS)
+    found: list[tuple[int, int]] = []
+    moving = np.flatnonzero(speed > rests)
+    # Between two rows at rest the joints may still move: two rows far apart are a motion.
+    far = np.flatnonzero(np.abs(np.diff(position, axis=0)).max(axis=1) > _MIN_TURN)
+    inside = np.zeros(len(time), dtype=bool)
+    inside[moving] = True
+    joined = np.zeros(len(time) - 1, dtype=bool)
+    joined[far] = True
+    joined |= inside[:-1] | inside[1:]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], joined, [False]]).astype(np.int8)))
+    for first, last in edges.reshape(-1, 2):
+        for begin, end in _split_at_turns(speed, int(first), int(last)):
+            if np.abs(position[begin : end + 1] - position[begin]).max() > _MIN_TURN:
+                found.append((begin, end))
+    return found
+
+
+def _split_at_turns(speed: FloatArray, first: int, last: int) -> list[tuple[int, int]]:
+    """A moving part cut where the speed falls to next to nothing between two peaks."""
+    cuts: list[int] = []
+    for i in range(first + 1, last):
+        if speed[i] <= speed[i - 1] and speed[i] <= speed[i + 1]:
+            begin = cuts[-1] if cuts else first
+            if speed[i] < _TURNS * min(speed[begin:i].max(), speed[i + 1 : last + 1].max()):
+                cuts.append(i)
+    bounds = [first, *cuts, last]
+    return list(pairwise(bounds))
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """A stretch of a trajectory as a segment.
+
+    At its own speed it is what the file has. At another it is timed anew: the same path, at so many times the speed
+    that the file has there, from rest to rest with the acceleration that the file has and limited jerk.
+
+    Attributes:
+        name: as people call it.
+        lines: first and last row, from 1.
+        rows: first and last row, from 0.
+        robot: the arm.
+        time, position, velocity: of the rows from the first to the last.
+        joint_acceleration: where the file shows none (dof,).
+        dense: rows are added where it is timed anew; else it keeps its own.
+        why: it cannot be judged; else empty.
+    """
+
+    name: str
+    lines: tuple[int, int]
+    rows: tuple[int, int]
+    robot: Robot
+    time: FloatArray
+    position: FloatArray
+    velocity: FloatArray | None
+    joint_acceleration: FloatArray
+    dense: bool
+    why: str = ""
+
+    @property
+    def speed_known(self) -> bool:  # noqa: D102
+        return True
+
+    def places(self) -> Sequence[object]:  # noqa: D102
+        return ()
+
+    @cached_property
+    def given(self) -> Trajectory:
+        """As the file has it."""
+        return Trajectory(self.time - self.time[0], self.position, self.velocity)
+
+    @cached_property
+    def _grid(self) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+        """Times of the file (N,), the coordinate of full speed at them (N,), full speed (N,), and the ramp [1/s]."""
+        t = np.unique(np.concatenate([np.linspace(0, self.given.duration, _SAMPLES), self.given.time]))
+        rate = self.given.at(t, 1)
+        speed = np.linalg.norm(rate, axis=1)
+        way = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t)))
+        full = np.flatnonzero(speed >= _FULL * speed.max())
+        first, last = int(full[0]), int(full[-1])
+        # Up to the first peak and from the last one on the arm only gets going, and stops.
+        while first < last and speed[first + 1] > speed[first]:
+            first += 1
+        while last > first and speed[last - 1] > speed[last]:
+            last -= 1
+        envelope = speed.copy()
+        envelope[:first], envelope[last + 1 :] = speed[first], speed[last]
+        envelope = np.maximum(envelope, 1e-3 * speed.max())
+        u = np.append(0.0, np.cumsum(np.diff(way) * 0.5 * (1 / envelope[1:] + 1 / envelope[:-1])))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ramp = float(np.percentile(np.abs(np.gradient(speed, t)), _MAX_RAMP)) / float(speed.max())
+            direction = np.abs(rate) / np.maximum(speed, 1e-12)[:, None]
+            joints = float((self.joint_acceleration / (direction * envelope[:, None]).max(axis=0)).min())
+        ramp = ramp if ramp * self.given.duration > 1 else joints
+        # A coordinate that stands still has no inverse.
+        return t, u + 1e-12 * np.arange(len(u)), envelope, min(ramp, joints)
+
+    def _motion(self, factor: float) -> PathMotion:
+        _, u, _, ramp = self._grid
+        return PathMotion(float(u[-1]) / factor, ramp / factor)
+
+    def at(self, factor: float) -> Trajectory:  # noqa: D102
+        if factor == 1.0:
+            return self.given
+        motion = self._motion(factor)
+        if self.dense:
+            rows = max(40, int(np.ceil(motion.duration / 0.02))) + 1
+            t = np.linspace(0, motion.duration, rows)
+            position = self.given.at(self._file_time(motion, t, factor))
+            position[0], position[-1] = self.position[0], self.position[-1]
+            return Trajectory(t, position, self._rates(motion, t, factor))
+        grid, u, _, _ = self._grid
+        t = motion.times(np.interp(self.given.time, grid, u) / factor)
+        if (np.diff(t) <= 0).any():
+            raise InputError("program", "rows of the file lie too close to each other", "leave some out")
+        return Trajectory(t, self.position, None if self.velocity is None else self._rates(motion, t, factor))
+
+    def _file_time(self, motion: PathMotion, t: FloatArray, factor: float) -> FloatArray:
+        grid, u, _, _ = self._grid
+        return np.interp(motion.at(t)[0] * factor, u, grid)
+
+    def _rates(self, motion: PathMotion, t: FloatArray, factor: float) -> FloatArray:
+        """Joint rates at times of a motion (N, dof)."""
+        grid, _, envelope, _ = self._grid
+        at = self._file_time(motion, t, factor)
+        rate = self.given.at(at, 1)
+        own = np.linalg.norm(rate, axis=1)
+        speed = factor * np.interp(at, grid, envelope) * motion.at(t)[1]
+        speed[0] = speed[-1] = 0.0
+        return np.where(own[:, None] > 1e-9, rate / np.maximum(own, 1e-9)[:, None], 0.0) * speed[:, None]
+
+    def accelerations(self, factor: float) -> FloatArray:
+        """Joint accelerations at the rows of the motion at a factor (rows, dof)."""
+        motion, t = self._motion(factor), self.at(factor).time
+        before, after = np.maximum(t - _DIFFERENCE_S, 0.0), np.minimum(t + _DIFFERENCE_S, motion.duration)
+        change = self._rates_between(motion, after, factor) - self._rates_between(motion, before, factor)
+        return np.asarray(change / (after - before)[:, None])
+
+    def _rates_between(self, motion: PathMotion, t: FloatArray, factor: float) -> FloatArray:
+        ends = np.concatenate([[0.0], t, [motion.duration]])
+        return self._rates(motion, ends, factor)[1:-1]
+
+    def max_factor(self, max_speed: float) -> float:  # noqa: D102
+        grid, _, envelope, _ = self._grid
+        rate = self.given.at(grid, 1)
+        own = np.linalg.norm(rate, axis=1)
+        moving = own > 0.05 * own.max()
+        share = (envelope / np.maximum(own, 1e-12))[moving]
+        with np.errstate(divide="ignore"):
+            joints = float((SHARE * self.robot.velocity / (np.abs(rate[moving]) * share[:, None]).max(axis=0)).min())
+        velocity, _ = point_motion(self.given, self.robot, self.robot.frame(None), grid)
+        tool = float((np.linalg.norm(velocity, axis=1)[moving] * share).max())
+        return max(1.0, min(joints, max_speed / max(tool, 1e-9)))
+
+    def line_at(self, t: float, motion: Trajectory) -> int:  # noqa: D102
+        q = motion.at(min(max(t, 0.0), motion.duration))
+        return self.lines[0] + int(np.abs(self.position - q).max(axis=1).argmin())

@@ -1,0 +1,62 @@
+"""The files of ``bumpstop program --out``: the program, and every segment as a scenario that anybody can evaluate."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bumpstop.collision.scenario.settings_file import scenario_data
+from bumpstop.errors import InputError
+from bumpstop.program.cell import write_trajectory
+from bumpstop.text_files import to_toml
+
+if TYPE_CHECKING:
+    from bumpstop.program.evaluation import ProgramResult
+
+
+def check_target(path: Path, folder: Path) -> None:
+    """Refuse the folder of the program itself, before any work is done.
+
+    Raises:
+        InputError: it is.
+    """
+    if folder.resolve() == path.resolve().parent:
+        raise InputError("--out", f"{str(folder)!r} is where the program is", "give another folder")
+
+
+def write_program(result: ProgramResult, path: Path, folder: Path) -> list[Path]:
+    """Write the program with its new speeds, its segments and a summary; returns the files.
+
+    Args:
+        result: what was found.
+        path: of the program that was read; the new one has its name.
+        folder: made where it is missing.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    target = folder / result.source.file_name(path)
+    files = [target]
+    try:
+        segments = folder / "segments"
+        segments.mkdir(parents=True, exist_ok=True)
+        for old in (*segments.glob("[0-9]*.toml"), *segments.glob("[0-9]*.csv")):
+            old.unlink()  # of another run, they would be taken for this program's
+        result.source.write(result.factors, target)
+        for number, one in enumerate(result.segments, start=1):
+            if one.written.verdict is None:
+                continue
+            file = segments / f"{number}.csv"
+            write_trajectory(file, one.segment.at(one.factor))
+            scenario = result.cell.of(file, one.written.worst_s)
+            data = scenario_data(scenario)
+            data["motion"]["file"] = file.name
+            (segments / f"{number}.toml").write_text(to_toml(data), encoding="utf-8")
+            files.append(segments / f"{number}.toml")
+        summary = json.dumps(result.to_json(), allow_nan=False, indent=2)
+        (folder / "summary.json").write_text(summary + "\n", encoding="utf-8")
+    except OSError as error:
+        problem = f"{str(folder)!r} cannot be written ({error.filename or folder}: {error.strerror or error})"
+        raise InputError("--out", problem, "give another folder") from None
+    return [*files, folder / "summary.json"]

@@ -1,0 +1,56 @@
+"""Programs to try readers on, and a cell that judges them."""
+
+from __future__ import annotations
+
+import random
+from functools import cache
+from pathlib import Path
+
+import bumpstop as bs
+from bumpstop.program.cell import Cell
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES = ROOT / "examples" / "programs"
+URSCRIPT = (
+    (EXAMPLES / "place.script").read_bytes(),
+    b"",
+    b"\n\r\n\t movej ( [0,1,2,3,4,5] ,a = 1.4,v=1.05 ) # \xff\xfe comment\r\nend end\n",
+    b"def f():\n while True:\n  x = p[1,2\n  if (not ]]]):\n movel(x, v=1e)\n",
+    b'textmsg("movej([0,0,0,0,0,0])")\nthread t():\n movep(p[.1,.2,.3,0,0,0], 1.2, .1, r=0.01)\nend\n\x00',
+)
+KRL = (
+    (EXAMPLES / "place.src").read_bytes(),
+    (EXAMPLES / "place.dat").read_bytes(),
+    b"&ACCESS\r\nDEF x()\r\n;FOLD PTP P1 Vel=100 %\r\nPTP {E6AXIS: A1 0, A2 -90.5} C_PTP\r\nLIN {X 1,Y\r\n$VEL.CP=\r\nEND",
+    b"SWITCH I\nCASE 1\nLIN P1 C_DIS C_VEL\nDEFAULT\nGOTO A\nENDSWITCH\nENDLOOP\n\x80\x81",
+)
+RAPID = (
+    (EXAMPLES / "place.mod").read_bytes(),
+    b"MODULE m\r\nPROC main() MoveL \\Conc, p1, v100\\V:=50, z10\\Z:=3, tool0\\WObj:=w;\r\nENDPROC",
+    b'IF a THEN TPWrite "; MoveL"; ELSEIF b MoveJ p,v,z; ENDIF ! \xc3\xa4 MoveL p1,v1,fine,tool0;\nMoveAbsJ [[0,0],[9E9]],v5,z0,t;',
+    b"CONST robtarget p:=[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9]];WHILE TRUE DO ;;; ENDWHILE \x00 ENDMODULE",
+)
+
+
+@cache
+def cell() -> Cell:
+    return Cell(bs.load_scenario(EXAMPLES / "cell.toml"))
+
+
+def mutated(sources: tuple[bytes, ...], seed: int) -> bytes:
+    """Bytes of two programs with some swapped, dropped, doubled or thrown in."""
+    draw = random.Random(seed)
+    one, other = draw.choice(sources), draw.choice(sources)
+    text = bytearray(one[: draw.randint(0, len(one))] + other[draw.randint(0, len(other)) :])
+    for _ in range(draw.randint(0, 12)):
+        at = draw.randint(0, len(text))
+        what = draw.randint(0, 3)
+        if what == 0:
+            text[at : at + draw.randint(1, 9)] = b""
+        elif what == 1:
+            text[at:at] = text[at : at + draw.randint(1, 40)]
+        elif what == 2:
+            text[at:at] = bytes(draw.choices(b"()[]{}\\;:=,.\n\"'!#$&p9eE-+ \xff\x00", k=draw.randint(1, 4)))
+        else:
+            text[at:at] = draw.choice([b"[" * 60, b"1e999", b"LIN ", b"movej(", b"MoveL ", b" end\n", b"$VEL.CP="])
+    return bytes(text)

@@ -1,0 +1,159 @@
+"""What readers understand: targets, speeds, blends, and what they do not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bumpstop.program.interpreter import Interpreter, Visit
+from bumpstop.program.languages.krl import read_krl
+from bumpstop.program.languages.rapid import read_rapid
+from bumpstop.program.languages.rotation import from_euler_zyx, from_quaternion
+from bumpstop.program.languages.statements import ReadProgram
+from bumpstop.program.languages.urscript import read_urscript
+from bumpstop.program.motion.kinematics import transform
+from bumpstop.program.segment import Segment
+from bumpstop.program.source import TextProgram, read_source
+from program.corpora import EXAMPLES, cell
+
+HOME = "[0, -1.57, 1.57, -1.57, -1.57, 0]"
+ASIDE = "[0.3, -1.57, 1.57, -1.57, -1.57, 0]"
+
+
+def chains(read: ReadProgram, *, start: bool = True) -> list[tuple[Visit, ...]]:
+    return Interpreter(read, cell().robot, cell().start if start else None, "program").chains()
+
+
+def whys(text: str, *, start: bool = True) -> list[str]:
+    return [visit.why for chain in chains(read_urscript(text.encode()), start=start) for visit in chain]
+
+
+def test_urscript_defaults_and_arguments() -> None:
+    text = f"q = {HOME}\nmovej({ASIDE}, 1.5, 0.3)\nmovej(q)\nmovel(p[-0.7,-0.17,0.6,3.1,0,0], v=0.1*2, a=d2r(90), r=0.02)\n"
+    first, second, third = (visit for chain in chains(read_urscript(text.encode())) for visit in chain)
+    assert (first.slots[0].value, first.move.acceleration) == (0.3, 1.5)
+    assert (second.slots[0].value, second.move.acceleration) == (1.05, 1.4)
+    assert text[second.slots[0].start - 1 : second.slots[0].start + 1] == "q)"
+    assert third.slots[0].value == pytest.approx(0.2)
+    assert third.move.acceleration == pytest.approx(math.pi / 2)
+    assert third.move.blend == 0.02
+    assert text[third.slots[0].start : third.slots[0].end] == "0.1*2"
+    assert third.leg is not None
+    end = cell().robot.pose(third.leg.q[-1])
+    assert np.allclose(end, transform((-0.7, -0.17, 0.6, 3.1, 0, 0)), atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("x = 0.1\nx = 0.2\nmovej({A}, v=x)", "speed is not known"),
+        ("movej(get_target())", "target is not known"),
+        ("q = {A}\nq[0] = 1\nmovej(q)", "target is not known"),
+        ("movej({A}, t=2)", "time t is given"),
+        ("movej([0, 1, 2])", "has 3 joints"),
+        ("set_tcp(tool())\nmovel(p[-0.7,-0.17,0.6,3.1,0,0])", "tool or frame"),
+        ("movel(p[5,0,0,0,0,0])", "cannot follow"),
+        ("movej({A}, w=1)", "argument is not understood"),
+    ],
+)
+def test_what_depends_on_what_is_not_known_is_named(text: str, why: str) -> None:
+    assert why in whys(text.replace("{A}", ASIDE))[-1]
+
+
+def test_where_a_move_begins() -> None:
+    assert whys(f"movej({HOME})\nmovej({ASIDE})", start=False) == ["where it begins is not known", ""]
+    # What may move the arm, and branches, leave it anywhere.
+    found = whys(f"movej({ASIDE})\npick_up(3)\nmovej({HOME})\nmovej({ASIDE})")
+    assert found == ["", "where it begins is not known", ""]
+    found = whys(f"movej({ASIDE})\nif x:\n movej({HOME})\nend\nmovej({ASIDE})\nmovej({HOME})")
+    assert found == ["", "", "where it begins is not known", ""]
+
+
+def test_loops_begin_where_they_end() -> None:
+    text = f"def main():\n movej({ASIDE})\n while True:\n  movej({HOME})\n  turn()\n end\nend\ndef turn():\n movej({ASIDE}, v=0.2)\nend"
+    found = [visit for chain in chains(read_urscript(text.encode()), start=False) for visit in chain]
+    assert [(visit.move.line, visit.why) for visit in found] == [(2, "where it begins is not known"), (4, ""), (9, "")]
+
+
+def test_tools_and_rotations() -> None:
+    turned = from_euler_zyx(30.0, -20.0, 50.0)
+    a, b, c = (math.radians(x) for x in (30.0, -20.0, 50.0))
+    Z = np.array([[math.cos(a), -math.sin(a), 0], [math.sin(a), math.cos(a), 0], [0, 0, 1]])
+    Y = np.array([[math.cos(b), 0, math.sin(b)], [0, 1, 0], [-math.sin(b), 0, math.cos(b)]])
+    X = np.array([[1, 0, 0], [0, math.cos(c), -math.sin(c)], [0, math.sin(c), math.cos(c)]])
+    assert np.allclose(transform((0, 0, 0, *turned))[:3, :3], Z @ Y @ X, atol=1e-12)
+    assert from_quaternion(0, 0, 0, 0) is None
+    assert np.allclose(from_quaternion(-2, 0, 0, -2), (0, 0, math.pi / 2))  # type: ignore[arg-type]
+    text = "set_tcp(p[0,0,0.1,0,0,0])\nmovel(p[-0.7,-0.17,0.6,3.1,0,0])"
+    ((visit,),) = chains(read_urscript(text.encode()))
+    assert visit.leg is not None
+    assert np.allclose(cell().robot.pose(visit.leg.q[-1], point=(0, 0, 0.1))[:3, 3], (-0.7, -0.17, 0.6), atol=1e-8)
+
+
+def test_krl_settings_hold_until_the_next() -> None:
+    source = (EXAMPLES / "place.src").read_bytes()
+    found = [v for chain in chains(read_krl(source, (EXAMPLES / "place.dat").read_bytes())) for v in chain]
+    assert [visit.move.word for visit in found] == ["PTP", "LIN", "LIN", "PTP"]
+    assert [source[visit.slots[0].start : visit.slots[0].end] for visit in found] == [b"20", b"0.2", b"0.2", b"20"]
+    assert found[0].leg is not None
+    assert found[0].leg.q[-1][0] == pytest.approx(math.radians(17))
+    # Without the data beside it HOME is not known.
+    assert "target is not known" in chains(read_krl(source))[0][0].why
+
+
+def test_krl_moves_without_a_speed_get_one() -> None:
+    source = b"DEF a()\n  PTP {A1 10,A2 -90,A3 90,A4 -90,A5 -90,A6 0}\n  LIN {X -690,Y -174,Z 500,A 0,B 0,C 180} C_DIS\nEND\n"
+    read = read_krl(source)
+    (ptp,), (lin,) = chains(read)
+    assert read.notes[0].startswith("line 3: how far it is blended")
+    assert ptp.slots[0].value is None
+    assert lin.slots[0].edit(0.123456).text == "  $VEL.CP=0.1234\n"
+    assert ptp.slots[0].edit(7.9).text.count("=7\n") == 6
+
+
+def test_rapid_speeds_and_zones() -> None:
+    source = (EXAMPLES / "place.mod").read_bytes()
+    every = [visit for chain in chains(read_rapid(source)) for visit in chain]
+    assert [visit.slots[0].value for visit in every] == [100, 200, 40, 150, 50]
+    assert [visit.move.blend for visit in every] == [0, 0.01, 0, 0, 0]
+    assert [visit.slots[0].edit(12.3456).text for visit in every] == [
+        *["\\V:=12.34"] * 3,
+        *["12.34"] * 2,
+    ]
+    assert every[2].leg is not None
+    assert np.allclose(cell().robot.pose(every[2].leg.q[-1])[:3, 3], (-0.6, -0.35, 0.47), atol=1e-8)
+
+
+def _written(path: Path, factors: float) -> tuple[bytes, bytes]:
+    source = read_source(path, cell(), 1.0)
+    assert isinstance(source, TextProgram)
+    every: Mapping[Segment, float] = dict.fromkeys(source.segments, factors)
+    return path.read_bytes(), source.written(every)
+
+
+@pytest.mark.parametrize("name", ["place.script", "place.src", "place.mod"])
+def test_only_speeds_change(name: str) -> None:
+    before, same = _written(EXAMPLES / name, 1.0)
+    assert same == before
+    _, after = _written(EXAMPLES / name, 0.5)
+    changed = [(a, b) for a, b in zip(before.split(b"\n"), after.split(b"\n"), strict=True) if a != b]
+    assert changed
+    for old, new in changed:
+        # What is left of a line without its numbers is the same, but for the argument that was added.
+        for added in (b"\\V:=", b", v="):
+            if added in new and added not in old:
+                new = new.replace(added, b"", 1)
+        assert [part for part in new if part not in b"0123456789."] == [p for p in old if p not in b"0123456789."]
+
+
+def test_what_is_not_understood_is_named_by_line() -> None:
+    read = read_urscript(b"movej([0,0,0,0,0,0])\nservoj(q, t=0.002)\nx = \nfor i in y\n")
+    assert read.not_understood == ((2, "servoj(q, t=0.002)"), (4, "for i in y"))
+    rapid = read_rapid(b"PROC a()\n  SearchL \\Stop, di1, p, p10, v100, tool0;\nENDPROC\nENDIF\n")
+    assert [line for line, _ in rapid.not_understood] == [2, 4]
+    krl = read_krl(b"DEF a()\n  CIRC P1, P2\n  $OV_PRO=50\nEND\nEND\n")
+    assert [line for line, _ in krl.not_understood] == [2, 3, 5]

@@ -1,0 +1,160 @@
+"""Trajectory messages: one motion, however it is written, and nothing but times and rates changed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bumpstop.collision.trajectory.trajectory_file import read_rows
+from bumpstop.program.source import Source, read_source
+from bumpstop.program.trajectories.bag import BagProgram, read_bag_trajectories
+from bumpstop.program.trajectories.messages import MessageProgram, read_messages
+from program.corpora import EXAMPLES, cell
+
+
+def messages(path: Path) -> MessageProgram:
+    source = read_source(path, cell(), 1.0)
+    assert isinstance(source, MessageProgram)
+    return source
+
+
+def test_a_display_trajectory_has_a_segment_for_each_part() -> None:
+    found = messages(EXAMPLES / "planned.json")
+    assert [(s.name, s.lines) for s in found.segments] == [("trajectory[0]", (2, 22)), ("trajectory[1]", (23, 33))]
+    assert found.segments[0].given.duration == pytest.approx(1.2)
+
+
+@pytest.mark.parametrize("name", ["planned.json", "planned.yaml"])
+def test_only_times_and_rates_change(name: str) -> None:
+    found = messages(EXAMPLES / name)
+    assert found.written({}) == found.source
+    new = found.written(dict.fromkeys(found.segments, 0.5))
+    again = read_messages(Path(name), new, cell())
+    for old, other in zip(found.segments, again.segments, strict=True):
+        assert (old.position == other.position).all()
+        assert np.allclose(other.time - other.time[0], old.at(0.5).time, atol=2e-9)
+        assert other.velocity is not None
+        assert np.allclose(other.velocity, old.at(0.5).velocity, atol=1e-12)  # type: ignore[arg-type]
+        # Velocities are those of the times: the cubics through them turn no joint back.
+        t = np.linspace(0, other.given.duration, 500)
+        assert (np.diff(other.given.at(t)[:, 0]) >= -1e-7).all()
+
+
+def test_evaluate_reads_what_is_written(tmp_path: Path) -> None:
+    found = messages(EXAMPLES / "planned.yaml")
+    (segment,) = found.segments
+    (tmp_path / "new.yaml").write_bytes(found.written({segment: 0.7}))
+    rows = read_rows(tmp_path / "new.yaml", cell().robot)
+    assert np.allclose(rows.time, segment.at(0.7).time, atol=2e-9)
+    assert np.allclose(rows.velocity, segment.at(0.7).velocity, atol=1e-12)  # type: ignore[arg-type]
+
+
+def changed(change: dict[str, Any]) -> bytes:
+    data = json.loads((EXAMPLES / "planned.json").read_text())
+    message = data["trajectory"][0]["joint_trajectory"]
+    for key, value in change.items():
+        if key == "joint_names":
+            message[key] = value
+        else:
+            message["points"][3][key] = value
+    return json.dumps(data).encode()
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"joint_names": ["a", "b"]}, "joints are not those of ur10e"),
+        ({"positions": [1, 2]}, "point 4 has no positions of all joints"),
+        ({"positions": ["x"] * 6}, "point 4 has no positions of all joints"),
+        ({"velocities": [1]}, "point 4 has not one velocity for each joint"),
+        ({"time_from_start": {"sec": 0, "nanosec": 0}}, "point 4 is not after the one before it"),
+        ({"time_from_start": {"sec": 0}}, "point 4 has no positions of all joints or no time"),
+    ],
+)
+def test_a_message_that_is_not_understood_is_named_and_left(change: dict[str, Any], why: str) -> None:
+    source = changed(change)
+    found = read_messages(Path("x.json"), source, cell())
+    ((_, text),) = found.not_understood
+    assert text.startswith("trajectory[0]: ")
+    assert why in text
+    assert [segment.name for segment in found.segments] == ["trajectory[1]"]
+    first, second = (json.loads(text)["trajectory"] for text in (source, found.written({found.segments[0]: 0.5})))
+    assert first[0] == second[0]
+    assert first[1] != second[1]
+
+
+def test_joints_in_any_order() -> None:
+    data = json.loads((EXAMPLES / "planned.json").read_text())
+    for part in data["trajectory"]:
+        message = part["joint_trajectory"]
+        message["joint_names"] = message["joint_names"][::-1]
+        for point in message["points"]:
+            for key in ("positions", "velocities", "accelerations"):
+                point[key] = point[key][::-1]
+    turned = read_messages(Path("x.json"), json.dumps(data).encode(), cell())
+    found = messages(EXAMPLES / "planned.json")
+    assert (turned.segments[0].position == found.segments[0].position).all()
+    factors = dict.fromkeys(turned.segments, 0.5)
+    new = json.loads(turned.written(factors))["trajectory"][0]["joint_trajectory"]["points"]
+    same = json.loads(found.written(dict.fromkeys(found.segments, 0.5)))["trajectory"][0]["joint_trajectory"]["points"]
+    assert [point["velocities"][::-1] for point in new] == [point["velocities"] for point in same]
+
+
+def bag(folder: Path, mcap: bool) -> Path:
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    robot_type, joint_type = "moveit_msgs/msg/RobotTrajectory", "trajectory_msgs/msg/JointTrajectory"
+    definition = "trajectory_msgs/JointTrajectory joint_trajectory\ntrajectory_msgs/MultiDOFJointTrajectory m"
+    store.register(get_types_from_msg(definition.replace(" m", " multi_dof_joint_trajectory"), robot_type))
+    types = store.types
+    time, nothing = types["builtin_interfaces/msg/Time"](0, 0), np.zeros(0)
+    header = types["std_msgs/msg/Header"](time, "")
+    made = []
+    for part in json.loads((EXAMPLES / "planned.json").read_text())["trajectory"]:
+        points = [
+            types["trajectory_msgs/msg/JointTrajectoryPoint"](
+                *(np.array(point[key], dtype=np.float64) for key in ("positions", "velocities", "accelerations")),
+                nothing,
+                types["builtin_interfaces/msg/Duration"](**point["time_from_start"]),
+            )
+            for point in part["joint_trajectory"]["points"]
+        ]
+        made.append(types[joint_type](header, part["joint_trajectory"]["joint_names"], points))
+    plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
+    with Writer(folder / "bag", version=9, storage_plugin=plugin) as writer:
+        words = writer.add_connection("/said", "std_msgs/msg/String", typestore=store)
+        writer.write(words, 1, bytes(store.serialize_cdr(types["std_msgs/msg/String"]("up"), "std_msgs/msg/String")))
+        one = writer.add_connection("/plan", joint_type, typestore=store)
+        writer.write(one, 2, bytes(store.serialize_cdr(made[0], joint_type)))
+        other = writer.add_connection("/moveit", robot_type, typestore=store)
+        multi = types["trajectory_msgs/msg/MultiDOFJointTrajectory"](header, [], [])
+        writer.write(other, 3, bytes(store.serialize_cdr(types[robot_type](made[1], multi), robot_type)))
+    return folder / "bag"
+
+
+@pytest.mark.parametrize("mcap", [True, False])
+def test_bags(mcap: bool, tmp_path: Path) -> None:
+    from rosbags.rosbag2 import Reader
+
+    path = bag(tmp_path, mcap)
+    source: Source = read_source(path, cell(), 1.0)
+    assert isinstance(source, BagProgram)
+    assert [segment.name for segment in source.segments] == ["/plan 2", "/moveit 3"]
+    plain = messages(EXAMPLES / "planned.json")
+    assert (source.segments[1].position == plain.segments[1].position).all()
+    source.write({source.segments[0]: 0.5}, tmp_path / "new")
+    again = read_bag_trajectories(tmp_path / "new", cell())
+    assert np.allclose(again.segments[0].time, source.segments[0].at(0.5).time, atol=2e-9)
+    assert np.allclose(again.segments[0].velocity, source.segments[0].at(0.5).velocity)  # type: ignore[arg-type]
+    with Reader(path) as before, Reader(tmp_path / "new") as after:
+        old, new = (
+            [(c.topic, t, bytes(body)) for c, t, body in reader.messages()] for reader in (before, after)
+        )
+    assert [one[:2] for one in old] == [one[:2] for one in new]
+    assert [one == other for one, other in zip(old, new, strict=True)] == [True, False, True]

@@ -1,0 +1,160 @@
+"""Motions of moves against closed forms, and of recordings against what was recorded."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bumpstop.arrays import FloatArray
+from bumpstop.collision.trajectory.trajectory import Trajectory
+from bumpstop.program.cell import write_trajectory
+from bumpstop.program.interpreter import Interpreter
+from bumpstop.program.languages.urscript import read_urscript
+from bumpstop.program.motion.kinematics import tool_line, transform
+from bumpstop.program.motion.timing import RAMP_S, PathMotion
+from bumpstop.program.segment import MoveSegment
+from bumpstop.program.trajectories.recorded import read_recorded
+from bumpstop.program.trajectories.stretch import Stretch, find_stretches
+from program.corpora import cell
+
+FAR, HIGH = "[0.9, -1.57, 1.57, -1.57, -1.57, 0]", "[0.9, -1.2, 1.4, -1.77, -1.57, 0]"
+
+
+def segments(text: str) -> list[MoveSegment]:
+    read = read_urscript(text.encode())
+    found = Interpreter(read, cell().robot, cell().start, "program").chains()
+    return [MoveSegment(chain, cell().robot, cell().joint_acceleration, 1.0) for chain in found]
+
+
+def dense(motion: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
+    t = np.linspace(0, motion.duration, 4001)
+    return t, motion.at(t), motion.at(t, 1)
+
+
+def test_a_joint_move_takes_the_time_of_the_closed_form() -> None:
+    (segment,) = segments(f"movej({FAR}, a=1.2, v=0.5)")
+    motion = segment.at(1.0)
+    # Distance over speed, a ramp up and down, and the ramp of the acceleration.
+    assert motion.duration == pytest.approx(0.9 / 0.5 + 0.5 / 1.2 + RAMP_S, abs=2e-3)
+    _, q, qd = dense(motion)
+    assert np.abs(qd[:, 0]).max() == pytest.approx(0.5, rel=1e-3)
+    assert np.allclose(q[:, 1:], q[0, 1:], atol=1e-3)
+    assert (qd[[0, -1]] == 0).all()
+    assert segment.at(0.5).duration == pytest.approx(0.9 / 0.25 + 0.25 / 1.2 + RAMP_S, abs=2e-3)
+
+
+def test_a_linear_move_stays_on_its_line_at_its_speed() -> None:
+    (segment,) = segments("movel(p[-0.45, -0.45, 0.45, 3.1, 0.2, 0.1], a=2, v=0.2)")
+    robot, motion = cell().robot, segment.at(1.0)
+    t, q, _ = dense(motion)
+    poses = robot.pose(q)
+    x, begin = poses[:, :3, 3], poses[0, :3, 3]
+    way = np.array([-0.45, -0.45, 0.45]) - begin
+    along = (x - begin) @ way / np.linalg.norm(way)
+    off = x - begin - along[:, None] * way / np.linalg.norm(way)
+    assert np.abs(off).max() < 1e-5
+    assert np.allclose(poses[-1], transform((-0.45, -0.45, 0.45, 3.1, 0.2, 0.1)), atol=1e-8)
+    speed = np.gradient(along, t)
+    assert speed.max() == pytest.approx(0.2, rel=2e-3)
+
+
+def test_lines_that_the_arm_cannot_follow() -> None:
+    q0 = np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])
+    found = tool_line(cell().robot, q0, transform((3.0, 0, 0, 0, 0, 0)), np.eye(4))
+    assert isinstance(found, str)
+    assert "cannot follow it beyond" in found
+
+
+def test_a_blended_corner_is_cut_and_passed_at_speed() -> None:
+    (one,) = segments(f"movej({FAR}, v=0.5, r=0.05)\nmovej({HIGH}, v=0.5)")
+    stops = segments(f"movej({FAR}, v=0.5)\nmovej({HIGH}, v=0.5)")
+    t, q, qd = dense(one.at(1.0))
+    corner = stops[0].at(1.0).position[-1]
+    nearest = int(np.abs(q - corner).max(axis=1).argmin())
+    distance = np.linalg.norm(cell().robot.pose(q[nearest])[:3, 3] - cell().robot.pose(corner)[:3, 3])
+    assert 0 < distance < 0.05
+    assert 0.2 < t[nearest] / t[-1] < 0.95
+    assert np.abs(qd[nearest]).max() > 0.2
+    assert one.at(1.0).duration < sum(segment.at(1.0).duration for segment in stops)
+    assert one.line_at(0.1, one.at(1.0)) == 1
+    assert one.line_at(one.at(1.0).duration, one.at(1.0)) == 2
+
+
+def test_nothing_is_faster_than_its_greatest_factor() -> None:
+    (segment,) = segments(f"movej({FAR}, a=30, v=0.5)")
+    joints = segment.max_factor(100.0)
+    assert joints * 0.5 == pytest.approx(0.98 * math.radians(120), rel=1e-6)
+    assert segment.at(2 * joints).duration == pytest.approx(segment.at(joints).duration, rel=1e-3)
+    tool = segment.max_factor(0.6)
+    assert cell().tool_speed(segment.at(tool)) == pytest.approx(0.6, rel=0.01)
+
+
+def test_a_motion_has_limited_jerk_and_an_inverse() -> None:
+    motion = PathMotion(2.0, 3.0)
+    t = np.linspace(0, motion.duration, 3001)
+    u, speed, acceleration = motion.at(t)
+    assert (speed[[0, -1]] == pytest.approx(0.0, abs=1e-9)) and speed.max() <= 1 + 1e-9
+    assert np.abs(np.gradient(acceleration, t)).max() <= 1.001 * 3.0 / RAMP_S
+    assert np.allclose(motion.times(u[::100])[1:-1], t[::100][1:-1], atol=1e-9)
+
+
+def bell(begin: FloatArray, end: FloatArray, duration: float, t: FloatArray) -> FloatArray:
+    s = np.clip(t / duration, 0, 1)[:, None]
+    return np.asarray(begin + (end - begin) * (10 * s**3 - 15 * s**4 + 6 * s**5))
+
+
+def recorded_moves(t: FloatArray) -> FloatArray:
+    """Rest until 0.5 s, away in 1.2 s, back at once in 1 s, rest for 0.8 s, aside in 1.5 s."""
+    home = np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])
+    away, aside = home + np.array([0.4, 0.2, 0, 0, 0, 0]), home + np.array([-0.5, 0, 0.1, 0, 0, 0.3])
+    q = bell(home, away, 1.2, t - 0.5)
+    back, third = t > 1.7, t > 3.5
+    q[back] = bell(away, home, 1.0, t[back] - 1.7)
+    q[third] = bell(home, aside, 1.5, t[third] - 3.5)
+    return q
+
+
+def test_stretches_of_a_recording_are_found_where_it_rests_or_turns(tmp_path: Path) -> None:
+    t = np.arange(0, 5.5, 0.004)
+    q = recorded_moves(t) + np.random.default_rng(1).normal(0, 2e-5, (len(t), 6))
+    file = tmp_path / "log.csv"
+    write_trajectory(file, Trajectory(t, q))
+    program = read_recorded(file, cell())
+    ends = [(program.time[s.rows[0]], program.time[s.rows[1]]) for s in program.segments]
+    for found, planted in zip(ends, [(0.5, 1.7), (1.7, 2.7), (3.5, 5.0)], strict=True):
+        assert np.allclose(found, planted, atol=0.13)
+    # As it is: the same path in the same time; and its rests are kept.
+    rows = np.loadtxt(program.written({}).decode().splitlines(), delimiter=",", skiprows=1)
+    kept = np.interp(rows[:, 0], t, q[:, 0])
+    assert np.abs(rows[:, 1] - kept).max() < 2e-3
+    slower = np.loadtxt(
+        program.written(dict.fromkeys(program.segments, 0.5)).decode().splitlines(), delimiter=",", skiprows=1
+    )
+    assert slower[-1, 0] > rows[-1, 0] + 0.8
+    assert np.allclose(slower[-1, 1:7], rows[-1, 1:7], atol=1e-12)
+
+
+def test_a_stretch_timed_anew_follows_the_same_path_from_rest_to_rest() -> None:
+    t = np.linspace(0, 1.2, 31)
+    home = np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])
+    q = bell(home, home + np.array([0.5, 0.2, -0.1, 0, 0.3, 0]), 1.2, t)
+    assert find_stretches(t, q, None) == [(1, 29)]  # at the outermost rows next to nothing moves
+    stretch = Stretch(
+        "s", (1, 31), (0, 30), cell().robot, t, q, None, cell().joint_acceleration, dense=True
+    )
+    peak = np.abs(stretch.given.at(np.linspace(0, 1.2, 2001), 1)).max(axis=0)
+    for factor in (0.3, 0.8, 1.4):
+        times, position, rate = dense(stretch.at(factor))
+        share = (position[:, 0] - home[0]) / 0.5
+        assert np.abs(position - (home + share[:, None] * (q[-1] - q[0]))).max() < 1e-4
+        assert np.abs(rate).max(axis=0) == pytest.approx(factor * peak, rel=0.02, abs=1e-6)
+        assert np.abs(rate[[0, -1]]).max() < 1e-9
+        assert (np.diff(share) > -1e-9).all()
+        assert times[-1] == stretch.at(factor).duration
+    sparse = replace(stretch, dense=False)
+    assert (sparse.at(0.5).position == q).all()
+    assert sparse.at(0.5).duration == pytest.approx(stretch.at(0.5).duration, rel=1e-9)

@@ -1,0 +1,157 @@
+"""Highest safe speeds: what is written is acceptable, and a little more is not, whoever asks."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bumpstop as bs
+from bumpstop.cli.main import main
+from bumpstop.program.cell import Cell, write_trajectory
+from bumpstop.program.evaluation import ProgramResult, evaluate_program
+from bumpstop.program.onset_force import onset_forces
+from program.corpora import EXAMPLES, cell
+
+SHORT = "[0.12, -1.57, 1.57, -1.57, -1.57, 0]"
+BACK = "[0, -1.57, 1.57, -1.57, -1.57, 0]"
+
+
+def found(text: str, folder: Path, **options: bool) -> ProgramResult:
+    (folder / "p.script").write_text(text)
+    return evaluate_program(folder / "p.script", bs.load_scenario(EXAMPLES / "cell.toml"), **options)  # type: ignore[arg-type]
+
+
+def test_what_is_written_is_acceptable_and_a_little_more_is_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = f"movej({SHORT}, v=0.4)  # too fast\nmovel(p[-0.63, -0.25, 0.6, 3.1, 0, 0.1], v=0.01)\n"
+    (tmp_path / "p.script").write_text(text)
+    with pytest.raises(SystemExit) as ended:
+        main(["program", str(tmp_path / "p.script"), "--scenario", str(EXAMPLES / "cell.toml"), "--json", "-o", str(tmp_path / "out")])
+    assert ended.value.code == 3
+    printed = json.loads(capsys.readouterr().out)
+    assert (printed["present"], printed["written"]) == ("FAIL", "PASS")
+    down, up = printed["segments"]
+    assert down["factor"] < 1 < up["factor"]
+    assert down["won_s"] < 0 < up["won_s"]
+    assert down["present"]["duration_s"] - down["written"]["duration_s"] == pytest.approx(down["won_s"])
+    for number, one in enumerate((down, up), start=1):
+        file = tmp_path / "out" / "segments" / f"{number}.toml"
+        result = bs.evaluate(bs.load_scenario(file))
+        assert result.verdict.acceptable
+        assert result.peak_force.quantile(0.999) == pytest.approx(one["written"]["force_N"], rel=1e-9)
+        assert result.peak_force.quantile(0.999) > 0.97 * 160
+    # Read again, the program has the speeds that were judged, and 5 % more is too fast.
+    again = evaluate_program(tmp_path / "out" / "p.script", bs.load_scenario(EXAMPLES / "cell.toml"))
+    for one, first in zip(again.segments, (down, up), strict=True):
+        assert one.present.conclusion == "acceptable"
+        assert one.present.force == pytest.approx(first["written"]["force_N"], rel=1e-6)
+        assert again.cell.judge(one.segment.at(1.05)).conclusion == "not_acceptable"
+        # What was written once stays.
+        assert one.factor == 1.0
+
+
+def test_no_place_is_worse_than_the_worst(tmp_path: Path) -> None:
+    result = found(f"movej({SHORT}, v=0.3)", tmp_path)
+    (one,) = result.segments
+    file = tmp_path / "m.csv"
+    write_trajectory(file, one.segment.at(1.0))
+    problem = bs.CollisionProblem.from_scenario(result.cell.of(file))
+    t = np.sort(np.random.default_rng(3).uniform(0, one.present_s, 60))
+    force = onset_forces(problem, t)
+    assert force.max() <= one.present.force * (1 + 2e-3)
+    # Two routes: the distribution of a whole evaluation of a contact there.
+    for k in (20, 40):
+        whole = bs.evaluate(result.cell.of(file, float(t[k])))
+        assert whole.peak_force.quantile(0.999) == pytest.approx(force[k], rel=1e-6)
+
+
+def test_only_slower_raises_nothing(tmp_path: Path) -> None:
+    result = found(f"movej({SHORT}, v=0.05)\nmovej({BACK}, v=0.3)", tmp_path, faster=False)
+    assert result.segments[0].factor == 1.0
+    assert result.segments[1].factor < 1.0
+    text = (tmp_path / "p.script").read_bytes()
+    assert result.source.written(result.factors).split(b"\n")[0] == text.split(b"\n")[0]  # type: ignore[attr-defined]
+
+
+def test_moves_of_one_setting_share_the_lowest_speed(tmp_path: Path) -> None:
+    text = """DEF p()
+$VEL.CP=0.3
+LIN {X -693,Y -250,Z 680,A 0,B 0,C 180}
+LIN {X -693,Y -250,Z 560,A 0,B 0,C 180}
+LIN XNOWHERE
+END
+"""
+    (tmp_path / "p.src").write_text(text)
+    result = evaluate_program(tmp_path / "p.src", bs.load_scenario(EXAMPLES / "cell.toml"))
+    first, second, third = result.segments
+    assert first.factor == second.factor == min(first.safe_factor, second.safe_factor) < 1
+    assert third.present.verdict is None
+    assert third.present.why == "line 5: its target is not known before the program runs"
+    assert result.present == "FAIL"
+    assert result.written_outcome == "INCONCLUSIVE"
+    assert {one.written.conclusion for one in result.segments[:2]} == {"acceptable"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        ({"contact.kind": "free", "contact.body_mass_kg": 3.0}, "contact.kind"),
+        ({"verdict.clamped_limit": "two_phase"}, "verdict.clamped_limit"),
+    ],
+)
+def test_cells_that_cannot_judge(changes: dict[str, object], field: str) -> None:
+    scenario = bs.load_scenario(EXAMPLES / "cell.toml")
+    with pytest.raises(bs.InputError) as refused:
+        Cell(scenario.with_values(changes))
+    assert refused.value.field == field
+
+
+def test_a_cell_keeps_all_but_the_motion() -> None:
+    given = tomllib.loads((EXAMPLES / "cell.toml").read_text())
+    kept = cell().scenario.to_dict()
+    assert kept["detector"]["thresholds_Nm"] == given["detector"]["thresholds_Nm"]
+    assert kept["contact"]["body"] == given["contact"]["body"]
+    assert np.allclose(np.degrees(cell().start), given["pose_deg"])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nowhere.script"], "nowhere.script: there is no such file"),
+        (["{place}.dat"], "holds data of a KRL program"),
+        (["{place}.script", "--max-speed", "0"], "--max-speed: 0 mm/s cannot be used"),
+        (["{place}.script", "-o", "{folder}"], "is where the program is"),
+        (["empty.mod"], "has no move that is understood as RAPID"),
+    ],
+)
+def test_refusals(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("empty.mod").write_text("MODULE m ENDMODULE")
+    words = [word.format(place=EXAMPLES / "place", folder=EXAMPLES) for word in arguments]
+    with pytest.raises(SystemExit) as ended:
+        main(["program", *words, "--scenario", str(EXAMPLES / "cell.toml")])
+    assert ended.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_without_ruckig(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import sys
+
+    monkeypatch.setitem(sys.modules, "ruckig", None)
+    with pytest.raises(SystemExit) as ended:
+        main(["program", str(EXAMPLES / "place.script"), "--scenario", str(EXAMPLES / "cell.toml")])
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == "error: program: ruckig is not installed; pip install 'bumpstop[program]'\n"

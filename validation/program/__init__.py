@@ -1,0 +1,1 @@
+"""Comparisons about programs of robots."""
