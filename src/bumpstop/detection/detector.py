@@ -270,7 +270,7 @@ class Detector(LoopDetector):
 
     def _signal(self, recording: Recording) -> FloatArray:
         where = recording.source or "the recording"
-        if self.model is None:
+        if not self.takes_current:
             if recording.tau is None:
                 raise InputError("recording", f"{where} has no joint torque", "with currents a joint model is needed")
             return recording.tau
