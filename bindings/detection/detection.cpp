@@ -382,6 +382,7 @@ void bind_detection(nb::module_& module) {
         .def("reset", &Detector::reset)
         .def("set_payload", &Detector::set_payload, nb::arg("payload"))
         .def("payload_change", [](const Detector& self) { return self.payload().change(); })
+        .def_prop_ro("events", &Detector::events)
         .def("event", &Detector::event);
     bind_description(module);
     module.attr("sample_faults") = sample_faults;

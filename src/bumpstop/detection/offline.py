@@ -10,7 +10,7 @@ import numpy as np
 
 from bumpstop import _native
 from bumpstop.detection.detector import Detector
-from bumpstop.detection.events import FAULTS, NO_DATA, STATES, DetectionRun, check_rearm, frozen_notes
+from bumpstop.detection.events import FAULTS, NO_DATA, STATES, DetectionRun, Event, check_rearm, frozen_notes
 from bumpstop.detection.rate import period_of
 from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.standing import hidden_torques
@@ -76,7 +76,9 @@ def detect(
         # A standing joint's motor shows nothing of what its Coulomb friction holds.
         given = replace(given, stiction=tuple(hidden_torques(robot, model).tolist()))
     if given.residual != "direct":
-        raise InputError("residual", f"{given.residual!r} is not available with fitted dynamics", f"valid: 'direct'; {_CAUSAL}")
+        raise InputError(
+            "residual", f"{given.residual!r} is not available with fitted dynamics", f"valid: 'direct'; {_CAUSAL}"
+        )
     for name in ("payload_kg", "payload_change_kg", "measured_rates", "largest_signal"):
         if getattr(given, name):
             raise InputError(name, "is not available with fitted dynamics", "leave it out, or give a joint model")
@@ -126,7 +128,8 @@ def detect(
     fault = np.where(dark, FAULTS.index("gap"), 0).astype(np.uint8)
     fault[frozen] = FAULTS.index("frozen")
     events = tuple(
-        detector.event_of(
+        Event.of(
+            detector.links,
             detector.explain(motion.q[row], residual[row], motion.qd[row]),
             spans[k],
             hidden=detector.hidden(motion.qd[row]),
