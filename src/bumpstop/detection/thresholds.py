@@ -184,8 +184,8 @@ class Thresholds:
         Keys: ``thresholds_Nm`` and, as wanted, ``per_speed_Nm_s``, ``per_acceleration_Nm_s2``, ``at_rest_Nm``,
         ``fast_Nm``, ``model_errors``, ``period_s``, ``per_hour``, and the settings of the detector that they were
         found with: ``residual``, ``observer_gain_1_s``, ``window_s``, ``measured_rates``, ``limit_margin``,
-        ``frozen_s``, ``payload_kg``, ``causal``. Others are refused in TOML and passed over in JSON, where null stands for
-        infinity. ``joints``: of the robot, whose names errors say.
+        ``frozen_s``, ``payload_kg``, ``causal``. Others are refused in TOML and passed over in JSON, where null stands
+        for infinity. ``joints``: of the robot, whose names errors say.
 
         Raises:
             InputError: the file cannot be read, or holds something else.

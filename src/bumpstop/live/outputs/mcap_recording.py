@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 import time
@@ -11,13 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop.detection.events import STATES
 from bumpstop.errors import InputError
 from bumpstop.live.output import CollisionAlarm, MonitorTick
 from bumpstop.live.outputs.background import BackgroundOutput
-from bumpstop.live.outputs.json_lines import alarm_json
-from bumpstop.live.outputs.mcap_writer import JOINT_STATES, PART, McapFile, import_mcap, mend
-from bumpstop.recording.formats.joint_state import messages
+from bumpstop.live.outputs.mcap_writer import PART, McapFile, import_mcap, mend
+from bumpstop.live.outputs.ros_messages import RosMessages, usable_rows
 from bumpstop.text_files import as_path
 
 if TYPE_CHECKING:
@@ -28,9 +25,8 @@ if TYPE_CHECKING:
     from bumpstop.live.outputs.background import Told
 
 _CHUNK_S = 0.4
-_AGAIN_S = 1.0  # threshold and state are written when they change, and so often
+_AGAIN_S = 1.0  # thresholds and states are written when they change, and so often
 _RETRY_S = 5.0
-_MAX_STAMP_S = 2.0**31
 
 
 class McapRecording(BackgroundOutput):
@@ -61,7 +57,7 @@ class McapRecording(BackgroundOutput):
         self._threshold: Any = None
         self._state = ""
         self._next_threshold = self._next_state = -math.inf
-        self._template = _template(detector.joints)
+        self._messages = RosMessages(detector.joints)
         self.mended: list[str] = []
         self.files: list[Path] = []
         self._file: McapFile | None = None
@@ -80,7 +76,7 @@ class McapRecording(BackgroundOutput):
                 self.mended.append(str(part).removesuffix(PART))
 
     def _begin(self) -> None:
-        self._file = McapFile(self._next_path(), self._detector.joints)
+        self._file = McapFile(self._next_path(), self._messages)
         self._end = time.monotonic() + self._rotate
         self._next_chunk = time.monotonic() + _CHUNK_S
         self._threshold, self._state = None, ""
@@ -104,19 +100,14 @@ class McapRecording(BackgroundOutput):
         file = self._file
         assert file is not None
         try:
-            ticks = [told for told in batch if isinstance(told, MonitorTick)]
-            self._add_joint_states(file, ticks)
+            self._add_ticks(file, [told for told in batch if isinstance(told, MonitorTick)])
             for told in batch:
-                if isinstance(told, MonitorTick):
-                    self._add_tick(file, told)
-                elif isinstance(told, CollisionAlarm):
-                    stamp = {"stamp_s": told.stamp_s, "number": told.number, "latency_s": told.latency_s}
-                    found = stamp | alarm_json(told, self._detector.joints)
-                    self._add(file, "/bumpstop/alarm", told.tick.sample.received_s, found)
-                else:
+                if isinstance(told, CollisionAlarm):
+                    time_ns = self._nanoseconds(told.tick.sample.received_s)
+                    file.add("/bumpstop/alarm", time_ns, self._messages.alarm(told))
+                elif not isinstance(told, MonitorTick):
                     event, received = told
-                    found = {"event": str(event.kind), "text": event.text, "count": event.count}
-                    self._add(file, "/bumpstop/source", received, found)
+                    file.add("/bumpstop/source", self._nanoseconds(received), self._messages.source_event(event))
             self._unwritten = self.pending
             if now >= self._next_chunk or self._ending.is_set():
                 self._next_chunk = now + _CHUNK_S
@@ -143,59 +134,44 @@ class McapRecording(BackgroundOutput):
         file.complete()
         self.files.append(file.path)
 
-    def _add(self, file: McapFile, topic: str, received_s: float, found: dict[str, Any]) -> None:
-        time_ns = round((self._wall + received_s) * 1e9)
-        file.add(topic, time_ns, json.dumps(found, allow_nan=False).encode())
+    def _nanoseconds(self, received_s: float) -> int:
+        return round((self._wall + received_s) * 1e9)
 
-    def _add_tick(self, file: McapFile, tick: MonitorTick) -> None:
-        sample, names = tick.sample, self._detector.joints
-        stamp = sample.stamp_s if math.isfinite(sample.stamp_s) else 0.0
-        at, received = {"stamp_s": stamp}, sample.received_s
-        residual = [None] * len(names) if tick.state == "no_data" else tick.residual.tolist()
-        self._add(file, "/bumpstop/residual", received, at | {"residual_Nm": dict(zip(names, residual, strict=True))})
-        threshold = tick.threshold
-        if received >= self._next_threshold or not np.array_equal(threshold, self._threshold):
-            self._threshold, self._next_threshold = threshold, received + _AGAIN_S
-            values = [x if math.isfinite(x) else None for x in threshold.tolist()]
-            found = at | {"threshold_Nm": dict(zip(names, values, strict=True))}
-            self._add(file, "/bumpstop/threshold", received, found)
-        if received >= self._next_state or tick.state != self._state:
-            self._state, self._next_state = tick.state, received + _AGAIN_S
-            words = {"state": tick.state, "state_number": STATES.index(tick.state), "fault": tick.fault}
-            self._add(file, "/bumpstop/state", received, at | words | {"stop": tick.stop})
+    def _add_ticks(self, file: McapFile, ticks: Sequence[MonitorTick]) -> None:
+        """Residuals of all, thresholds and states of those in which they change, and samples of this robot's joints."""
+        if not ticks:
+            return
+        at = [self._nanoseconds(tick.sample.received_s) for tick in ticks]
+        stamps = np.array([tick.sample.stamp_s for tick in ticks])
+        bodies = self._messages.efforts(stamps, np.array([tick.residual for tick in ticks]))
+        for time_ns, body in zip(at, bodies, strict=True):
+            file.add("/bumpstop/residual", time_ns, body)
+        for tick, time_ns in zip(ticks, at, strict=True):
+            received = tick.sample.received_s
+            if received >= self._next_threshold or not np.array_equal(tick.threshold, self._threshold):
+                self._threshold, self._next_threshold = tick.threshold, received + _AGAIN_S
+                stamp = np.array([tick.sample.stamp_s])
+                file.add("/bumpstop/threshold", time_ns, self._messages.efforts(stamp, tick.threshold[None])[0])
+            if received >= self._next_state or tick.state != self._state:
+                self._state, self._next_state = tick.state, received + _AGAIN_S
+                file.add("/bumpstop/state", time_ns, self._messages.state(tick))
+        self._add_joint_states(file, ticks)
 
     def _add_joint_states(self, file: McapFile, ticks: Sequence[MonitorTick]) -> None:
-        """Samples of this robot's joints as ROS 2 has them; the effort is what the detector takes."""
+        """Samples as ROS 2 has them; the effort is what the detector takes."""
         n, current = self._detector.dof, self._detector.takes_current
-        rows = []
-        for tick in ticks:
-            sample = tick.sample
-            effort = sample.current_A if current else sample.torque_Nm
-            if np.shape(sample.position_rad) == (n,) and effort is not None and np.shape(effort) == (n,):
-                rate = sample.velocity_rad_s
-                known = rate is not None and np.shape(rate) == (n,)
-                rows.append((sample, rate if known else np.full(n, math.nan), effort))
-        if not rows:
+        samples = [tick.sample for tick in usable_rows(ticks, n, current=current)]
+        if not samples:
             return
-        stamps = np.array([sample.stamp_s for sample, _, _ in rows])
-        usable = np.isfinite(stamps) & (stamps >= 0) & (stamps < _MAX_STAMP_S)
-        times = np.round(np.where(usable, stamps, 0.0) * 1e9).astype(np.int64)
-        columns = [np.array(column) for column in zip(*((s.position_rad, v, e) for s, v, e in rows), strict=True)]
-        bodies = messages(self._template, times, (columns[0], columns[1], columns[2]))
-        for (sample, _, _), body in zip(rows, bodies, strict=True):
-            file.add(JOINT_STATES, round((self._wall + sample.received_s) * 1e9), body.tobytes())
-
-
-def _template(joints: tuple[str, ...]) -> bytes:
-    """A joint state of these joints, whose numbers are filled in later."""
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    types = store.types
-    header = types["std_msgs/msg/Header"](stamp=types["builtin_interfaces/msg/Time"](sec=0, nanosec=0), frame_id="")
-    kind, nothing = types["sensor_msgs/msg/JointState"], np.zeros(len(joints))
-    made = kind(header=header, name=list(joints), position=nothing, velocity=nothing, effort=nothing)
-    return bytes(store.serialize_cdr(made, kind.__msgtype__))
+        rates = [one.velocity_rad_s for one in samples]
+        # A source has rates or has none; where one lacks them, none of its neighbours is written with them.
+        known = [rate for rate in rates if rate is not None and np.shape(rate) == (n,)]
+        velocity = np.array(known) if len(known) == len(samples) else None
+        effort = np.array([one.current_A if current else one.torque_Nm for one in samples], dtype=np.float64)
+        position = np.array([one.position_rad for one in samples])
+        stamps = np.array([one.stamp_s for one in samples])
+        for one, body in zip(samples, self._messages.joint_states(stamps, position, velocity, effort), strict=True):
+            file.add("/joint_states", self._nanoseconds(one.received_s), body)
 
 
 def _escaped(stem: str) -> str:

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import json
 import os
 import struct
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from bumpstop.errors import InputError
-from bumpstop.live.outputs.mcap_schemas import schemas
+from bumpstop.live.outputs.ros_messages import TOPICS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from bumpstop.live.outputs.ros_messages import RosMessages
+
 PART = ".part"
 _CHUNK_BYTES = 1 << 20
-JOINT_STATES = "/joint_states"
-_JOINT_STATE = "sensor_msgs/msg/JointState"
 
 
 def import_mcap() -> Any:
@@ -43,25 +42,27 @@ class McapFile:
 
     Args:
         path: of the complete file.
-        joints: names.
+        messages: whose definitions it holds.
 
     Raises:
         OSError: the file cannot be written.
     """
 
-    def __init__(self, path: Path, joints: tuple[str, ...]) -> None:
+    def __init__(self, path: Path, messages: RosMessages) -> None:
         module = import_mcap()
         self.path, self._part = path, path.with_name(path.name + PART)
         self._file: IO[bytes] = self._part.open("wb")
         fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._writer = module.Writer(self._file, chunk_size=_CHUNK_BYTES)
-        self._writer.start(profile="", library="bumpstop")
+        self._writer.start(profile="ros2", library="bumpstop")
         self.channels: dict[str, int] = {}
-        for topic, (name, schema) in schemas(joints).items():
-            number = self._writer.register_schema(name, "jsonschema", json.dumps(schema).encode())
-            self.channels[topic] = self._writer.register_channel(topic, "json", number)
-        number = self._writer.register_schema(_JOINT_STATE, "ros2msg", _definition().encode())
-        self.channels[JOINT_STATES] = self._writer.register_channel(JOINT_STATES, "cdr", number)
+        known: dict[str, int] = {}
+        for topic, kind in TOPICS.items():
+            if kind not in known:
+                known[kind] = self._writer.register_schema(kind, "ros2msg", messages.definition(kind).encode())
+            self.channels[topic] = self._writer.register_channel(
+                topic, "cdr", known[kind], {"offered_qos_profiles": ""}
+            )
         self._file.flush()
 
     def add(self, topic: str, time_ns: int, data: bytes) -> None:
@@ -111,12 +112,14 @@ def mend(part: Path) -> int:
         count = 0
         with whole.open("wb") as file:
             writer = module.Writer(file, chunk_size=_CHUNK_BYTES)
-            writer.start(profile="", library="bumpstop")
+            writer.start(profile="ros2", library="bumpstop")
             known: dict[int, int] = {}
             for schema, channel, message in _messages(part):
                 if channel.id not in known:
                     number = writer.register_schema(schema.name, schema.encoding, schema.data)
-                    known[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, number)
+                    known[channel.id] = writer.register_channel(
+                        channel.topic, channel.message_encoding, number, channel.metadata
+                    )
                 writer.add_message(known[channel.id], message.log_time, message.data, message.publish_time)
                 count += 1
             writer.finish()
@@ -151,11 +154,3 @@ def _messages(path: Path) -> Iterator[tuple[Any, Any, Any]]:
                     yield known[channel.schema_id], channel, record
         except (McapError, struct.error, ValueError, zstandard.ZstdError):
             return  # its last record is not whole
-
-
-def _definition() -> str:
-    """Definition of the message in the form of ROS 2, with those that it is made of."""
-    from rosbags.typesys import Stores, get_typestore
-
-    text, _ = get_typestore(Stores.ROS2_HUMBLE).generate_msgdef(_JOINT_STATE)
-    return text
