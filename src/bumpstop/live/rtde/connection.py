@@ -32,7 +32,7 @@ from bumpstop.live.rtde.messages import (
 _CHUNK = 65536
 
 
-class LostConnection(Exception):
+class LostConnectionError(Exception):
     """The connection ended; the text says how."""
 
 
@@ -50,7 +50,7 @@ class RtdeConnection:
         received_s: ``time.monotonic()`` when the last bytes came [s].
 
     Raises:
-        LostConnection: there is no such controller.
+        LostConnectionError: there is no such controller.
     """
 
     def __init__(self, host: str, port: int, timeout_s: float) -> None:
@@ -63,9 +63,9 @@ class RtdeConnection:
         try:
             self._socket = socket.create_connection((host, port), timeout_s)
         except TimeoutError:
-            raise LostConnection(f"no answer from {self.where} within {timeout_s:g} s") from None
+            raise LostConnectionError(f"no answer from {self.where} within {timeout_s:g} s") from None
         except OSError as error:
-            raise LostConnection(f"cannot connect to {self.where}: {error.strerror or error}") from None
+            raise LostConnectionError(f"cannot connect to {self.where}: {error.strerror or error}") from None
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def close(self) -> None:
@@ -84,7 +84,7 @@ class RtdeConnection:
             Recipes of outputs and inputs; that of inputs has number 0 where there are none.
 
         Raises:
-            LostConnection: the controller went away, or does not answer.
+            LostConnectionError: the controller went away, or does not answer.
             ProtocolError: it does not speak the protocol.
             InputError: it has not got a field, or will not start.
         """
@@ -142,7 +142,7 @@ class RtdeConnection:
                     return reply
             left = end - time.monotonic()
             if left <= 0:
-                raise LostConnection(f"{self.where} is connected and does not answer within {self._timeout:g} s")
+                raise LostConnectionError(f"{self.where} is connected and does not answer within {self._timeout:g} s")
             self._packages.feed(self._receive(left))
 
     def _send(self, request: Request) -> None:
@@ -150,13 +150,13 @@ class RtdeConnection:
             self._socket.settimeout(self._timeout)
             self._socket.sendall(encode(request))
         except OSError as error:
-            raise LostConnection(f"the connection to {self.where} broke: {error.strerror or error}") from None
+            raise LostConnectionError(f"the connection to {self.where} broke: {error.strerror or error}") from None
 
     def send_inputs(self, recipe: Recipe, values: Sequence[Value]) -> None:
         """Write the fields of the recipe of inputs.
 
         Raises:
-            LostConnection: the connection broke.
+            LostConnectionError: the connection broke.
         """
         self._send(Data(recipe.number, recipe.pack(values)))
 
@@ -164,14 +164,14 @@ class RtdeConnection:
         """Ask for no more data packages; what goes wrong does not matter any more."""
         try:
             self._send(Pause())
-        except LostConnection:
+        except LostConnectionError:
             return
 
     def package(self, timeout_s: float) -> tuple[int, bytes] | None:
         """Type and body of the next package; None: none is complete within the time [s].
 
         Raises:
-            LostConnection: the connection ended.
+            LostConnectionError: the connection ended.
             ProtocolError: the bytes are no packages. The connection is of no use any more.
         """
         found = self._packages.take()
@@ -188,9 +188,9 @@ class RtdeConnection:
                 return b""
             data = self._socket.recv(_CHUNK)
         except OSError as error:
-            raise LostConnection(f"the connection to {self.where} broke: {error.strerror or error}") from None
+            raise LostConnectionError(f"the connection to {self.where} broke: {error.strerror or error}") from None
         if not data:
             held = self._packages.held
             inside = f", {held} bytes into a package" if held else ""
-            raise LostConnection(f"{self.where} closed the connection{inside}")
+            raise LostConnectionError(f"{self.where} closed the connection{inside}")
         return data

@@ -257,4 +257,3 @@ class RtdeServer:
         client.started = False
         if client in self._clients:
             self._clients.remove(client)
-

@@ -10,7 +10,7 @@ import numpy as np
 
 from bumpstop.arrays import as_number
 from bumpstop.errors import InputError
-from bumpstop.live.rtde.connection import LostConnection, RtdeConnection
+from bumpstop.live.rtde.connection import LostConnectionError, RtdeConnection
 from bumpstop.live.rtde.fields import ProtocolError, Recipe, Value
 from bumpstop.live.rtde.messages import LEVELS, PORT, Data, Text, decode_reply
 from bumpstop.live.sample import JointSample
@@ -113,7 +113,7 @@ class RtdeSource:
             return
         try:
             self._connection = self._connected(_OPEN_TIMEOUT_S)
-        except LostConnection as error:
+        except LostConnectionError as error:
             raise InputError(self.name, str(error), "wanted a controller of Universal Robots") from None
         except ProtocolError as error:
             problem = f"what answers there does not speak RTDE: {error}"
@@ -149,7 +149,7 @@ class RtdeSource:
     def _receive(self, connection: RtdeConnection, timeout_s: float) -> None:
         try:
             package = connection.package(timeout_s)
-        except LostConnection as error:
+        except LostConnectionError as error:
             self._lose(SourceEventKind.STOPPED, f"{error}; connecting again")
             return
         except ProtocolError as error:
@@ -211,8 +211,8 @@ class RtdeSource:
                 return
         try:
             self._connection = self._connected(_AGAIN_TIMEOUT_S)
-        except (LostConnection, ProtocolError, InputError) as error:
-            if not isinstance(error, LostConnection):
+        except (LostConnectionError, ProtocolError, InputError) as error:
+            if not isinstance(error, LostConnectionError):
                 self._tell(SourceEventKind.DAMAGED, f"cannot go on: {error}; connecting again")
             self._pause = min(2 * self._pause, _LONGEST_PAUSE_S)
             self._next_trial = time.monotonic() + self._pause
@@ -239,7 +239,7 @@ class RtdeSource:
             return
         try:
             self._connection.send_inputs(self._written, (answer, number))
-        except LostConnection as error:
+        except LostConnectionError as error:
             self._lose(SourceEventKind.STOPPED, f"{error}; connecting again")
 
     def close(self) -> None:
