@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal, cast
 
 from bumpstop.errors import InputError
+from bumpstop.live.answer import ANSWERS
 from bumpstop.live.bench.link import LinkAnswer
 from bumpstop.live.rtde.server import RtdeServer
-from bumpstop.live.rtde.source import ANSWER_FIELDS, ANSWERS, CONTROLLER_JOINTS, FIRST_REGISTER, output_fields
+from bumpstop.live.rtde.source import ANSWER_FIELDS, CONTROLLER_JOINTS, FIRST_REGISTER, output_fields
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -18,8 +19,8 @@ if TYPE_CHECKING:
 class RtdeLink:
     """Serves a plant's samples as a controller of Universal Robots does.
 
-    Joints beyond six travel in registers, as :class:`~bumpstop.live.rtde.RtdeSource` reads them. A plant without a joint
-    model has torques as its currents, and serves them as both.
+    Joints beyond six travel in registers, as :class:`~bumpstop.live.rtde.RtdeSource` reads them. The currents of a
+    plant without a joint model are torques; it serves them as both.
 
     Args:
         plant: of at least six joints.

@@ -24,8 +24,8 @@ class DdsOutput:
 
     Of every sample ``/bumpstop/residual`` has the residual as the efforts of a ``sensor_msgs/msg/JointState`` (NaN
     without data) [Nm or N], ``/bumpstop/state`` the state as a ``std_msgs/msg/String``, and ``/bumpstop/alarm`` a
-    ``std_msgs/msg/Bool`` that says whether the state is ``alarm``. At an alarm ``/bumpstop/wrench`` has the estimated force
-    of the contact as a ``geometry_msgs/msg/WrenchStamped`` (NaN where unknown, as all torques are) [N].
+    ``std_msgs/msg/Bool`` that says whether the state is ``alarm``. At an alarm ``/bumpstop/wrench`` has the estimated
+    force of the contact as a ``geometry_msgs/msg/WrenchStamped`` (NaN where unknown, as all torques are) [N].
 
     Args:
         joints: names of the robot's joints.

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Self, get_args
 
 from bumpstop.errors import InputError
+from bumpstop.live.answer import Answer
 from bumpstop.live.dds.joint_states import DamagedStateError, Effort, ForeignStateError, JointStateReader
 from bumpstop.live.dds.participant import domain_of, import_cyclonedds, on_loopback_only, participant, topic_name
 from bumpstop.live.event_limiter import EventLimiter
@@ -38,6 +39,7 @@ class DdsSource:
         domain: of DDS; None: that of ``ROS_DOMAIN_ID``, else 0.
         wait_s: for the first sample [s].
         loopback: stay on this machine; None: as ``ROS_LOCALHOST_ONLY`` says.
+        answers: whether :meth:`answer` will be called.
 
     Raises:
         InputError: something cannot be used.
@@ -52,6 +54,7 @@ class DdsSource:
         domain: int | None = None,
         wait_s: float = 5.0,
         loopback: bool | None = None,
+        answers: bool = False,
     ) -> None:
         if effort not in get_args(Effort):
             raise InputError("effort", f"is {effort!r}", f"valid: {', '.join(get_args(Effort))}")
@@ -64,7 +67,7 @@ class DdsSource:
         self._participant: Any = None
         self._reader: Any = None
         self._waiting: Any = None
-        self._answers: Any = None
+        self._will_answer, self._answers = answers, None  # type: bool, Any
         self._writer: int | None = None
         self._lost = False
 
@@ -87,7 +90,8 @@ class DdsSource:
         from cyclonedds.sub import DataReader
         from cyclonedds.topic import Topic
 
-        from bumpstop.live.dds.types import JointState
+        from bumpstop.live.dds.publishers import ANSWER_TOPIC, writer
+        from bumpstop.live.dds.types import JointState, String
 
         self._participant = participant(self._domain, loopback=self._loopback)
         topic = Topic(self._participant, self._topic, JointState)
@@ -96,6 +100,9 @@ class DdsSource:
         self._reader = DataReader(self._participant, topic, qos=qos)
         self._waiting = WaitSet(self._participant)
         self._waiting.attach(ReadCondition(self._reader, SampleState.Any | ViewState.Any | InstanceState.Any))
+        if self._will_answer:
+            # Now, so that readers have found it when an answer is due.
+            self._answers = writer(self._participant, ANSWER_TOPIC, String)
         try:
             self._await_first()
         except BaseException:
@@ -212,7 +219,7 @@ class DdsSource:
         if event is not None:
             self._queue.append(event)
 
-    def answer(self, answer: str, number: int) -> None:
+    def answer(self, answer: Answer, number: int) -> None:
         """Publish an answer, ``"stop"`` or ``"reverse"``, as ``std_msgs/msg/String`` on ``/bumpstop/answer``.
 
         Args:
@@ -220,16 +227,16 @@ class DdsSource:
             number: of the alarm, which this topic does not carry.
         """
         if answer != "none" and self._answers is not None:
+            from cyclonedds.core import DDSException
+
             from bumpstop.live.dds.types import String
 
-            self._answers.write(String(answer))
-
-    def prepare_answers(self) -> None:
-        """Make the writer of answers, so that readers have found it when one is due; after :meth:`open`."""
-        from bumpstop.live.dds.publishers import ANSWER_TOPIC, writer
-        from bumpstop.live.dds.types import String
-
-        self._answers = writer(self._participant, ANSWER_TOPIC, String)
+            try:
+                self._answers.write(String(answer))
+            except DDSException as error:
+                self._tell(
+                    SourceEventKind.DAMAGED, f"the answer {answer!r} was not sent: {error.msg}", time.monotonic()
+                )
 
     def close(self) -> None:
         """Leave the domain; may be called twice, and without :meth:`open`."""

@@ -123,6 +123,9 @@ class RtdeServer:
     def inputs(self) -> tuple[dict[str, Value], float]:
         """What clients wrote last, by field, and ``time.monotonic()`` of the last writing; 0 before."""
         with self._lock:
+            # What has come must not wait until the thread gets its turn.
+            for client in list(self._clients):
+                self._read(client)
             return dict(self._inputs), self._written_s
 
     def close(self) -> None:
@@ -169,13 +172,15 @@ class RtdeServer:
                 self._drop(client)
 
     def _read(self, client: _Client) -> None:
-        try:
-            data = client.socket.recv(65536)
-        except BlockingIOError:
-            return
-        except OSError:
-            data = b""
         with self._lock:
+            if client not in self._clients:
+                return
+            try:
+                data = client.socket.recv(65536)
+            except BlockingIOError:
+                return
+            except OSError:
+                data = b""
             if not data:
                 self._drop(client)
                 return

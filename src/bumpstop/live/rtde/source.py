@@ -10,6 +10,8 @@ import numpy as np
 
 from bumpstop.arrays import as_number
 from bumpstop.errors import InputError
+from bumpstop.live.answer import ANSWERS, Answer
+from bumpstop.live.event_limiter import EventLimiter
 from bumpstop.live.rtde.connection import LostConnectionError, RtdeConnection
 from bumpstop.live.rtde.fields import ProtocolError, Recipe, Value
 from bumpstop.live.rtde.messages import LEVELS, PORT, Data, Text, decode_reply
@@ -22,7 +24,6 @@ if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
 
 Signal = Literal["current", "torque"]
-Answer = Literal["none", "stop", "reverse"]
 
 # A controller has six joints. Those of an axis beside it, such as a rail, travel in general-purpose registers, of which
 # 24 to 47 belong to clients of this protocol: position of joint 7 in 24, its signal in 25, joint 8 in 26 and 27, ...
@@ -31,7 +32,6 @@ FIRST_REGISTER, LAST_REGISTER = 24, 47
 _SIGNAL_FIELDS: dict[str, str] = {"current": "actual_current", "torque": "actual_current_as_torque"}
 # Input registers that carry an answer: what to do, and the number of the alarm.
 ANSWER_FIELDS = {f"input_int_register_{FIRST_REGISTER}": "INT32", f"input_int_register_{FIRST_REGISTER + 1}": "INT32"}
-ANSWERS: tuple[Answer, ...] = ("none", "stop", "reverse")
 MAX_FREQUENCY_HZ = 500.0
 _OPEN_TIMEOUT_S = 2.0
 _AGAIN_TIMEOUT_S = 0.5
@@ -90,6 +90,7 @@ class RtdeSource:
         self._connection: RtdeConnection | None = None
         self._outputs, self._written = Recipe(0, (), ()), Recipe(0, (), ())
         self._queue: deque[JointSample | SourceEvent] = deque()
+        self._limiter = EventLimiter()
         self._pause, self._next_trial = _FIRST_PAUSE_S, 0.0
         self._answered: tuple[int, int] | None = None
 
@@ -144,6 +145,8 @@ class RtdeSource:
                 self._receive(self._connection, max(0.0, left))
             if left <= 0:
                 break
+        if not self._queue:
+            self._queue.extend(self._limiter.due(time.monotonic()))
         return self._queue.popleft() if self._queue else None
 
     def _receive(self, connection: RtdeConnection, timeout_s: float) -> None:
@@ -193,6 +196,12 @@ class RtdeSource:
             self._tell(SourceEventKind.DAMAGED, f"the controller says: {text.source}: {text.text}")
 
     def _tell(self, kind: SourceEventKind, text: str) -> None:
+        """Of what can come with every message at most one event a second."""
+        event = self._limiter.add(kind, f"{self.name}: {text}", time.monotonic())
+        if event is not None:
+            self._queue.append(event)
+
+    def _tell_at_once(self, kind: SourceEventKind, text: str) -> None:
         self._queue.append(SourceEvent(kind, f"{self.name}: {text}"))
 
     def _lose(self, kind: SourceEventKind, text: str) -> None:
@@ -200,7 +209,7 @@ class RtdeSource:
         self._connection.close()
         self._connection = None
         self._pause, self._next_trial = _FIRST_PAUSE_S, time.monotonic() + _FIRST_PAUSE_S
-        self._tell(kind, text)
+        self._tell_at_once(kind, text)
 
     def _try_again(self, timeout_s: float) -> None:
         """Wait until the next trial is due, or the time is over; then try."""
@@ -217,7 +226,7 @@ class RtdeSource:
             self._pause = min(2 * self._pause, _LONGEST_PAUSE_S)
             self._next_trial = time.monotonic() + self._pause
             return
-        self._tell(SourceEventKind.RESTARTED, "connected again")
+        self._tell_at_once(SourceEventKind.RESTARTED, "connected again")
         if self._answered is not None:
             self._write(*self._answered)
 
