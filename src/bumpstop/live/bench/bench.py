@@ -13,9 +13,6 @@ if TYPE_CHECKING:
     from bumpstop.live.bench.link import BenchLink, LinkAnswer
     from bumpstop.plant import Command, Plant, PlantReaction, PlantRun, Sample
 
-# A plant that is later than this does not hurry to catch up: its clock waits with it.
-_MAX_LAG_S = 0.02
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BenchRun:
@@ -54,7 +51,7 @@ class PlantBench:
     """A plant that moves in real time before a monitor.
 
     The plant looks for an answer at every sample, as a controller does at every cycle, and begins to react
-    ``reaction.latency_s`` after it.
+    ``reaction.latency_s`` after it. Where it computes too slowly its clock waits.
 
     Args:
         plant: to move.
@@ -100,7 +97,8 @@ class PlantBench:
             wait = origin + sample.t / self._pace + slipped - time.monotonic()
             if wait > 0:
                 time.sleep(wait)
-            elif wait < -_MAX_LAG_S:
+            else:
+                # It never hurries: a monitor has a whole period for its answer, as before a robot.
                 slipped -= wait
             found = None
             if not answers:

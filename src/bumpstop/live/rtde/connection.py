@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from bumpstop.errors import InputError
 from bumpstop.live.rtde.fields import IN_USE, NOT_FOUND, ProtocolError, Recipe, Value
 from bumpstop.live.rtde.messages import (
+    HEADER,
+    MAX_TEXT_PACKAGE,
     VERSION,
     Accepted,
     ControllerVersion,
@@ -100,7 +102,12 @@ class RtdeConnection:
         written = self._recipe(SetupInputs(tuple(inputs)), "I", inputs) if inputs else Recipe(0, (), ())
         if not self._accepted(Start(), "S"):
             raise InputError("rtde", f"the controller at {self.where} does not start the exchange")
+        self.expect(read)
         return read, written
+
+    def expect(self, outputs: Recipe) -> None:
+        """Take data packages of this recipe and texts from now on, and nothing that is larger."""
+        self._packages.largest = max(MAX_TEXT_PACKAGE, HEADER.size + 1 + outputs.size)
 
     def _accepted(self, request: Request, what: str) -> bool:
         self._send(request)

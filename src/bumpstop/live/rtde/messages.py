@@ -17,6 +17,8 @@ PORT = 30004
 VERSION = 2
 HEADER = struct.Struct(">HB")
 MAX_PACKAGE = 0xFFFF
+# A message for people has two texts of up to 255 bytes, their lengths and a level.
+MAX_TEXT_PACKAGE = HEADER.size + 2 * 256 + 1
 # Text messages have a level: 0 exception, 1 error, 2 warning, 3 information.
 LEVELS = ("exception", "error", "warning", "information")
 
@@ -252,10 +254,14 @@ class PackageReader:
     """Cuts a stream of bytes into packages; holds one package and what was fed last at most.
 
     After a :class:`~bumpstop.live.rtde.fields.ProtocolError` the stream has no beginning any more: close it.
+
+    Attributes:
+        largest: bytes that a package may have.
     """
 
     def __init__(self) -> None:
         self._held = bytearray()
+        self.largest = MAX_PACKAGE
 
     @property
     def held(self) -> int:
@@ -277,6 +283,8 @@ class PackageReader:
         size, kind = HEADER.unpack_from(self._held)
         if size < HEADER.size:
             raise ProtocolError(f"a package says it has {size} bytes, a header alone has {HEADER.size}")
+        if size > self.largest:
+            raise ProtocolError(f"a package says it has {size} bytes, none has more than {self.largest}")
         if len(self._held) < size:
             return None
         body = bytes(self._held[HEADER.size : size])

@@ -14,7 +14,7 @@ from bumpstop.live.answer import ANSWERS, Answer
 from bumpstop.live.event_limiter import EventLimiter
 from bumpstop.live.rtde.connection import LostConnectionError, RtdeConnection
 from bumpstop.live.rtde.fields import ProtocolError, Recipe, Value
-from bumpstop.live.rtde.messages import LEVELS, PORT, Data, Text, decode_reply
+from bumpstop.live.rtde.messages import LEVELS, PORT, Data, Reply, Text, decode_reply
 from bumpstop.live.sample import JointSample
 from bumpstop.live.source import SourceEvent, SourceEventKind
 
@@ -36,6 +36,8 @@ MAX_FREQUENCY_HZ = 500.0
 _OPEN_TIMEOUT_S = 2.0
 _AGAIN_TIMEOUT_S = 0.5
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.1, 2.0
+# So many bad packages in a row mean that packages begin elsewhere than it seems.
+_MAX_BAD = 3
 
 
 def output_fields(joints: int, signal: Signal) -> dict[str, str]:
@@ -91,6 +93,7 @@ class RtdeSource:
         self._outputs, self._written = Recipe(0, (), ()), Recipe(0, (), ())
         self._queue: deque[JointSample | SourceEvent] = deque()
         self._limiter = EventLimiter()
+        self._bad = 0
         self._pause, self._next_trial = _FIRST_PAUSE_S, 0.0
         self._answered: tuple[int, int] | None = None
 
@@ -161,18 +164,27 @@ class RtdeSource:
         if package is None:
             return
         try:
-            message = decode_reply(*package)
-            if isinstance(message, Text):
-                self._said(message)
-            elif not isinstance(message, Data):
-                self._tell(SourceEventKind.FOREIGN, f"{type(message).__name__} among the data packages")
-            elif message.recipe != self._outputs.number:
-                wanted = self._outputs.number
-                self._tell(SourceEventKind.FOREIGN, f"a data package of recipe {message.recipe}, ours is {wanted}")
-            else:
-                self._queue.append(self._sample(self._outputs.unpack(message.values), connection.received_s))
+            self._take(decode_reply(*package), connection.received_s)
         except ProtocolError as error:
-            self._tell(SourceEventKind.DAMAGED, str(error))
+            self._bad_package(SourceEventKind.DAMAGED, str(error))
+
+    def _take(self, message: Reply, received_s: float) -> None:
+        if isinstance(message, Text):
+            self._said(message)
+        elif not isinstance(message, Data):
+            self._bad_package(SourceEventKind.FOREIGN, f"{type(message).__name__} among the data packages")
+        elif message.recipe != self._outputs.number:
+            text = f"a data package of recipe {message.recipe}, ours is {self._outputs.number}"
+            self._bad_package(SourceEventKind.FOREIGN, text)
+        else:
+            self._queue.append(self._sample(self._outputs.unpack(message.values), received_s))
+            self._bad = 0
+
+    def _bad_package(self, kind: SourceEventKind, text: str) -> None:
+        self._tell(kind, text)
+        self._bad += 1
+        if self._bad >= _MAX_BAD:
+            self._lose(SourceEventKind.DAMAGED, f"{self._bad} bad packages in a row; connecting again")
 
     def _sample(self, values: dict[str, Value], received_s: float) -> JointSample:
         def vector(field: str, register: int) -> FloatArray:
@@ -207,7 +219,7 @@ class RtdeSource:
     def _lose(self, kind: SourceEventKind, text: str) -> None:
         assert self._connection is not None
         self._connection.close()
-        self._connection = None
+        self._connection, self._bad = None, 0
         self._pause, self._next_trial = _FIRST_PAUSE_S, time.monotonic() + _FIRST_PAUSE_S
         self._tell_at_once(kind, text)
 
