@@ -23,7 +23,7 @@ JOINT_STATE = "sensor_msgs::msg::dds_::JointState_"
 _MAX_WAITING = 4096
 _MAX_AT_ONCE = 256
 # After the first sample so long for a second writer to show itself.
-_SECOND_WRITER_S = 0.1
+_SECOND_WRITER_S = 0.3
 
 
 class DdsSource:
@@ -156,6 +156,7 @@ class DdsSource:
 
     def _receive(self, timeout_s: float) -> None:
         if not self._waiting.wait(max(1, int(timeout_s * 1e9))):
+            self._writer_changed()
             return
         now = time.monotonic()
         for _ in range(_MAX_AT_ONCE):
@@ -209,7 +210,9 @@ class DdsSource:
 
     def _writer_changed(self) -> None:
         """See whether the writer that is read has gone."""
-        if self._writer is None or self._writer in self._reader.get_matched_publications():
+        # The one list has handles with a sign, the other without.
+        present = {handle % 2**64 for handle in self._reader.get_matched_publications()}
+        if self._writer is None or self._writer % 2**64 in present:
             return
         self._writer, self._lost = None, True
         self._queue.append(SourceEvent(SourceEventKind.STOPPED, f"{self.name}: its writer went away; waiting for one"))

@@ -164,6 +164,7 @@ class RtdeServer:
             return
         found.setblocking(False)
         found.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        found.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _MAX_UNREAD)
         with self._lock:
             client = _Client(found)
             self._clients.append(client)
