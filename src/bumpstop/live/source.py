@@ -21,6 +21,7 @@ class SourceEventKind(StrEnum):
     FLOODED = "flooded"  # samples come faster than the detector's period allows
     REPEATED = "repeated"  # a sample came again
     WENT_BACK = "went_back"  # a sample older than the one before
+    JUMPED_AHEAD = "jumped_ahead"  # the source's clock went ahead of the time that passed here
     LOST = "lost"  # samples are missing
     DAMAGED = "damaged"  # a message that cannot be read, or numbers that are none
     FOREIGN = "foreign"  # a sample of another robot's joints, or another type of message
