@@ -182,15 +182,15 @@ def test_what_is_no_controller() -> None:
 
 def test_fields_that_cannot_be_had() -> None:
     with server() as bench:
-        with pytest.raises(InputError, match="5.23.0.0 at .* has no field actual_current_as_torque"):
+        with pytest.raises(InputError, match=r"5.23.0.0 at .* has no field actual_current_as_torque"):
             RtdeSource("127.0.0.1", bench.port, signal="torque").open()
         with RtdeSource("127.0.0.1", bench.port, answers=True):
             taken = RtdeSource("127.0.0.1", bench.port, answers=True)
-            with pytest.raises(InputError, match="another client of .* writes input_int_register_24"):
+            with pytest.raises(InputError, match=r"another client of .* writes input_int_register_24"):
                 taken.open()
         with pytest.raises(InputError, match="has six joints, the detector's robot has 5"):
             RtdeSource("127.0.0.1", bench.port, joints=5)
-        with pytest.raises(InputError, match="cannot listen on .*in use.*; give another port"):
+        with pytest.raises(InputError, match=r"cannot listen on .*in use.*; give another port"):
             RtdeServer({}, 500.0, port=bench.port)
 
 
