@@ -16,7 +16,7 @@ from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
     from bumpstop.live.bench import BenchLink, BenchRun
-    from bumpstop.plant import Experiment, Plant, PlantReaction
+    from bumpstop.plant import Plant
 
 _MAX_WAIT_S = 0.2
 
@@ -60,7 +60,7 @@ def serve(
             found = Experiment.from_dict(found.model_dump(exclude_unset=True) | {"seed": seed}, found.folder)
     plant, command = found.prepare()
     links = _links(plant, rtde, dds, domain)
-    bench = PlantBench(plant, links, _reaction(found, plant), pace)
+    bench = PlantBench(plant, links, found.reaction_of(plant.robot), pace)
     done: list[dict[str, Any]] = []
     try:
         if not as_json:
@@ -94,21 +94,6 @@ def _links(plant: Plant, rtde: int | None, dds: str | None, domain: int | None) 
         if rtde is not None:
             links.append(RtdeLink(plant, rtde))
     return links
-
-
-def _reaction(found: Experiment, plant: Plant) -> PlantReaction:
-    """What the experiment says of its reaction; when to react the monitor says."""
-    from bumpstop.collision.stopping.deceleration import Deceleration
-    from bumpstop.plant import PlantReaction
-
-    given = found.reaction
-    if given is None:
-        return PlantReaction()
-    return PlantReaction(
-        joint_acceleration=given.joint_acceleration_rad_s2,
-        latency_s=given.latency_s + given.dead_time_s,
-        deceleration=Deceleration.of(given, found.folder, plant.robot),
-    )
 
 
 def _somebody_came(bench: Any, wait_s: float) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Literal, Protocol, cast, get_args
 
 from bumpstop.errors import InputError, near_matches
 
@@ -15,7 +15,7 @@ ANSWERS: tuple[Answer, ...] = get_args(Answer)
 
 
 class AnsweringSource(Protocol):
-    """A source that tells its robot what to do."""
+    """What a source has beside reading, if it can tell its robot what to do."""
 
     def answer(self, answer: Answer, number: int) -> None:
         """Tell the robot at once, without waiting for it.
@@ -30,17 +30,19 @@ class AnswerOutput:
     """Answers every alarm; the answer stands until the detector monitors again.
 
     Args:
-        source: that was opened with ``answers``.
+        source: that was made to answer.
         answer: ``"stop"`` or ``"reverse"``.
 
     Raises:
-        InputError: another answer.
+        InputError: another answer, or a source that cannot.
     """
 
-    def __init__(self, source: AnsweringSource, answer: Answer) -> None:
+    def __init__(self, source: object, answer: str) -> None:
         if answer not in ANSWERS[1:]:
             raise InputError("--answer", f"{answer!r} is none", near_matches(str(answer), ANSWERS[1:]))
-        self._source, self._answer = source, answer
+        if not hasattr(source, "answer"):
+            raise InputError("--answer", "has no meaning with this source", "leave it out")
+        self._source, self._answer = cast(AnsweringSource, source), answer
         self._standing = 0
 
     def alarm(self, alarm: CollisionAlarm) -> None:
