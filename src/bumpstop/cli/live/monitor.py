@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -59,6 +60,13 @@ def monitor(
     jsonl: Annotated[Path | None, typer.Option(help="Append states, alarms and events as JSON lines.")] = None,
     mcap: Annotated[Path | None, typer.Option(help="Record into NAME_0001.mcap, NAME_0002.mcap, ...")] = None,
     rotate_s: Annotated[float, typer.Option("--rotate-s", help="Begin another MCAP file after so long [s].")] = 600.0,
+    answer: Annotated[
+        str | None, typer.Option(help="Tell the robot at every alarm, on the source's connection: stop or reverse.")
+    ] = None,
+    publish: Annotated[
+        str | None,
+        typer.Option(help="Publish residual, state, alarm and wrench on topics of ROS 2 below this one: /bumpstop."),
+    ] = None,
     on_collision: Annotated[
         str | None, typer.Option("--on-collision", metavar="COMMAND", help="Start this at every alarm.")
     ] = None,
@@ -85,14 +93,25 @@ def monitor(
     if on_collision is None and shell:
         raise InputError("--shell", "has no meaning without --on-collision", "leave it out")
     made = LoadedDetector.load(detector)
-    stream = source_of(source, made, SourceOptions(speed=pace, columns=columns, topic=topic))
+    stream = source_of(
+        source, made, SourceOptions(speed=pace, columns=columns, topic=topic, answers=answer is not None)
+    )
     view = None if as_json else MonitorView(made, terminal(), source)
     with ExitStack() as stack:
         outputs: list[Output] = []
+        if answer is not None:
+            from bumpstop.live.answer import AnswerOutput
+
+            outputs.append(AnswerOutput(stream, answer))
         if on_collision is not None:
             from bumpstop.live.outputs.command import CollisionCommand
 
             outputs.append(CollisionCommand(on_collision, made, timeout_s=command_timeout_s, shell=shell))
+        if publish is not None:
+            from bumpstop.live.dds.output import DdsOutput
+
+            with as_options({"topic": "--publish"}):
+                outputs.append(DdsOutput(made.joints, prefix=publish))
         outputs += _files(jsonl, mcap, rotate_s, made)
         for output in outputs:
             stack.callback(output.close)

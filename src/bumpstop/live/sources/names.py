@@ -26,11 +26,13 @@ class SourceOptions:
         speed: of recordings and the plant; infinite: as fast as it goes; None: in real time.
         columns: column file of a recording.
         topic: of a bag.
+        answers: whether the source must be able to answer alarms.
     """
 
     speed: float | None = None
     columns: Path | None = None
     topic: str | None = None
+    answers: bool = False
 
 
 def source_of(text: str, detector: LoadedDetector, options: SourceOptions | None = None) -> Source:
@@ -48,12 +50,15 @@ def source_of(text: str, detector: LoadedDetector, options: SourceOptions | None
     scheme, _, rest = text.partition(":")
     if scheme in ("rtde", "dds") and rest.startswith("//"):
         _refuse(given, scheme, ("speed", "columns", "topic"))
-        return _rtde(text, detector) if scheme == "rtde" else _dds(text, detector)
+        made = _rtde if scheme == "rtde" else _dds
+        return made(text, detector, given.answers)
     if scheme == "plant":
         _refuse(given, "the plant", ("columns", "topic"))
         return _plant(text, rest, detector, given)
     if "://" in text:
         raise InputError("SOURCE", f"{text!r}: {scheme!r} is no kind of source", near_matches(scheme, ("rtde", "dds")))
+    if given.answers:
+        raise InputError("--answer", "has no meaning with a recording", "leave it out")
     return _recording(text, detector, given)
 
 
@@ -126,19 +131,21 @@ def _query(text: str, known: tuple[str, ...]) -> tuple[Any, dict[str, str]]:
     return parts, query
 
 
-def _rtde(text: str, detector: LoadedDetector) -> Source:
+def _rtde(text: str, detector: LoadedDetector, answers: bool) -> Source:
     parts, query = _query(text, ("signal", "frequency"))
     made = _imported("bumpstop.live.rtde.source", "RtdeSource")
-    more: dict[str, Any] = {} if parts.port is None else {"port": parts.port}
+    more: dict[str, Any] = {"answers": answers} | ({} if parts.port is None else {"port": parts.port})
     more["frequency_hz"] = _number(query, "frequency", min(500.0, 1 / detector.period_s))
     source: Source = made(parts.hostname, joints=detector.dof, signal=query.get("signal", detector.signal), **more)
     return source
 
 
-def _dds(text: str, detector: LoadedDetector) -> Source:
+def _dds(text: str, detector: LoadedDetector, answers: bool) -> Source:
     parts, query = _query(text, ("domain", "effort"))
     made = _imported("bumpstop.live.dds.source", "DdsSource")
-    more = {"domain": int(_number(query, "domain", 0.0))} if "domain" in query else {}
+    more: dict[str, Any] = {"answers": answers}
+    if "domain" in query:
+        more["domain"] = int(_number(query, "domain", 0.0))
     topic = parts.netloc + parts.path
     source: Source = made(topic, detector.joints, effort=query.get("effort", detector.signal), **more)
     return source

@@ -6,6 +6,7 @@ import math
 import queue
 import threading
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -17,6 +18,7 @@ from bumpstop.live.source import SourceEvent, SourceEventKind
 if TYPE_CHECKING:
     from types import TracebackType
 
+    from bumpstop.live.answer import Answer
     from bumpstop.plant import Experiment, PlantReaction, Sample
 
 _MAX_WAITING = 1000  # samples, before the plant waits for its reader
@@ -40,6 +42,7 @@ class PlantSource:
         if not speed > 0:
             raise InputError("--speed", f"is {speed}", "wanted more than zero, or max")
         self._plant, self._command = experiment.prepare()
+        self._given = experiment.reaction_of(self._plant.robot)
         self._speed, self._name = speed, name
         self._waiting: queue.Queue[JointSample | SourceEvent] = queue.Queue(_MAX_WAITING)
         self._closed = threading.Event()
@@ -56,10 +59,15 @@ class PlantSource:
         """Names of the robot's joints."""
         return tuple(joint.name for joint in self._plant.robot.joints)
 
-    def react(self, reaction: PlantReaction) -> None:
-        """Turn the motion at the next sample; the first call counts."""
-        if self._reaction is None:
-            self._reaction = reaction
+    def answer(self, answer: Answer, number: int) -> None:
+        """Turn the motion at the next sample, as the experiment's ``[reaction]`` says; the first answer counts.
+
+        Args:
+            answer: ``"stop"`` or ``"reverse"``; ``"none"`` changes nothing.
+            number: of the alarm.
+        """
+        if answer != "none" and self._reaction is None:
+            self._reaction = replace(self._given, kind=answer)
 
     def open(self) -> None:
         """Begin the motion."""
@@ -70,7 +78,7 @@ class PlantSource:
 
     def _move(self) -> None:
         try:
-            self._plant.run(self._command, on_sample=self._give)
+            self._plant.run(self._command, on_sample=self._give, to_end=True)
             last = SourceEvent(SourceEventKind.ENDED, "the experiment is at its end")
         except _ClosedError:
             return
