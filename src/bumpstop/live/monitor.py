@@ -273,7 +273,8 @@ class Monitor:
             self._last_state = _NO_DATA
         self.kinds[event.kind] += event.count
         self._tell(event, now)
-        self._look_for_silence(now)
+        if not self._ended:
+            self._look_for_silence(now)
 
     def _forget(self) -> None:
         self._kernel.reset()

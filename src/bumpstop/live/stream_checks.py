@@ -113,11 +113,10 @@ class StreamChecks:
         if self._detector.measured_rates and sample.velocity_rad_s is not None:
             columns.append(("rate", sample.velocity_rad_s))
         for name, values in columns:
-            total = float(np.add.reduce(values))
-            if total - total != 0:  # not finite
-                bad = np.flatnonzero(~np.isfinite(values))
-                if bad.size:
-                    return f"{name} of {self._detector.joints[bad[0]]} is {values[bad[0]]}"
+            fine = np.isfinite(values)
+            if not fine.all():
+                bad = int(np.argmin(fine))
+                return f"{name} of {self._detector.joints[bad]} is {values[bad]}"
         return ""
 
     def _look_at_sequence(self, sample: JointSample, findings: list[Finding]) -> bool:

@@ -45,10 +45,12 @@ class UnitCheck:
         """A sentence, where the last two seconds look like another unit; else nothing."""
         if not t >= self._since or self._since == -np.inf:
             self._restart(t)
-        predicted = signal - residual
-        self._signal_square += signal * signal
-        self._product += signal * predicted
-        self._predicted_square += predicted * predicted
+        # Numbers that are no torques of an arm may be too large for their squares.
+        with np.errstate(over="ignore", invalid="ignore"):
+            predicted = signal - residual
+            self._signal_square += signal * signal
+            self._product += signal * predicted
+            self._predicted_square += predicted * predicted
         np.minimum(self._least, np.abs(residual), out=self._least)
         self._rows += 1
         if t - self._since < _WINDOW_S or self._rows < _MIN_ROWS:
@@ -60,7 +62,7 @@ class UnitCheck:
 
     def _of_torques(self) -> str:
         usual = np.sqrt(self._predicted_square / self._rows)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             scale = self._product / self._predicted_square
             cosine = self._product / np.sqrt(self._predicted_square * self._signal_square)
         # A joint that carries less than its threshold says nothing.

@@ -80,11 +80,12 @@ def _recording(text: str, detector: LoadedDetector, given: SourceOptions) -> Sou
             "SOURCE", f"{text!r} has {log.dof} joints", f"the detector's {detector.robot} has {detector.dof}"
         )
     if log.joint_names and log.joint_names != detector.joints:
-        if set(log.joint_names) != set(detector.joints):
+        if set(log.joint_names) == set(detector.joints):
+            order = [log.joint_names.index(name) for name in detector.joints]
+            log = _reordered(log, order, detector.joints)
+        elif given.columns is None:  # a column file says which joint is which
             foreign = next(name for name in log.joint_names if name not in detector.joints)
             raise InputError("SOURCE", f"{text!r} has a joint {foreign!r}", near_matches(foreign, detector.joints))
-        order = [log.joint_names.index(name) for name in detector.joints]
-        log = _reordered(log, order, detector.joints)
     if (log.current if detector.takes_current else log.tau) is None:
         raise InputError("SOURCE", f"{text!r} has no {detector.signal}", f"the detector takes {detector.signal}s")
     if detector.measured_rates and log.qd is None:
