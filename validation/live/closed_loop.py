@@ -71,9 +71,7 @@ def closed_loop(
     where = link.address if protocol == "RTDE" else f"dds://{TOPIC.lstrip('/')}?domain={domain}"
     command = [sys.executable, "-c", "from bumpstop.cli.main import main; main()", "monitor", where]
     command += ["--detector", str(file), "--answer", "reverse", "--json", "--rearm-s", "inf"]
-    monitor = subprocess.Popen(
-        command, stdout=subprocess.PIPE, text=True, env=os.environ | {"ROS_LOCALHOST_ONLY": "1"}
-    )
+    monitor = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=os.environ | {"ROS_LOCALHOST_ONLY": "1"})
     try:
         if not bench.wait_for_client(_WAIT_S):
             raise RuntimeError(f"no monitor came to {where}")
@@ -133,7 +131,15 @@ def _report(findings: Findings, protocol: str, done: dict[float, list[ClosedLoop
         shown.append([f"{speed:g} mm/s", len(runs), false, peaks, offline, 1e2 * worst, late])
     findings.table(
         f"Peak forces over {protocol}",
-        ["Speed", "Runs", "Alarms before contact", "Median [N]", "Offline [N]", "Apart at most [%]", "Later than offline"],
+        [
+            "Speed",
+            "Runs",
+            "Alarms before contact",
+            "Median [N]",
+            "Offline [N]",
+            "Apart at most [%]",
+            "Later than offline",
+        ],
         ["", "d", "d", ".1f", ".1f", ".2f", "d"],
         shown,
     )

@@ -53,6 +53,14 @@ def serve(
             raise InputError(option, f"is {value:g}", f"wanted {least:g} to {most:g}")
     if rtde is None and dds is None:
         raise InputError("--rtde", "and --dds are both missing", "give a port, a topic, or both")
+    if domain is not None and dds is None:
+        raise InputError("--domain", "has no meaning without --dds")
+    if dds is not None:
+        from bumpstop.live.dds.participant import domain_of, topic_name
+
+        with as_options({"domain": "--domain", "topic": "--dds"}):
+            topic_name(dds)
+            domain_of(domain)
     check_folder(out)
     found = Experiment.load(experiment)
     if seed is not None:
@@ -85,14 +93,11 @@ def serve(
 def _links(plant: Plant, rtde: int | None, dds: str | None, domain: int | None) -> list[BenchLink]:
     from bumpstop.live.bench import DdsLink, RtdeLink
 
-    if domain is not None and dds is None:
-        raise InputError("--domain", "has no meaning without --dds")
     links: list[BenchLink] = []
-    with as_options({"domain": "--domain", "topic": "--dds"}):
-        if dds is not None:
-            links.append(DdsLink(plant, dds, domain=domain))
-        if rtde is not None:
-            links.append(RtdeLink(plant, rtde))
+    if dds is not None:
+        links.append(DdsLink(plant, dds, domain=domain))
+    if rtde is not None:
+        links.append(RtdeLink(plant, rtde))
     return links
 
 
