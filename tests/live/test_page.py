@@ -33,8 +33,9 @@ def test_the_sessions_run_and_use_every_option(
             assert doctest.OutputChecker().check_output(wanted, printed, AS_DOCTEST), f"$ {command}\n{printed}"
             assert shell.status == (2 if "error:" in wanted else shell.status)
             if "--json " in f"{command} ":
-                table = rows(section(read("docs/live.md"), "## The end"), "key")
-                assert set(json.loads(printed)) == {key for name, *_ in table for key in code(name)}
+                table = section(read("docs/live.md"), "## The end")
+                keys = {key for name, *_ in rows(table, "key") for key in code(name)}
+                assert set(json.loads(printed)) == keys
             if "--jsonl" in command:
                 lines = [json.loads(line) for line in Path("watch.jsonl").read_text().splitlines()]
                 kinds = rows(section(read("docs/live.md"), "## JSON lines"), "`kind`")

@@ -1,4 +1,4 @@
-"""The controller for ros2_control, compiled against the interface that its folder states: Python's residuals, exactly."""
+"""The controller for ros2_control, compiled against the interface that its folder states: the residuals of Python."""
 
 from __future__ import annotations
 
