@@ -50,7 +50,7 @@ from validation.identification import (  # noqa: E402
     generic_fit,
     tx40,
 )
-from validation.live import closed_loop, fuzz_sources  # noqa: E402
+from validation.live import closed_loop, fuzz_sources, latency  # noqa: E402
 from validation.measure import commissioning  # noqa: E402
 from validation.schroeder2013 import (  # noqa: E402
     chapter5,
@@ -103,6 +103,7 @@ COMPARISONS = {
     "generic_fit": generic_fit,
     "tx40": tx40,
     "commissioning": commissioning,
+    "live": latency,
     "closed_loop": closed_loop,
     "fuzz_sources": fuzz_sources,
 }

@@ -115,9 +115,10 @@ def monitor(
         outputs += _files(jsonl, mcap, rotate_s, made)
         for output in outputs:
             stack.callback(output.close)
-        stack.enter_context(stream)
         watching = Monitor(made, stream, [*outputs, view] if view is not None else outputs, settings)
+        # Before samples come: what begins takes a tenth of a second.
         stack.enter_context(_ending(watching))
+        stack.enter_context(stream)
         if view is not None:
             stack.enter_context(view)
         watching.run(None if view is None else view.every)

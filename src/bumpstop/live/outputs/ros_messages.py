@@ -78,6 +78,11 @@ class RosMessages:
         self._store = get_typestore(Stores.ROS2_HUMBLE)
         for name, text in DEFINITIONS.items():
             self._store.register(get_types_from_msg(text, name))
+        # Code is made for each message, which takes a tenth of a second: not while samples come.
+        for kind in set(TOPICS.values()):
+            self._store.get_msgdef(kind)
+        for position, velocity in ((False, False), (True, False), (True, True)):
+            self._template(position=position, velocity=velocity)
 
     def definition(self, kind: str) -> str:
         """Of a message, with those that it is made of, in the form of ROS 2."""
