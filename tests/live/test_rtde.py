@@ -211,7 +211,7 @@ def test_a_client_that_does_not_read_costs_the_others_nothing() -> None:
     zero = np.zeros(6)
     with (
         server() as bench,
-        RtdeSource("127.0.0.1", bench.port) as deaf,
+        RtdeSource("127.0.0.1", bench.port) as silent,
         RtdeSource("127.0.0.1", bench.port) as source,
     ):
         for row in range(60000):
@@ -221,4 +221,4 @@ def test_a_client_that_does_not_read_costs_the_others_nothing() -> None:
             if bench.left_out:
                 break
         assert bench.left_out
-        assert deaf.read(1.0).stamp_s == 0  # type: ignore[union-attr]
+        assert silent.read(1.0).stamp_s == 0  # type: ignore[union-attr]

@@ -109,7 +109,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
     seeds = range(1 if quick else 5)
     findings.say(
         f"The SIA5D runs into {EXPERIMENT} at the speeds of {experiment.table}. The plant moves in real time behind a "
-        "protocol; a monitor in another process sees its samples and answers its alarm over the same protocol. Offline, "
+        "protocol; a monitor in another process sees its samples and answers its alarm on the same way. Offline, "
         "the detector is called in the plant's own process, and the reaction begins one feedback period "
         f"({1e3 * PERIOD_S:g} ms) after the sample that alarms. In the closed loop it begins at the first sample after "
         "the answer."

@@ -61,7 +61,7 @@ def monitor(
     mcap: Annotated[Path | None, typer.Option(help="Record into NAME_0001.mcap, NAME_0002.mcap, ...")] = None,
     rotate_s: Annotated[float, typer.Option("--rotate-s", help="Begin another MCAP file after so long [s].")] = 600.0,
     answer: Annotated[
-        str | None, typer.Option(help="Tell the robot at every alarm, on the source's connection: stop or reverse.")
+        str | None, typer.Option(help="Tell the robot at every alarm, where its samples come from: stop or reverse.")
     ] = None,
     publish: Annotated[
         str | None,
