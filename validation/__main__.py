@@ -51,6 +51,7 @@ from validation.identification import (  # noqa: E402
     generic_fit,
     tx40,
 )
+from validation.live import closed_loop, fuzz_sources, latency  # noqa: E402
 from validation.measure import commissioning  # noqa: E402
 from validation.program import fuzz, programs  # noqa: E402
 from validation.schroeder2013 import (  # noqa: E402
@@ -108,6 +109,9 @@ COMPARISONS = {
     "scale": scale,
     "program_fuzz": fuzz,
     "programs": programs,
+    "live": latency,
+    "closed_loop": closed_loop,
+    "fuzz_sources": fuzz_sources,
 }
 
 

@@ -1,5 +1,7 @@
 // The detector over the rows of a recording, and tick by tick.
-#include "bumpstop/detection/detector.hpp"
+#include <nanobind/stl/pair.h>
+
+#include "bumpstop/detection/detector_description.hpp"
 #include "common.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -212,6 +214,79 @@ void bind_settings(nb::module_& module) {
             nb::arg("chain"), nb::arg("link"), nb::arg("point"), "Where the force of an event is given.");
 }
 
+void bind_fitted(nb::module_& module) {
+    nb::class_<FittedMotor>(module, "FittedMotor", "What a motor adds to the torque of its joints.")
+        .def(nb::init<>())
+        .def_rw("share", &FittedMotor::share)
+        .def_rw("sign_speed", &FittedMotor::sign_speed)
+        .def_rw("coulomb", &FittedMotor::coulomb)
+        .def_rw("viscous", &FittedMotor::viscous)
+        .def_rw("rotor", &FittedMotor::rotor)
+        .def_rw("offset", &FittedMotor::offset)
+        .def_rw("bend", &FittedMotor::bend)
+        .def_rw("top_speed", &FittedMotor::top_speed)
+        .def_rw("load", &FittedMotor::load);
+    nb::class_<FittedDynamics>(module, "FittedDynamics", "Fitted dynamics, sample by sample.")
+        .def(nb::init<>())
+        .def_rw("by_all", &FittedDynamics::by_all)
+        .def_rw("gain", &FittedDynamics::gain)
+        .def_ro("motors", &FittedDynamics::motors)
+        .def(
+            "set",
+            [](FittedDynamics& self, bool essential, const std::vector<LinkInertia>& links,
+               const std::vector<FittedMotor>& motors) {
+                FittedParameters& own = essential ? self.essential : self.all;
+                std::copy_n(links.begin(), std::min(links.size(), own.link.size()), own.link.begin());
+                std::copy_n(motors.begin(), std::min(motors.size(), own.motor.size()), own.motor.begin());
+                self.motors = int(std::min(motors.size(), own.motor.size()));
+            },
+            nb::arg("essential"), nb::arg("links"), nb::arg("motors"), "One of the two sets of parameters.");
+    module.attr("max_motors") = FittedParameters::max_motors;
+}
+
+template <class T>
+std::vector<double> first_of(const T& values, int count) {
+    return {values.begin(), values.begin() + count};
+}
+
+void bind_description(nb::module_& module) {
+    using Description = DetectorDescription;
+    const auto joints = [](const Description& self, auto member) {
+        std::vector<std::string> names;
+        for (const auto& joint : self.robot.joints) names.push_back(joint.*member);
+        return names;
+    };
+    nb::class_<Description>(module, "DetectorDescription", "What a detector's file says.")
+        .def_prop_ro("robot", [](const Description& self) { return self.robot.name; })
+        .def_prop_ro("tip", [](const Description& self) { return self.robot.tip_name; })
+        .def_prop_ro("joints",
+                     [joints](const Description& self) { return joints(self, &RobotDescription::Joint::name); })
+        .def_prop_ro("links",
+                     [joints](const Description& self) { return joints(self, &RobotDescription::Joint::link); })
+        .def_prop_ro("prismatic",
+                     [](const Description& self) {
+                         std::vector<bool> found;
+                         for (const auto& joint : self.robot.joints) found.push_back(joint.spec.prismatic);
+                         return found;
+                     })
+        .def_prop_ro("constant",
+                     [](const Description& self) {
+                         return first_of(self.settings.alarm.thresholds.constant, int(self.robot.joints.size()));
+                     })
+        .def_prop_ro("settings", [](const Description& self) { return self.settings; })
+        .def_prop_ro("fitted", [](const Description& self) { return self.fitted.has_value(); })
+        .def("detector", [](const Description& self) { return self.detector(); });
+    module.def(
+        "read_detector",
+        [](const std::string& text) -> std::pair<std::optional<Description>, std::string> {
+            std::istringstream in(text);
+            std::string error;
+            auto found = read_detector(in, error);
+            return {std::move(found), error};
+        },
+        nb::arg("text"), "What a detector's file says, or none and why.");
+}
+
 }  // namespace
 
 void bind_detection(nb::module_& module) {
@@ -238,6 +313,7 @@ void bind_detection(nb::module_& module) {
         .value("impossible_signal", SampleFault::impossible_signal)
         .value("frozen", SampleFault::frozen);
     bind_settings(module);
+    bind_fitted(module);
     nb::class_<ContactEstimate>(module, "ContactEstimate", "What a residual says of a contact.")
         .def_ro("link", &ContactEstimate::link)
         .def_ro("possible", &ContactEstimate::possible)
@@ -282,8 +358,10 @@ void bind_detection(nb::module_& module) {
         .def_ro("qdd", &DetectorOutput::qdd);
     nb::class_<Detector>(module, "LoopDetector", "The detector of a control loop.")
         .def(nb::init<const Chain&, const std::vector<LinkInertia>&, const std::vector<JointTorqueParameters>&,
-                      const std::vector<JointTorqueErrors>&, const DetectorSettings&>(),
-             nb::arg("chain"), nb::arg("links"), nb::arg("joints"), nb::arg("errors"), nb::arg("settings"))
+                      const std::vector<JointTorqueErrors>&, const DetectorSettings&,
+                      const std::optional<FittedDynamics>&>(),
+             nb::arg("chain"), nb::arg("links"), nb::arg("joints"), nb::arg("errors"), nb::arg("settings"),
+             nb::arg("fitted") = nb::none())
         .def("run", &run, nb::arg("t"), nb::arg("q"), nb::arg("signal"), nb::arg("qd").none(), nb::arg("rearm"),
              "Residuals, band-pass channel and thresholds (N, n), state, fault and flags (N,), events.")
         .def(
@@ -304,7 +382,9 @@ void bind_detection(nb::module_& module) {
         .def("reset", &Detector::reset)
         .def("set_payload", &Detector::set_payload, nb::arg("payload"))
         .def("payload_change", [](const Detector& self) { return self.payload().change(); })
+        .def_prop_ro("events", &Detector::events)
         .def("event", &Detector::event);
+    bind_description(module);
     module.attr("sample_faults") = sample_faults;
     module.attr("detector_states") = detector_states;
     module.def("run_alarm_logic", &run_alarm_logic, nb::arg("settings"), nb::arg("t"), nb::arg("residual"),

@@ -4,8 +4,11 @@
 /// Nothing is allocated, nothing throws. Signs: the residual is estimated minus predicted motor torque.
 #pragma once
 
+#include <optional>
+
 #include "bumpstop/detection/alarm_logic.hpp"
 #include "bumpstop/detection/event_span.hpp"
+#include "bumpstop/detection/fitted_dynamics.hpp"
 #include "bumpstop/detection/isolation.hpp"
 #include "bumpstop/detection/payload.hpp"
 #include "bumpstop/detection/sample_validator.hpp"
@@ -75,8 +78,10 @@ struct DetectorEvent {
 class Detector {
   public:
     /// `links`: inertia of every link. `joints` and `errors`: of the joint model, or empty where the signal is torque.
+    /// `fitted`: dynamics that predict the torque in place of `links`; then there is no joint model.
     Detector(const Chain& chain, std::span<const LinkInertia> links, std::span<const JointTorqueParameters> joints,
-             std::span<const JointTorqueErrors> errors, const DetectorSettings& settings) noexcept
+             std::span<const JointTorqueErrors> errors, const DetectorSettings& settings,
+             const std::optional<FittedDynamics>& fitted = std::nullopt) noexcept
         : chain_(chain),
           settings_(settings),
           bank_(joints, errors),
@@ -85,7 +90,8 @@ class Detector {
           validator_(settings.samples, chain.dof),
           observer_(settings.observer_gain, chain.dof),
           alarm_logic_(settings.alarm, chain.dof),
-          watch_(settings.payload_monitor, chain.dof) {
+          watch_(settings.payload_monitor, chain.dof),
+          fitted_(fitted) {
         for (int j = 0; j < chain.dof; ++j) {
             links_[j] = links[j];
             ours_[j] = 1;
@@ -118,11 +124,11 @@ class Detector {
         bank_.take_logarithms(qd);
         angle.set_padded(chain_, validator_.position());
         bank_.take_powers(qd);
-        if (in_lanes_) frames_.set(inertias_.lanes, angle, qd);
+        if (in_lanes_ && !fitted_) frames_.set(inertias_.lanes, angle, qd);
         bool finite = false;
         if (settings_.residual == ResidualKind::direct) {
             finite = direct_residual(angle, qd, qdd);
-        } else if (observe(angle, qd)) {
+        } else if (observe(angle, qd, qdd)) {
             finite = observed_residual(qdd);
         } else {
             return no_data(SampleFault::filling, sample.t);
@@ -164,6 +170,7 @@ class Detector {
         const Vector3& g = settings_.gravity;
         free_fall_ = into_first_frame(chain_, Point3<double>{-g[0], -g[1], -g[2]});
         payload_point_ = link_point(chain_, last, payload.center);
+        if (fitted_) fitted_->prepare(chain_, payload);
         watch_.reset();
         // The momentum was that of another body.
         observer_.reset();
@@ -204,8 +211,11 @@ class Detector {
 
     /// Torque that the drives give, or, for the observer, give but for reflected inertia.
     void estimate(const double* qd, const double* qdd, double* tau) noexcept {
-        errors_ = settings_.alarm.thresholds.model_errors > 0 && settings_.source == TorqueSource::current;
-        if (settings_.source == TorqueSource::current) {
+        const bool mapped = settings_.source == TorqueSource::current && !fitted_;
+        errors_ = settings_.alarm.thresholds.model_errors > 0 && mapped;
+        if (fitted_) {
+            for (int j = 0; j < chain_.dof; ++j) tau[j] = fitted_->gain[j] * validator_.signal()[j];
+        } else if (mapped) {
             bank_.map(validator_.signal(), qd, qdd, tau, errors_ ? sd_.data() : nullptr);
         } else {
             for (int first = 0; first < chain_.dof; first += native_lanes)
@@ -216,7 +226,9 @@ class Detector {
     bool direct_residual(const JointAngles<double>& angle, const double* qd, const double* qdd) noexcept {
         alignas(64) double tau[max_joints], predicted[max_joints];
         estimate(qd, qdd, tau);
-        if (in_lanes_) {
+        if (fitted_) {
+            fitted_prediction(angle, qd, qdd, predicted);
+        } else if (in_lanes_) {
             newton_euler_in_lanes(inertias_.lanes, frames_, qd, qdd, free_fall_, predicted);
         } else {
             link_by_link(angle, qd, qdd, predicted);
@@ -237,14 +249,26 @@ class Detector {
         store(L(0.0), predicted + (chain_.dof - 1) / native_lanes * native_lanes);
         inverse_dynamics(chain_, inertias_, {validator_.position(), angle, qd, qdd}, settings_.gravity, predicted);
     }
-    /// The observer's next estimate; false while it begins.
-    [[gnu::noinline, gnu::flatten]] bool observe(const JointAngles<double>& angle, const double* qd) noexcept {
+    [[gnu::noinline]] void fitted_prediction(const JointAngles<double>& angle, const double* qd, const double* qdd,
+                                             double* predicted) noexcept {
+        std::fill(predicted, predicted + max_joints, 0.0);
+        fitted_->predict(chain_, validator_.position(), angle, qd, qdd, settings_.gravity, predicted);
+    }
+    /// The observer's next estimate; false while it begins. The acceleration only tells how motors are loaded.
+    [[gnu::noinline, gnu::flatten]] bool observe(const JointAngles<double>& angle, const double* qd,
+                                                 const double* qdd) noexcept {
         const int n = chain_.dof;
         static constexpr double nothing[max_joints] = {};
         alignas(64) double tau[max_joints];
         estimate(qd, nothing, tau);
         MomentumTerms<double> terms;
-        momentum_terms(chain_, inertias_, validator_.position(), angle, qd, settings_.gravity, terms);
+        if (fitted_) {
+            double friction[max_joints];
+            fitted_->momentum(chain_, validator_.position(), angle, qd, qdd, settings_.gravity, terms, friction);
+            for (int j = 0; j < n; ++j) tau[j] -= friction[j];
+        } else {
+            momentum_terms(chain_, inertias_, validator_.position(), angle, qd, settings_.gravity, terms);
+        }
         for (int j = 0; j < n; ++j) {
             terms.momentum[j] += reflected_[j] * qd[j];
             tau[j] += terms.velocity_force[j] - terms.gravity[j];
@@ -346,6 +370,7 @@ class Detector {
     MomentumObserver observer_;
     AlarmLogic alarm_logic_;
     PayloadMonitor watch_;
+    std::optional<FittedDynamics> fitted_;
     LinkPoint payload_point_;
     JointAngles<double> angle_{};
     bool begun_ = false, errors_ = false;

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "bumpstop/detection/detector.hpp"
+#include "bumpstop/detection/fitted_description.hpp"
 #include "bumpstop/model/robot_description.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -13,11 +14,12 @@ struct DetectorDescription {
     std::vector<JointTorqueParameters> joints;  ///< empty where the signal is torque
     std::vector<JointTorqueErrors> errors;
     DetectorSettings settings;
+    std::optional<FittedDynamics> fitted;  ///< dynamics that predict the torque; then there is no joint model
 
     Detector detector() const {
         std::vector<LinkInertia> links;
         for (const RobotDescription::Joint& joint : robot.joints) links.push_back(*joint.inertia);
-        return Detector(robot.chain(), links, joints, errors, settings);
+        return Detector(robot.chain(), links, joints, errors, settings, fitted);
     }
 };
 
@@ -133,6 +135,7 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
     const char* const in_range = " numbers in its range, once";
     bool begun = false, ended = false;
     detail::Keywords words;
+    detail::FittedReader fitted(n);
     std::string line;
     while (!ended && detail::next_line(in, line, number)) {
         detail::DescriptionLine here(line);
@@ -160,6 +163,8 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
         } else if (key == "joint_errors") {
             if (!detail::read_joint_errors(here, out.errors.emplace_back()))
                 return wrong("'joint_errors' wants twelve numbers, not negative");
+        } else if (key.rfind("fitted_", 0) == 0) {
+            if (!fitted.read(here)) return wrong(detail::quoted("", key, " is not as 'bumpstop detector' writes it"));
         } else {
             detail::DetectorKey* found = nullptr;
             for (detail::DetectorKey& one : keys)
@@ -179,7 +184,9 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
         if (!key.seen) return wrong(detail::quoted("", key.name, " is missing"));
     const std::string missing = words.missing({"residual", "source"});
     if (!missing.empty()) return wrong(detail::quoted("", missing, " is missing"));
-    const std::size_t wanted = s.source == TorqueSource::current ? std::size_t(n) : 0;
+    if (!fitted.complete()) return wrong("the fitted dynamics are not complete");
+    out.fitted = fitted.found();
+    const std::size_t wanted = s.source == TorqueSource::current && !out.fitted ? std::size_t(n) : 0;
     if (out.joints.size() != wanted || out.errors.size() != wanted)
         return wrong("wanted " + std::to_string(wanted) + " lines 'joint_torque' and 'joint_errors'");
     if (!(alarm.low_hz < alarm.high_hz)) return wrong("'low_hz' is not below 'high_hz'");

@@ -18,6 +18,7 @@ from bumpstop.cli.collision import evaluate, require, speed_limits, stopping, st
 from bumpstop.cli.command_group import CommandGroup
 from bumpstop.cli.detection import detect, score, sensitivity, tune
 from bumpstop.cli.identification import identify, plan, recording
+from bumpstop.cli.live import monitor
 from bumpstop.cli.measure import commands as measure
 from bumpstop.cli.register import new, report
 from bumpstop.cli.schroeder2013 import experiment
@@ -53,6 +54,7 @@ app.command("detect")(detect.detect)
 app.command("experiment")(experiment.command)
 app.command("detector")(detect.detector)
 app.command("view")(view.command)
+app.command("monitor")(monitor.monitor)
 app.add_typer(measure.app, name="measure")
 
 # Exit statuses are part of the contract: 0 done (and acceptable), 3 done and not acceptable, 4 done and no verdict can

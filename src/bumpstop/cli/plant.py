@@ -1,4 +1,4 @@
-"""``bumpstop plant``: experiments on an arm in MuJoCo."""
+"""``bumpstop plant``: experiments on an arm in MuJoCo, and a test bench for monitors."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import typer
 from bumpstop.cli.command_group import CommandGroup
 from bumpstop.cli.folders import check_folder
 from bumpstop.cli.option_names import as_options
+from bumpstop.cli.plant_serve import serve
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -29,6 +30,9 @@ app = typer.Typer(
 @app.callback()
 def _plant() -> None:
     """Experiment on an arm in MuJoCo: recordings, with the truth behind them."""
+
+
+app.command("serve")(serve)
 
 
 @app.command("run")

@@ -10,7 +10,7 @@ import numpy as np
 
 from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_float_array
-from bumpstop.detection.events import FAULTS, DetectionRun, Event, bits, check_rearm, frozen_notes
+from bumpstop.detection.events import FAULTS, DetectionRun, Event, check_rearm, frozen_notes
 from bumpstop.detection.loop_detector import LoopDetector
 from bumpstop.detection.rate import period_of
 from bumpstop.detection.settings import DetectorSettings
@@ -157,7 +157,7 @@ class Detector(LoopDetector):
             late=(flags & 2) != 0,
             masked_while_arming=(flags & 4) != 0,
             payload_changed=(flags & 8) != 0,
-            events=tuple(self._event(event) for event in events),
+            events=tuple(Event.of_loop(self.links, event) for event in events),
             notes=(
                 *self.notes,
                 *window_notes(self.settings, period),
@@ -168,6 +168,11 @@ class Detector(LoopDetector):
             monitored=tuple(self.thresholds.monitored),
             **self.in_words,
         )
+
+    @property
+    def links(self) -> list[str]:
+        """(n,) names of the links, of the joint that moves each."""
+        return [joint.link for joint in self.robot.joints]
 
     @property
     def in_words(self) -> dict[str, Any]:
@@ -236,41 +241,9 @@ class Detector(LoopDetector):
             hidden,
         )
 
-    def _event(self, found: _native.DetectorEvent) -> Event:
-        n = self.robot.dof
-        return self.event_of(
-            found.contact,
-            t=found.t,
-            joints=bits(found.over),
-            fast_joints=bits(found.over_fast),
-            residual=np.array(found.residual[:n]),
-            threshold=np.array(found.threshold[:n]),
-            q=np.array(found.q[:n]),
-            span=found.span,
-            hidden=np.array(found.hidden[:n]),
-            payload_change_kg=found.payload_change if found.payload_changed else None,
-        )
-
-    def event_of(self, contact: _native.ContactEstimate, span: _native.EventSpan, **fields: Any) -> Event:
-        """An event from what its residual says of a contact, and how long it lasts."""
-        names = [joint.link for joint in self.robot.joints]
-        return Event(
-            end=span.end,
-            largest_residual=np.array(span.largest[: self.robot.dof]),
-            largest_t=span.largest_time if span.largest_joint >= 0 else span.begin,
-            largest_joint=span.largest_joint if span.largest_joint >= 0 else None,
-            force_along=contact.force_along,
-            force_along_sd=contact.force_along_sd,
-            force=np.array(contact.force),
-            leftover=contact.leftover,
-            link=names[contact.link] if contact.link >= 0 else None,
-            possible_links=tuple(names[i] for i in bits(contact.possible)),
-            **fields,
-        )
-
     def _signal(self, recording: Recording) -> FloatArray:
         where = recording.source or "the recording"
-        if self.model is None:
+        if not self.takes_current:
             if recording.tau is None:
                 raise InputError("recording", f"{where} has no joint torque", "with currents a joint model is needed")
             return recording.tau

@@ -68,6 +68,7 @@ def describe_detector(detector: Detector) -> str:
         figures = _numbers(getattr(parameters, name) for name in (*_TORQUE, *_RANGES))
         lines.append(f"joint_torque {parameters.map.name} {parameters.friction.name} {figures}")
         lines.append(f"joint_errors {_numbers(getattr(error, name) for name in (*_TORQUE, 'friction'))}")
+    lines += [] if detector.fitted is None else detector.fitted.lines()
     lines += [f"{name} {_numbers([getattr(samples, name)])}" for name in (*_OF_SAMPLES, "unmonitored", "endless")]
     lines += [f"{name} {_first(getattr(samples, name), n)}" for name in ("lower", "upper", "velocity", "signal")]
     lines += [f"{name} {_first(getattr(law, name), n)}" for name in _OF_THRESHOLDS]

@@ -89,6 +89,50 @@ class Event:
     possible_links: tuple[str, ...]
     payload_change_kg: float | None = None
 
+    @classmethod
+    def of(
+        cls, links: Sequence[str], contact: _native.ContactEstimate, span: _native.EventSpan, **fields: Any
+    ) -> Event:
+        """An event from what its residual says of a contact, and how long it lasts.
+
+        Args:
+            links: (n,) names, of the joint that moves each.
+            contact: of its residual.
+            span: of the event.
+            fields: the other attributes.
+        """
+        return cls(
+            end=span.end,
+            largest_residual=np.array(span.largest[: len(links)]),
+            largest_t=span.largest_time if span.largest_joint >= 0 else span.begin,
+            largest_joint=span.largest_joint if span.largest_joint >= 0 else None,
+            force_along=contact.force_along,
+            force_along_sd=contact.force_along_sd,
+            force=np.array(contact.force),
+            leftover=contact.leftover,
+            link=links[contact.link] if contact.link >= 0 else None,
+            possible_links=tuple(links[i] for i in bits(contact.possible)),
+            **fields,
+        )
+
+    @classmethod
+    def of_loop(cls, links: Sequence[str], found: _native.DetectorEvent) -> Event:
+        """The same of a control loop's event; ``links`` as for :meth:`of`."""
+        n = len(links)
+        return cls.of(
+            links,
+            found.contact,
+            found.span,
+            t=found.t,
+            joints=bits(found.over),
+            fast_joints=bits(found.over_fast),
+            residual=np.array(found.residual[:n]),
+            threshold=np.array(found.threshold[:n]),
+            q=np.array(found.q[:n]),
+            hidden=np.array(found.hidden[:n]),
+            payload_change_kg=found.payload_change if found.payload_changed else None,
+        )
+
     @property
     def force_interval(self) -> tuple[float, float]:
         """Two standard deviations to either side of ``force_along`` [N]."""

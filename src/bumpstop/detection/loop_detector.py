@@ -11,16 +11,18 @@ import numpy as np
 from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.detection.drive_matching import MatchedDrives
+from bumpstop.detection.fitted_dynamics import FittedDynamics
 from bumpstop.detection.rate import check_rates
 from bumpstop.detection.settings import DetectorSettings
-from bumpstop.detection.standing import checked_stiction
+from bumpstop.detection.standing import checked_stiction, fitted_model, hidden_torques
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.errors import InputError
-from bumpstop.model import unit_of
+from bumpstop.model import unit_of, with_some_inertia
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
 
@@ -39,7 +41,8 @@ class LoopDetector:
 
     Attributes:
         robot: with inertia. Where the joint model knows a reflected inertia, the robot's rotor does not count again.
-        model: of currents, matched by joint names; None: recordings have joint torque.
+        model: of currents, matched by joint names; or fitted dynamics, of torques or of currents; None: recordings
+            have joint torque.
         thresholds: by joint.
         settings: everything else.
         notes: what a reader of any result must know.
@@ -48,7 +51,7 @@ class LoopDetector:
     def __init__(
         self,
         robot: Robot,
-        model: JointTorqueModel | None,
+        model: JointTorqueModel | DynamicsModel | None,
         thresholds: Thresholds | npt.ArrayLike,
         settings: DetectorSettings | None = None,
     ) -> None:
@@ -61,14 +64,23 @@ class LoopDetector:
                 thresholds of another length or found for another residual or rate, no inertia, a link that does not
                 exist.
         """
+        dynamics = fitted_model(model)
+        if dynamics is not None and dynamics.robot.dof != robot.dof:
+            raise InputError("model", f"is for {dynamics.robot.dof} joints", f"{robot.name} has {robot.dof}")
+        # Of an arm whose dynamics are fitted only the geometry is used.
+        robot = robot if dynamics is None else with_some_inertia(robot)
         self.robot = robot
         self.model = model
+        self.fitted = None if dynamics is None else FittedDynamics(dynamics)
         self.thresholds = Thresholds.of(thresholds, robot.dof, [joint.name for joint in robot.joints])
         self.settings = settings or DetectorSettings(**self.thresholds.settings)
         self.thresholds.check_residual(self.settings.residual, self.settings.observer_gain_1_s)
         check_rates(self.settings, self.thresholds)
         self.notes: tuple[str, ...] = ()
-        self._drives = MatchedDrives(robot, model, self.thresholds.monitored)
+        joint_model = None if self.fitted is not None else model
+        self._drives = MatchedDrives(robot, joint_model, self.thresholds.monitored)  # type: ignore[arg-type]
+        if self.fitted is not None and self.thresholds.model_errors > 0:
+            raise InputError("model_errors", "is not available with fitted dynamics", "they have no errors of currents")
         _ = robot.dynamics  # says which link has no inertia
         number, point = robot.frame(self.settings.link, self.settings.point)
         self._contact = number, point
@@ -85,9 +97,11 @@ class LoopDetector:
 
         While a joint sticks, its motor need not answer a torque below static friction and hysteresis: friction at
         rest_speed through the map's slope without current, plus T_H. What the settings state as stiction stands in its
-        place. Zero without either.
+        place; of fitted dynamics it is their Coulomb friction. Zero without either.
         """
         stated = self.settings.stiction
+        if stated is None and self.fitted is not None:
+            return hidden_torques(self.robot, self.fitted.model)
         return self._drives.dead_zone() if stated is None else checked_stiction(stated, self.robot.dof)
 
     def kernel(self, period_s: float | None = None, *, latched: bool = False) -> _native.LoopDetector:
@@ -110,7 +124,12 @@ class LoopDetector:
         if latched:
             settings.alarm.event_pause = math.inf
         return _native.LoopDetector(
-            self.robot.chain, [link.kernel(rotor) for link, rotor in links], joints, errors, settings
+            self.robot.chain,
+            [link.kernel(rotor) for link, rotor in links],
+            joints,
+            errors,
+            settings,
+            None if self.fitted is None else self.fitted.kernel(),
         )
 
     def parts(self) -> tuple[list[Any], list[_native.JointTorqueParameters], list[_native.JointTorqueErrors]]:
@@ -122,10 +141,10 @@ class LoopDetector:
         given, robot, n = self.settings, self.robot, self.robot.dof
         out = _native.DetectorSettings()
         out.residual = getattr(_native.ResidualKind, given.residual)
-        out.source = _native.TorqueSource.torque if self.model is None else _native.TorqueSource.current
+        out.source = _native.TorqueSource.current if self.takes_current else _native.TorqueSource.torque
         out.observer_gain = given.observer_gain_1_s
         out.window, out.degree = given.window_s, int(given.degree)
-        out.gravity = list(given.gravity)
+        out.gravity = list(given.gravity if self.fitted is None else self.fitted.model.gravity)
         out.max_no_data_time = given.max_no_data_s
         out.unknown = sum(1 << j for j in self._drives.unknown)
         out.dead_zone = padded(self.dead_zone)
@@ -173,6 +192,13 @@ class LoopDetector:
         out.event_pause = given.event_pause_s
 
     @property
+    def takes_current(self) -> bool:
+        """Samples have motor currents; else joint torques."""
+        if self.fitted is not None:
+            return self.fitted.model.gains is not None
+        return self.model is not None
+
+    @property
     def endless(self) -> list[int]:
         """Numbers from 0 of the joints that turn without end.
 
@@ -207,6 +233,9 @@ class LoopDetector:
         assert self.thresholds.fast is not None
         level = np.minimum(self.thresholds.constant, self.thresholds.fast)
         noise = level / _NOISE_PER_THRESHOLD if self.settings.noise_sd is None else np.array(self.settings.noise_sd)
+        if self.fitted is not None:
+            # What is no torque in Nm says nothing of a force.
+            monitored &= ~np.isin(np.arange(self.robot.dof), self.fitted.model.unscaled)
         return np.where(monitored, noise, np.inf)
 
     @property
@@ -220,6 +249,12 @@ class LoopDetector:
         if not any(self.thresholds.monitored):
             notes.append("No joint is monitored: no contact can be detected.")
         notes += self._drives.notes()
+        if self.fitted is not None and self.fitted.model.unscaled:
+            unknown = [self.robot.joints[j] for j in self.fitted.model.unscaled]
+            names, unit = ", ".join(joint.name for joint in unknown), unit_of(*unknown)
+            notes.append(
+                f"{names}: of unknown gain: residuals and thresholds are no {unit}, and forces do not count them."
+            )
         if self.model is not None or self.settings.stiction is not None:
             hidden, unit = ", ".join(f"{value:.3g}" for value in self.dead_zone), unit_of(*self.robot.joints)
             notes.append(

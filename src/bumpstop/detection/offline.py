@@ -10,14 +10,14 @@ import numpy as np
 
 from bumpstop import _native
 from bumpstop.detection.detector import Detector
-from bumpstop.detection.events import FAULTS, NO_DATA, STATES, DetectionRun, check_rearm, frozen_notes
+from bumpstop.detection.events import FAULTS, NO_DATA, STATES, DetectionRun, Event, check_rearm, frozen_notes
 from bumpstop.detection.rate import period_of
 from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.standing import hidden_torques
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.detection.tuning.residual_record import ResidualRecord
 from bumpstop.errors import InputError
-from bumpstop.model import unit_of
+from bumpstop.model import unit_of, with_some_inertia
 from bumpstop.recording.checks.stamps import stamped_by_a_pc
 
 if TYPE_CHECKING:
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from bumpstop.recording import Recording
 
 _MIN_REPEATS = 4  # of a row that count as frozen, as in sample_guard.hpp
+_CAUSAL = "or causal = true, for the residual of a loop"
 _TOLERANCE = 0.01  # of a period: what ResidualRecord.load allows
 
 
@@ -44,7 +45,8 @@ def detect(
 ) -> DetectionRun:
     """Run a detector over a recording.
 
-    With fitted dynamics the residual is recorded minus predicted torque. Prediction uses zero-phase filters, which look
+    With fitted dynamics the residual is recorded minus predicted torque. With ``causal`` settings a loop has the same
+    residual, and this is a run of :class:`Detector`. Without, prediction uses zero-phase filters, which look
     ahead: it is an analysis of a recording, not what a loop would have seen. Such a residual is always direct. It has
     no data inside a gap, where rows are made up, and within a period of the cut-off beside one of more than 0.1 s and
     ten intervals, where the filter knows one side of the motion only.
@@ -59,22 +61,24 @@ def detect(
 
     Raises:
         InputError: parts that do not belong together, or another rate than what they are made for; with fitted
-            dynamics an observer, payloads, measured rates, a largest signal or a margin of limits.
+            dynamics that look ahead an observer, payloads, measured rates, a largest signal or a margin of limits.
     """
     # Fits are a tenth of the time that laws take to start, and these need none.
     from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
     from bumpstop.identification.segments.torque_samples import near_gaps
 
-    if not isinstance(model, DynamicsModel):
+    if not isinstance(model, DynamicsModel) or (settings is not None and settings.causal):
         return Detector(robot, model, thresholds, settings).run(recording, rearm_s=rearm_s)
     given = settings or DetectorSettings()
     if given.window_s != DetectorSettings.window_s:
-        raise InputError("window_s", "is not available with fitted dynamics: they filter both ways", "leave it out")
+        raise InputError("window_s", "is not available with fitted dynamics: they filter both ways", _CAUSAL)
     if given.stiction is None and model.robot.dof == robot.dof:
         # A standing joint's motor shows nothing of what its Coulomb friction holds.
         given = replace(given, stiction=tuple(hidden_torques(robot, model).tolist()))
     if given.residual != "direct":
-        raise InputError("residual", f"{given.residual!r} is not available with fitted dynamics", "valid: 'direct'")
+        raise InputError(
+            "residual", f"{given.residual!r} is not available with fitted dynamics", f"valid: 'direct'; {_CAUSAL}"
+        )
     for name in ("payload_kg", "payload_change_kg", "measured_rates", "largest_signal"):
         if getattr(given, name):
             raise InputError(name, "is not available with fitted dynamics", "leave it out, or give a joint model")
@@ -88,7 +92,7 @@ def detect(
         raise InputError("model_errors", "is not available with fitted dynamics", "they have no errors of currents")
     doubt = stamped_by_a_pc(recording)
     motion, residual = model.residual(recording)
-    detector = Detector(_with_some_inertia(robot), None, law, given)
+    detector = Detector(with_some_inertia(robot), None, law, given)
     period = period_of(motion.t, given, law)
     unscaled = np.isin(np.arange(robot.dof), model.unscaled)
     if unscaled.any():
@@ -124,7 +128,8 @@ def detect(
     fault = np.where(dark, FAULTS.index("gap"), 0).astype(np.uint8)
     fault[frozen] = FAULTS.index("frozen")
     events = tuple(
-        detector.event_of(
+        Event.of(
+            detector.links,
             detector.explain(motion.q[row], residual[row], motion.qd[row]),
             spans[k],
             hidden=detector.hidden(motion.qd[row]),
@@ -239,14 +244,3 @@ def residual_record(
             )
         seen = seen[::stride]
     return ResidualRecord.from_rows(np.ascontiguousarray(run.residual[seen]), notes, run.t[seen])
-
-
-def _with_some_inertia(robot: Robot) -> Robot:
-    """The robot itself, or with massless links where some inertia is not known: only its geometry is used."""
-    from bumpstop.model import LinkInertia
-
-    if all(joint.inertia is not None for joint in robot.joints):
-        return robot
-    nothing = LinkInertia(mass=0.0, center=(0.0, 0.0, 0.0), tensor=((0.0,) * 3,) * 3)
-    joints = tuple(replace(joint, inertia=joint.inertia or nothing) for joint in robot.joints)
-    return replace(robot, joints=joints)

@@ -46,6 +46,8 @@ class DetectorSettings:
         link, point: where the force of an event is given; a link's name (None: the tip), and in its frame [m].
         direction: unit vector of the arm's force on the body, base frame.
         gravity: acceleration of free fall, base frame [m/s2].
+        causal: with fitted dynamics the motion is that of the window, as a loop has it; else zero-phase filters make
+            it, which look ahead. Whatever else makes the torque is causal anyway.
         payload_kg: declared, a point mass.
         payload_center: of it, in the frame of the last link [m]; None: the tip.
         payload_change_kg: an undeclared change of at least this is looked for; 0: none is.
@@ -76,6 +78,7 @@ class DetectorSettings:
     point: Vector = (0.0, 0.0, 0.0)
     direction: Vector = (0.0, 0.0, -1.0)
     gravity: Vector = STANDARD_GRAVITY
+    causal: bool = False
     payload_kg: float = 0.0
     payload_center: Vector | None = None
     payload_change_kg: float = 0.0
@@ -85,6 +88,9 @@ class DetectorSettings:
         if self.residual not in get_args(ResidualKind):
             near = near_matches(str(self.residual), get_args(ResidualKind))
             raise InputError("residual", f"{self.residual!r} is no kind of residual", near)
+        for name in ("measured_rates", "causal"):
+            if not isinstance(getattr(self, name), bool):
+                raise InputError(name, f"is {getattr(self, name)!r}", "wanted true or false")
         self._check_whole("degree", 2, _native.max_fit_degree)
         for name, low, high in (
             ("observer_gain_1_s", 1e-3, 1e5),

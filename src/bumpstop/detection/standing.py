@@ -51,6 +51,13 @@ def hidden_torques(
     return model.coulomb
 
 
+def fitted_model(model: JointTorqueModel | DynamicsModel | None) -> DynamicsModel | None:
+    """The model where it is one of fitted dynamics; fits are imported by nobody who has none."""
+    from bumpstop.joint import JointTorqueModel
+
+    return None if model is None or isinstance(model, JointTorqueModel) else model
+
+
 def checked_stiction(stiction: float | npt.ArrayLike, dof: int) -> FloatArray:
     """(dof,) stiction of one number or one for each joint.
 

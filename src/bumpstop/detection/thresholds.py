@@ -37,6 +37,7 @@ _SETTINGS = (
     "limit_margin",
     "frozen_s",
     "payload_kg",
+    "causal",
 )
 _ONE_FOR_ALL = ("model_errors", "period_s", "per_hour", *_SETTINGS)
 _SAME_GAIN = 0.01
@@ -64,8 +65,8 @@ class Thresholds:
         per_hour: false alarms an hour that they were tuned for; None: not said.
         residual: kind of residual they were found for; None: not said.
         observer_gain_1_s: of the observer, if that is the kind; None: not said.
-        window_s, measured_rates, limit_margin, frozen_s, payload_kg: settings of the detector that they were found
-            with; None: not said.
+        window_s, measured_rates, limit_margin, frozen_s, payload_kg, causal: settings of the detector that they were
+            found with; None: not said.
         joints: names of the joints, for errors; or empty.
     """
 
@@ -84,6 +85,7 @@ class Thresholds:
     limit_margin: float | None = None
     frozen_s: float | None = None
     payload_kg: float | None = None
+    causal: bool | None = None
     joints: InitVar[Sequence[str]] = ()
 
     def __post_init__(self, joints: Sequence[str]) -> None:
@@ -107,8 +109,6 @@ class Thresholds:
             value = getattr(self, name)
             if value is not None and not as_number(value, name) > 0:
                 raise InputError(name, f"is {value}", "wanted more than zero")
-        if self.measured_rates is not None and not isinstance(self.measured_rates, bool):
-            raise InputError("measured_rates", f"is {self.measured_rates!r}", "wanted true or false")
         DetectorSettings(**self.settings)  # says what cannot be
 
     @property
@@ -184,8 +184,8 @@ class Thresholds:
         Keys: ``thresholds_Nm`` and, as wanted, ``per_speed_Nm_s``, ``per_acceleration_Nm_s2``, ``at_rest_Nm``,
         ``fast_Nm``, ``model_errors``, ``period_s``, ``per_hour``, and the settings of the detector that they were
         found with: ``residual``, ``observer_gain_1_s``, ``window_s``, ``measured_rates``, ``limit_margin``,
-        ``frozen_s``, ``payload_kg``. Others are refused in TOML and
-        passed over in JSON, where null stands for infinity. ``joints``: of the robot, whose names errors say.
+        ``frozen_s``, ``payload_kg``, ``causal``. Others are refused in TOML and passed over in JSON, where null stands
+        for infinity. ``joints``: of the robot, whose names errors say.
 
         Raises:
             InputError: the file cannot be read, or holds something else.

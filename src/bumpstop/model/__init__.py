@@ -13,7 +13,7 @@ from bumpstop.model.dynamics import (
 )
 from bumpstop.model.inertia import LinkInertia
 from bumpstop.model.joint import Frame, Joint, rotation_from_rpy
-from bumpstop.model.mass_definitions import EffectiveMassDefinition, effective_mass, with_rotors
+from bumpstop.model.mass_definitions import EffectiveMassDefinition, effective_mass, with_rotors, with_some_inertia
 from bumpstop.model.robot import Robot, robots
 from bumpstop.model.robot_file import robot_from_dict
 from bumpstop.model.units import unit_of
@@ -41,5 +41,6 @@ __all__ = [
     "singular_values",
     "unit_of",
     "with_rotors",
+    "with_some_inertia",
     "write_urdf",
 ]

@@ -10,6 +10,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray, as_number, as_rows
 from bumpstop.errors import InputError, near_matches
 from bumpstop.model.dynamics import one_or_all, unit_directions
+from bumpstop.model.inertia import LinkInertia
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,6 +32,15 @@ def with_rotors(robot: Robot, inertia: npt.ArrayLike) -> Robot:
     rotors = np.broadcast_to(np.asarray(inertia, dtype=np.float64), (robot.dof,)).tolist()
     joints = (replace(joint, rotor_inertia=rotor) for joint, rotor in zip(robot.joints, rotors, strict=True))
     return replace(robot, joints=tuple(joints))
+
+
+def with_some_inertia(robot: Robot) -> Robot:
+    """The robot itself, or with massless links where some inertia is not known: for those who use its geometry only."""
+    if all(joint.inertia is not None for joint in robot.joints):
+        return robot
+    nothing = LinkInertia(mass=0.0)
+    joints = tuple(replace(joint, inertia=joint.inertia or nothing) for joint in robot.joints)
+    return replace(robot, joints=joints)
 
 
 def composite_rigid_body_mass(

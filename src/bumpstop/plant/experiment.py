@@ -192,19 +192,12 @@ class Experiment(ExperimentTable):
         Of every object that is touched the truth gets the series stiffness where that happened first.
         """
         reaction = self.reaction
-        deceleration = Deceleration()
-        if reaction is not None:
-            deceleration = Deceleration.of(reaction, self.folder, plant.robot)
+        answer = self.reaction_of(plant.robot)
 
         def watch(sample: Sample) -> PlantReaction | None:
             if reaction is None or float(np.linalg.norm(sample.wrench[:3])) <= reaction.force_N:
                 return None
-            return PlantReaction(
-                kind=reaction.kind,
-                joint_acceleration=reaction.joint_acceleration_rad_s2,
-                latency_s=reaction.latency_s + reaction.dead_time_s,
-                deceleration=deceleration,
-            )
+            return answer
 
         run = plant.run(command, on_sample=None if reaction is None else watch)
         for i, thing in enumerate(plant.objects):
@@ -213,6 +206,22 @@ class Experiment(ExperimentTable):
                 stiffness = plant.series_stiffness(run.trace.q[touched[0]], thing)
                 run.truth["object"][i]["series_stiffness_N_m"] = stiffness
         return run
+
+    def reaction_of(self, robot: Robot) -> PlantReaction:
+        """How the arm reacts once something asks it to; the default where the experiment has no ``[reaction]``.
+
+        Raises:
+            InputError: its table of decelerations cannot be used with this robot.
+        """
+        given = self.reaction
+        if given is None:
+            return PlantReaction()
+        return PlantReaction(
+            kind=given.kind,
+            joint_acceleration=given.joint_acceleration_rad_s2,
+            latency_s=given.latency_s + given.dead_time_s,
+            deceleration=Deceleration.of(given, self.folder, robot),
+        )
 
     def _start(self, robot: Robot) -> np.ndarray[Any, np.dtype[np.float64]]:
         given = self.pose_rad if self.pose_deg is None else self.pose_deg

@@ -145,13 +145,14 @@ class Plant:
             needed = weight + self._feedforward * (needed - weight)
         return np.asarray(q + (kv * qd + needed) / kp)
 
-    def run(self, command: Command, *, on_sample: OnSample | None = None) -> PlantRun:
+    def run(self, command: Command, *, on_sample: OnSample | None = None, to_end: bool = False) -> PlantRun:
         """Follow a command to its end.
 
         Args:
             command: of :func:`~bumpstop.plant.line` or :func:`~bumpstop.plant.along`.
             on_sample: called with every feedback sample that is not lost. The first :class:`PlantReaction` it returns
-                turns the motion; after that it is not called any more.
+                turns the motion; after that it is not called any more, but with ``to_end``.
+            to_end: go on calling ``on_sample`` behind the reaction.
 
         Returns:
             The recording, the truth behind it, and forces over time.
@@ -159,7 +160,7 @@ class Plant:
         Raises:
             InputError: the command is not for this robot, or the arm is inside an object at the start.
         """
-        log, trace, plans, reacted = self._follow(command, [(self.sensors, self.seed)], on_sample)
+        log, trace, plans, reacted = self._follow(command, [(self.sensors, self.seed)], on_sample, to_end)
         return self._run(command, log, trace, self._channels, plans[0], reacted)
 
     def runs(self, command: Command, recorders: Sequence[tuple[Sensors, int]]) -> list[PlantRun]:
@@ -175,7 +176,7 @@ class Plant:
         Raises:
             InputError: as :meth:`run`.
         """
-        log, trace, plans, _ = self._follow(command, recorders, None)
+        log, trace, plans, _ = self._follow(command, recorders, None, to_end=False)
         done = []
         for (sensors, seed), plan in zip(recorders, plans, strict=True):
             run = self._run(command, log, trace, Channels(sensors, self.robot.dof), plan, None)
@@ -184,7 +185,7 @@ class Plant:
         return done
 
     def _follow(
-        self, command: Command, recorders: Sequence[tuple[Sensors, int]], on_sample: OnSample | None
+        self, command: Command, recorders: Sequence[tuple[Sensors, int]], on_sample: OnSample | None, to_end: bool
     ) -> tuple[SampleLog, PlantTrace, list[SamplePlan], float | None]:
         """Move the arm and note what every recorder will need; with a callback there is one recorder."""
         mj, model, data, drives = self._mujoco, self.model, self.data, self.drives
@@ -241,9 +242,10 @@ class Plant:
                 if next_sample[sample] == step:
                     rate = qvel[motor]
                     log.note(sample, q_before, rate, given, base + slope * rate, data.sensordata)
-                    if on_sample is not None and turn_at is None:
-                        answer = on_sample(self._sample(log, plans[0], sample))
-                        if answer is not None:
+                    if on_sample is not None and (to_end or turn_at is None):
+                        said = on_sample(self._sample(log, plans[0], sample))
+                        if said is not None and turn_at is None:
+                            answer = said
                             late = (step * STEP + answer.latency_s) / COMMAND_STEP
                             turn_at = math.ceil(late - 1e-6) * PER_COMMAND
                     sample += 1
@@ -369,9 +371,7 @@ class Plant:
             torque = jacobian.T @ sum(
                 f * np.array(thing.direction) for f, thing in zip(forces, self.objects, strict=True)
             )
-        return Sample(
-            t=float(t[0]), q=q[0], current=current[0], wrench=wrench[0], contact_force=forces, contact_torque=torque
-        )
+        return Sample(float(t[0]), q[0], log.qd[row].copy(), current[0], wrench[0], forces, torque)
 
     def series_stiffness(self, q: npt.ArrayLike, thing: PlantObject) -> float:
         """Stiffness of object, servo and gears in series, by two static pushes [N/m].

@@ -19,6 +19,7 @@ class Sample:
     Attributes:
         t: since the start [s].
         q: as the encoders say (dof,) [rad or m].
+        qd: rates of the motors, without noise (dof,) [rad/s or m/s].
         current: as the amplifiers say (dof,).
         wrench: as the wrist sensor says (6,).
         contact_force: true force on each object along its normal (objects,) [N].
@@ -27,6 +28,7 @@ class Sample:
 
     t: float
     q: FloatArray
+    qd: FloatArray
     current: FloatArray
     wrench: FloatArray
     contact_force: FloatArray

@@ -6,7 +6,7 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -148,9 +148,9 @@ def detector(
 
     given, arm = residual_source.parts
     law = thresholds_of(thresholds, arm)
-    if isinstance(given, DynamicsModel):
-        raise InputError("--model", "fitted dynamics look ahead and cannot run in a loop", "give a joint model")
-    settings = _settings(residual_source, law, arming_delay, payload_change, link, point_m, direction)
+    # A loop cannot look ahead.
+    causal = {"causal": True} if isinstance(given, DynamicsModel) else {}
+    settings = _settings(residual_source, law, arming_delay, payload_change, link, point_m, direction, **causal)
     with as_options(DETECTOR_OPTIONS):
         if period is not None or law.period_s is not None:
             settings = replace(settings, period_s=law.period_s if period is None else period)
@@ -176,8 +176,9 @@ def _settings(
     link: str | None,
     point_m: str,
     direction: str,
+    **more: Any,
 ) -> DetectorSettings:
-    """Of options that ``detect`` and ``detector`` have in common."""
+    """Of options that ``detect`` and ``detector`` have in common; ``more``: settings that have none."""
     from bumpstop.cli.detection.sensitivity import three, unit
 
     return residual_source.settings_for(
@@ -187,6 +188,7 @@ def _settings(
         link=link,
         point=three(point_m, "--point-m"),
         direction=unit(direction, "--direction"),
+        **more,
     )
 
 

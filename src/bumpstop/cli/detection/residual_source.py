@@ -84,6 +84,14 @@ Window = Annotated[
         show_default="the thresholds' window, or 0.07",
     ),
 ]
+Causal = Annotated[
+    bool | None,
+    typer.Option(
+        "--causal",
+        help="With fitted dynamics: the residual of a control loop, without looking ahead.",
+        show_default="as the thresholds were found",
+    ),
+]
 Frozen = Annotated[
     float | None,
     typer.Option(
@@ -100,6 +108,7 @@ DETECTOR_OPTIONS = {
     "residual": "--residual",
     "window_s": "--window",
     "frozen_s": "--frozen",
+    "causal": "--causal",
     "observer_gain_1_s": "--observer-gain",
     "limit_margin": "--limit-margin",
     "measured_rates": "--measured-rates",
@@ -118,8 +127,8 @@ class Watcher:
 
     Attributes:
         model, robot, base, tip: as :func:`load_model` takes them.
-        residual, observer_gain, window, payload, measured_rates, limit_margin, frozen: of the detector; None: not
-            given.
+        residual, observer_gain, window, payload, measured_rates, limit_margin, frozen, causal: of the detector; None:
+            not given.
     """
 
     model: ModelFile = None
@@ -133,6 +142,7 @@ class Watcher:
     measured_rates: MeasuredRates = None
     limit_margin: Margin = None
     frozen: Frozen = None
+    causal: Causal = None
 
     @cached_property
     def parts(self) -> tuple[JointTorqueModel | DynamicsModel | None, Robot]:
@@ -178,9 +188,14 @@ class Watcher:
             "measured_rates": self.measured_rates,
             "limit_margin": self.limit_margin,
             "frozen_s": self.frozen,
+            "causal": self.causal,
         }
         tuned = {} if thresholds is None else thresholds.settings
-        if isinstance(self.parts[0], DynamicsModel):
+        fitted = isinstance(self.parts[0], DynamicsModel)
+        if self.causal and not fitted:
+            raise InputError("--causal", "has no meaning without fitted dynamics", "such a residual is causal anyway")
+        causal = more.get("causal", tuned.get("causal", False) if self.causal is None else self.causal)
+        if fitted and not causal:
             tuned = {name: value for name, value in tuned.items() if name in ("residual", "frozen_s")}
         chosen = tuned | {name: value for name, value in given.items() if value is not None} | more
         with as_options(DETECTOR_OPTIONS):
@@ -197,7 +212,10 @@ class Watcher:
 
         settings = self.settings
         names = ["residual", "frozen_s"]
-        if not isinstance(self.parts[0], DynamicsModel):
+        fitted = isinstance(self.parts[0], DynamicsModel)
+        if fitted:
+            names.append("causal")
+        if settings.causal or not fitted:
             names += ["window_s", "measured_rates", "limit_margin", "payload_kg"]
         if settings.residual == "observer":
             names.append("observer_gain_1_s")

@@ -334,8 +334,8 @@ class CollisionExperiment:
         plant = self._plant(0, [])
         return plant.runs(self.command(speed), [(plant.sensors, seed) for seed in seeds])
 
-    def run(self, speed: float, seed: int = 0) -> Collision:
-        """Run once.
+    def plant(self, speed: float, seed: int = 0) -> Plant:
+        """The arm and the object, as :meth:`run` has them: where it stands is drawn within one period of travel.
 
         Args:
             speed: of the hand [m/s].
@@ -348,7 +348,19 @@ class CollisionExperiment:
             raise InputError("speed", f"is {speed:g} m/s", f"wanted {MIN_SPEED:g} to {MAX_SPEED:g}")
         rng = np.random.default_rng([6, seed])
         offset = float(rng.random()) * speed * PERIOD_S * float(np.linalg.norm(self._slide))
-        plant = self._plant(seed, [self.object(offset)])
+        return self._plant(seed, [self.object(offset)])
+
+    def run(self, speed: float, seed: int = 0) -> Collision:
+        """Run once.
+
+        Args:
+            speed: of the hand [m/s].
+            seed: of everything random.
+
+        Raises:
+            InputError: the speed cannot be used, mujoco is not installed.
+        """
+        plant = self.plant(speed, seed)
         detector = self.detector()
         kernel = detector.kernel()
         alarm = _native.DetectorState(STATES.index("alarm"))

@@ -1,0 +1,129 @@
+/// @file
+/// Joint torques that fitted dynamics predict, sample by sample: base parameters, friction, rotors and offsets.
+///
+/// Python fits them (identification/dynamics); bumpstop/detection/fitted_dynamics.py writes them for this. Nothing is
+/// allocated, nothing throws.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <span>
+
+#include "bumpstop/detection/payload.hpp"
+#include "bumpstop/model/dynamics.hpp"
+#include "bumpstop/model/momentum.hpp"
+
+namespace bumpstop::inline BUMPSTOP_TARGET {
+
+/// What a motor adds to the torque of the joint it turns, or of the joints that share it.
+///
+/// With the motor's speed v = sum_j share_j qd_j and s = tanh(v / sign_speed), joint j has share_j times
+///   coulomb s + viscous v + rotor dv/dt + offset + bend s (sqrt(u) - 4/15 - 4 u / 5),  u = min(|v| / top_speed, 1)
+/// and, where it is the joint's own, load s |torque of its inertia|.
+struct FittedMotor {
+    std::array<double, max_joints> share{};
+    double sign_speed = 1;  ///< above 0 [rad/s or m/s]
+    double coulomb = 0, viscous = 0, rotor = 0, offset = 0, bend = 0;
+    double top_speed = std::numeric_limits<double>::infinity();  ///< infinite: friction does not bend
+    double load = 0;
+};
+
+/// One set of parameters. Masses are those of any arm with the same torques; they need not be those of bodies.
+struct FittedParameters {
+    static constexpr int max_motors = 2 * max_joints;
+
+    std::array<LinkInertia, max_joints> link{};
+    std::array<FittedMotor, max_motors> motor{};
+};
+
+/// Both sets of a fit: all base parameters, and those alone that the recordings can tell from zero.
+class FittedDynamics {
+  public:
+    FittedParameters all, essential;
+    int motors = 0;
+    std::uint32_t by_all = ~std::uint32_t(0);  ///< joint j as bit j: predicted by `all`, else by `essential`
+    std::array<double, max_joints> gain{};     ///< torque per unit of the signal
+    std::uint32_t loads = 0;                   ///< joints whose friction grows with the load, filled by prepare()
+
+    /// Takes the parameters and what the arm carries.
+    void prepare(const Chain& chain, const Payload& payload) noexcept {
+        const std::uint32_t every = chain.dof < 32 ? (std::uint32_t(1) << chain.dof) - 1 : ~std::uint32_t(0);
+        by_all &= every;
+        needs_essential_ = by_all != every;
+        loads = 0;
+        for (int m = 0; m < chain.dof; ++m)
+            if (all.motor[m].load != 0 || essential.motor[m].load != 0) loads |= std::uint32_t(1) << m;
+        needs_all_ = by_all != 0 || loads != 0;
+        inertias_all_ = carrying(chain, all, payload);
+        inertias_essential_ = carrying(chain, essential, payload);
+    }
+
+    /// Joint torques of a motion.
+    void predict(const Chain& chain, const double* q, const JointAngles<double>& angle, const double* qd,
+                 const double* qdd, const Vector3& gravity, double* torque) const noexcept {
+        double inertial[2][max_joints] = {};
+        if (needs_all_) inverse_dynamics(chain, inertias_all_, {q, angle, qd, qdd}, gravity, inertial[0]);
+        if (needs_essential_) inverse_dynamics(chain, inertias_essential_, {q, angle, qd, qdd}, gravity, inertial[1]);
+        for (int j = 0; j < chain.dof; ++j) torque[j] = by_all >> j & 1 ? inertial[0][j] : inertial[1][j];
+        add_motors(chain.dof, qd, qdd, inertial[0], torque);
+    }
+
+    /// Momentum and its rates, with rotors; `friction` is what of the motors' torque is no momentum.
+    void momentum(const Chain& chain, const double* q, const JointAngles<double>& angle, const double* qd,
+                  const double* qdd, const Vector3& gravity, MomentumTerms<double>& terms,
+                  double* friction) const noexcept {
+        MomentumTerms<double> of_all{}, of_essential{};
+        if (by_all != 0) momentum_terms(chain, inertias_all_, q, angle, qd, gravity, of_all);
+        if (needs_essential_) momentum_terms(chain, inertias_essential_, q, angle, qd, gravity, of_essential);
+        double inertial[max_joints] = {};
+        if (loads != 0) inverse_dynamics(chain, inertias_all_, {q, angle, qd, qdd}, gravity, inertial);
+        static constexpr double nothing[max_joints] = {};
+        for (int j = 0; j < chain.dof; ++j) {
+            const MomentumTerms<double>& own = by_all >> j & 1 ? of_all : of_essential;
+            terms.momentum[j] = own.momentum[j];
+            terms.velocity_force[j] = own.velocity_force[j];
+            terms.gravity[j] = own.gravity[j];
+            friction[j] = 0;
+        }
+        add_motors(chain.dof, qd, nothing, inertial, friction);
+        for (int m = 0; m < motors; ++m) {
+            const double v = along(all.motor[m], qd, chain.dof);
+            for (int j = 0; j < chain.dof; ++j) {
+                const FittedMotor& own = (by_all >> j & 1 ? all : essential).motor[m];
+                terms.momentum[j] += own.share[j] * own.rotor * v;
+            }
+        }
+    }
+
+  private:
+    static double along(const FittedMotor& motor, const double* values, int dof) noexcept {
+        double sum = 0;
+        for (int j = 0; j < dof; ++j) sum += motor.share[j] * values[j];
+        return sum;
+    }
+    void add_motors(int dof, const double* qd, const double* qdd, const double* load, double* torque) const noexcept {
+        for (int m = 0; m < motors; ++m) {
+            const FittedMotor& first = all.motor[m];
+            const double v = along(first, qd, dof), a = along(first, qdd, dof), s = std::tanh(v / first.sign_speed);
+            const bool bends = first.top_speed < std::numeric_limits<double>::infinity();
+            const double u = bends ? std::min(std::fabs(v) / first.top_speed, 1.0) : 0;
+            const double bent = bends ? s * (std::sqrt(u) - 4.0 / 15 - 0.8 * u) : 0;
+            for (int j = 0; j < dof; ++j) {
+                if (first.share[j] == 0) continue;
+                const FittedMotor& own = (by_all >> j & 1 ? all : essential).motor[m];
+                torque[j] += own.share[j] * (own.coulomb * s + own.viscous * v + own.rotor * a + own.offset +
+                                             own.bend * bent + own.load * s * std::fabs(load[j]));
+            }
+        }
+    }
+    static Inertias carrying(const Chain& chain, const FittedParameters& given, const Payload& payload) noexcept {
+        std::array<LinkInertia, max_joints> link = given.link;
+        if (payload.mass > 0) link[chain.dof - 1] = with_payload(link[chain.dof - 1], payload);
+        return Inertias(chain, std::span<const LinkInertia>(link.data(), std::size_t(chain.dof)));
+    }
+
+    bool needs_all_ = true, needs_essential_ = false;
+    Inertias inertias_all_, inertias_essential_;
+};
+
+}  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -1,0 +1,103 @@
+"""A detector's file in Python: what ``bumpstop detector`` wrote, read by the same code as a C++ loop reads it with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop import _native
+from bumpstop.errors import InputError
+from bumpstop.text_files import as_path, read_text
+
+if TYPE_CHECKING:
+    import os
+
+    from bumpstop.arrays import FloatArray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LoadedDetector:
+    """A detector for a running arm.
+
+    Attributes:
+        path: of its file.
+        robot: name of the robot.
+        joints: (n,) names.
+        links: (n,) names, of the joint that moves each.
+        units: (n,) of the joints' torques: ``"Nm"``, of a sliding joint ``"N"``.
+        period_s: between samples [s].
+        longest_interval_s: beyond it the detector has no data [s].
+        takes_current: samples must have motor currents; else joint torques.
+        measured_rates: samples must have measured rates.
+        thresholds: (n,) constant part; infinite: not monitored [Nm or N].
+        fitted: its dynamics are fitted.
+        tip: name of the tip.
+        direction: forces are given along it, base frame.
+    """
+
+    path: str
+    robot: str
+    joints: tuple[str, ...]
+    links: tuple[str, ...]
+    units: tuple[str, ...]
+    period_s: float
+    longest_interval_s: float
+    takes_current: bool
+    measured_rates: bool
+    thresholds: FloatArray
+    fitted: bool
+    tip: str
+    direction: tuple[float, float, float]
+    description: _native.DetectorDescription
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> LoadedDetector:
+        """Read a file of ``bumpstop detector``.
+
+        Raises:
+            InputError: the file is absent, or holds something else; says the line.
+        """
+        wanted = "wanted a file that 'bumpstop detector' wrote"
+        name = str(as_path(path, "--detector"))
+        text = read_text(path, wanted, field="--detector")
+        found, why = _native.read_detector(text)
+        if found is None:
+            raise InputError("--detector", f"{name!r}: {why}", wanted)
+        settings = found.settings
+        return cls(
+            path=name,
+            robot=found.robot,
+            joints=tuple(found.joints),
+            links=tuple(found.links),
+            units=tuple("N" if slides else "Nm" for slides in found.prismatic),
+            period_s=settings.samples.period,
+            longest_interval_s=settings.samples.longest_interval,
+            takes_current=settings.source == _native.TorqueSource.current,
+            measured_rates=settings.samples.measured_rates,
+            thresholds=np.array(found.constant),
+            fitted=found.fitted,
+            tip=found.tip,
+            direction=(settings.direction[0], settings.direction[1], settings.direction[2]),
+            description=found,
+        )
+
+    @property
+    def dof(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    @property
+    def signal(self) -> str:
+        """What samples must have: ``"current"`` or ``"torque"``."""
+        return "current" if self.takes_current else "torque"
+
+    @property
+    def monitored(self) -> tuple[bool, ...]:
+        """(n,) whether a joint has a threshold of the residual."""
+        return tuple(bool(seen) for seen in np.isfinite(self.thresholds))
+
+    def kernel(self) -> _native.LoopDetector:
+        """The detector of a control loop, new."""
+        return self.description.detector()

@@ -1,0 +1,304 @@
+"""The monitor: samples in, the detector's word and alarms out, and a count of everything that was not judged."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.detection.events import FAULTS, STATES, Event
+from bumpstop.live.event_limiter import EventLimiter
+from bumpstop.live.latency import LatencyHistogram
+from bumpstop.live.output import CollisionAlarm, MonitorTick
+from bumpstop.live.sample import JointSample
+from bumpstop.live.source import SourceEvent, SourceEventKind
+from bumpstop.live.stream_checks import StreamChecks
+from bumpstop.live.summary import MonitorSummary
+from bumpstop.live.unit_check import UnitCheck
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from bumpstop import _native
+    from bumpstop.arrays import FloatArray
+    from bumpstop.live.loaded_detector import LoadedDetector
+    from bumpstop.live.output import Output
+    from bumpstop.live.source import Source
+
+_NO_DATA, _ALARM = STATES.index("no_data"), STATES.index("alarm")
+_FLUSH_S = 0.1
+_LONGEST_READ_S = 0.05
+_FIRST_S = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class MonitorSettings:
+    """How a monitor runs.
+
+    Attributes:
+        duration_s: end after so long [s]; infinite: when the source or somebody ends it.
+        stop_after_s: without a sample for longer the source has stopped [s]; None: ten periods of the detector, at
+            least 0.1 s, and 1 s before the first.
+        rearm_s: an alarm is taken as dealt with once everything was below its thresholds for so long [s]; infinite:
+            the first alarm stands.
+        paced: samples come when they are due: the source is no recording that is read as fast as it can be.
+    """
+
+    duration_s: float = math.inf
+    stop_after_s: float | None = None
+    rearm_s: float = 0.5
+    paced: bool = True
+
+
+class Monitor:
+    """Judges the samples of a source.
+
+    Where there is no sample, or one that cannot be judged, the state is ``"no_data"`` and the arm must stop, as in a
+    control loop; from there the detector arms itself as it does at its beginning.
+
+    Args:
+        detector: of the arm.
+        source: of its samples, open.
+        outputs: what is told of everything, in this order.
+        settings: how it runs.
+    """
+
+    def __init__(
+        self,
+        detector: LoadedDetector,
+        source: Source,
+        outputs: Sequence[Output] = (),
+        settings: MonitorSettings | None = None,
+    ) -> None:
+        self.detector, self._source, self._outputs = detector, source, tuple(outputs)
+        self._settings = settings or MonitorSettings()
+        self._kernel = detector.kernel()
+        self._checks = StreamChecks(detector, paced=self._settings.paced)
+        self._units = UnitCheck(detector)
+        self._limiter = EventLimiter()
+        given = self._settings.stop_after_s
+        self._stop_after = max(0.1, 10 * detector.period_s) if given is None else given
+        # A source that begins may take a while.
+        self._begin_after = max(_FIRST_S, self._stop_after) if given is None else given
+        self._nan = np.full(detector.dof, math.nan)
+        self._no_rates = np.zeros(detector.dof)
+        self._stopping = self._ended = self._silent = False
+        self._last_received: float | None = None
+        self._events = self._kernel.events
+        self._quiet_since, self._was_judged = -math.inf, False
+        self._last_state = _NO_DATA
+        self.latency, self.alarm_latency = LatencyHistogram(), LatencyHistogram()
+        self.samples = self.judged = self.alarms = self.dropped = 0
+        self.kinds: Counter[SourceEventKind] = Counter()
+        self.faults: Counter[str] = Counter()
+        self.largest_share = np.zeros(detector.dof)
+        self.silent_s = self._lasted = 0.0
+        self.problems: list[str] = []
+
+    def stop(self) -> None:
+        """End :meth:`run` after the sample at hand; may be called from a handler of signals or another thread."""
+        self._stopping = True
+
+    @property
+    def inactive(self) -> bool:
+        """The arm is not watched now: no sample has come yet, none comes, or the last could not be judged."""
+        return self._silent or self._last_received is None or self._last_state == _NO_DATA
+
+    @property
+    def state(self) -> str:
+        """``"inactive"``, ``"arming"``, ``"monitoring"`` or ``"alarm"``."""
+        return "inactive" if self.inactive else STATES[self._last_state]
+
+    def age_s(self) -> float:
+        """Time since the last sample came [s]; NaN: none has come."""
+        return math.nan if self._last_received is None else time.monotonic() - self._last_received
+
+    def summary(self) -> MonitorSummary:
+        """What has been seen so far."""
+        return MonitorSummary.of(self, self._lasted)
+
+    def run(self, every: Callable[[Monitor], None] | None = None) -> MonitorSummary:
+        """Until the duration is over, the source has ended or :meth:`stop` was called.
+
+        Args:
+            every: called about ten times a second.
+        """
+        begin = time.monotonic()
+        end, next_flush = begin + self._settings.duration_s, begin + _FLUSH_S
+        self._begin = begin
+        while not self._stopping and not self._ended:
+            now = time.monotonic()
+            if now >= end:
+                break
+            if now >= next_flush:
+                next_flush = now + _FLUSH_S
+                self._flush(now)
+                if every is not None:
+                    every(self)
+            item = self._source.read(min(_LONGEST_READ_S, max(0.0, end - now)))
+            if isinstance(item, JointSample):
+                self.take(item)
+            elif isinstance(item, SourceEvent):
+                self._hear(item)
+            else:
+                self._look_for_silence(time.monotonic())
+        now = time.monotonic()
+        if self._silent and self._last_received is not None:
+            self.silent_s += now - self._last_received
+        for event in self._limiter.due(now, final=True):
+            self._tell(event, now)
+        self._flush(now)
+        self._lasted = now - begin
+        return self.summary()
+
+    def take(self, sample: JointSample) -> None:
+        """Judge a sample."""
+        self.samples += 1
+        if self._last_received is None or self._silent:
+            self._began(sample)
+        self._last_received = sample.received_s
+        checked = self._checks.check(sample)
+        for kind, text, count in checked.findings:
+            self._found(kind, text, count, sample.received_s)
+        if checked.restart:
+            self._forget()
+        if not checked.usable or checked.signal is None:
+            self.dropped += 1
+            if self._checks.flooded:
+                self._kernel.reset()
+                self._events = self._kernel.events
+            self._say_nothing(sample, str(checked.findings[-1][0]) if checked.findings else "flooded")
+            return
+        rates = sample.velocity_rad_s if self.detector.measured_rates else None
+        out = self._kernel.update(
+            sample.stamp_s, sample.position_rad, checked.signal, self._no_rates if rates is None else rates
+        )
+        self._judge(sample, checked.signal, out)
+
+    def _judge(self, sample: JointSample, signal: FloatArray, out: _native.DetectorOutput) -> None:
+        n, state = self.detector.dof, int(out.state.value)
+        residual = np.array(out.residual[:n])
+        tick = MonitorTick(
+            sample=sample,
+            state=STATES[state],
+            fault=FAULTS[int(out.fault.value)],
+            stop=out.stop,
+            residual=residual,
+            threshold=np.array(out.threshold[:n]),
+        )
+        self._last_state = state
+        events = self._kernel.events
+        if events != self._events:
+            self._events = events
+            self._alarm(tick)
+        self.latency.add(max(0.0, time.monotonic() - sample.received_s))
+        over = out.over | out.over_fast
+        if state == _NO_DATA:
+            self.faults[tick.fault] += 1
+            self._was_judged = False
+        else:
+            self.judged += 1
+            share = np.abs(residual) / self.detector.thresholds
+            np.maximum(self.largest_share, share, out=self.largest_share)
+            unit = self._units.look(sample.stamp_s, signal, residual)
+            if unit:
+                self._found(SourceEventKind.WRONG_UNIT, unit, 1, sample.received_s)
+            if self._rearmed(sample.stamp_s, state == _ALARM, over != 0):
+                self._kernel.acknowledge()
+        for output in self._outputs:
+            output.tick(tick)
+
+    def _alarm(self, tick: MonitorTick) -> None:
+        self.alarms += 1
+        event = Event.of_loop(self.detector.links, self._kernel.event())
+        latency = max(0.0, time.monotonic() - tick.sample.received_s)
+        alarm = CollisionAlarm(
+            stamp_s=tick.sample.stamp_s, number=self.alarms, event=event, latency_s=latency, tick=tick
+        )
+        for output in self._outputs:
+            output.alarm(alarm)
+        self.alarm_latency.add(max(0.0, time.monotonic() - tick.sample.received_s))
+
+    def _rearmed(self, t: float, alarm: bool, loud: bool) -> bool:
+        """As a run over a recording has it: everything was below its thresholds for long enough."""
+        if not alarm or loud:
+            self._quiet_since, self._was_judged = t, alarm
+            return False
+        if not self._was_judged:
+            self._quiet_since = t
+        self._was_judged = True
+        return t - self._quiet_since >= self._settings.rearm_s
+
+    def _say_nothing(self, sample: JointSample, fault: str) -> None:
+        """A tick of a sample that the detector was not given: it watches nothing meanwhile."""
+        self._last_state, self._was_judged = _NO_DATA, False
+        tick = MonitorTick(
+            sample=sample,
+            state="no_data",
+            fault=fault,
+            stop=True,
+            residual=self._nan,
+            threshold=self.detector.thresholds,
+        )
+        for output in self._outputs:
+            output.tick(tick)
+
+    def _began(self, sample: JointSample) -> None:
+        if self._silent and self._last_received is not None:
+            self.silent_s += sample.received_s - self._last_received
+        word = "samples come again" if self._last_received is not None else "samples come"
+        self._silent = False
+        self._found(SourceEventKind.STARTED, word, 1, sample.received_s)
+
+    def _look_for_silence(self, now: float) -> None:
+        for event in self._limiter.due(now):
+            self._tell(event, now)
+        none = self._last_received is None
+        since = self._begin if self._last_received is None else self._last_received
+        if self._silent or now - since <= (self._begin_after if none else self._stop_after):
+            return
+        self._silent = True
+        self._last_state = _NO_DATA
+        # What comes after the silence may be a motion of any kind.
+        self._forget()
+        first = "no sample has come" if none else "no sample"
+        self._found(SourceEventKind.STOPPED, f"{first} for {now - since:.3g} s", 1, now)
+
+    def _hear(self, event: SourceEvent) -> None:
+        now = time.monotonic()
+        if event.kind is SourceEventKind.ENDED:
+            self._ended = True
+        if event.kind in (SourceEventKind.RESTARTED, SourceEventKind.STOPPED):
+            self._forget()
+            self._last_state = _NO_DATA
+        self.kinds[event.kind] += event.count
+        self._tell(event, now)
+        if not self._ended:
+            self._look_for_silence(now)
+
+    def _forget(self) -> None:
+        self._kernel.reset()
+        self._events = self._kernel.events
+        self._checks.reset()
+        self._was_judged = False
+
+    def _found(self, kind: SourceEventKind, text: str, count: int, now: float) -> None:
+        self.kinds[kind] += count
+        event = self._limiter.add(kind, text, now, count)
+        if event is not None:
+            self._tell(event, now)
+
+    def _tell(self, event: SourceEvent, now: float) -> None:
+        for output in self._outputs:
+            output.source_event(event, now)
+
+    def _flush(self, now: float) -> None:
+        for event in self._limiter.due(now):
+            self._tell(event, now)
+        for output in self._outputs:
+            output.flush(now)
+            self.problems += output.problems()

@@ -1,0 +1,77 @@
+"""Where a monitor tells what it sees: files, commands, networks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
+    from bumpstop.detection import Event
+    from bumpstop.live.sample import JointSample
+    from bumpstop.live.source import SourceEvent
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MonitorTick:
+    """What the detector says of one sample.
+
+    Attributes:
+        sample: as it came.
+        state: ``"no_data"``, ``"arming"``, ``"monitoring"`` or ``"alarm"``.
+        fault: why there is no data; ``"none"`` otherwise.
+        stop: the arm must stop.
+        residual: (n,) estimated minus predicted motor torque, NaN without data [Nm or N].
+        threshold: (n,) of the residual in this tick; infinite: not monitored [Nm or N].
+    """
+
+    sample: JointSample
+    state: str
+    fault: str
+    stop: bool
+    residual: FloatArray
+    threshold: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CollisionAlarm:
+    """An alarm of the running arm.
+
+    Attributes:
+        stamp_s: of the sample that raised it [s].
+        number: from 1, of the alarms of this monitor.
+        event: joints, residuals and what they say of the contact: force, direction, link.
+        latency_s: from the receipt of the sample to the detector's word [s].
+        tick: of the sample that raised it.
+    """
+
+    stamp_s: float
+    number: int
+    event: Event
+    latency_s: float
+    tick: MonitorTick
+
+
+class Output(Protocol):
+    """Somewhere a monitor tells things. It never raises: what fails, it says in :meth:`problems`, and goes on.
+
+    ``alarm`` comes first of all that is told of a sample, and must be quick; slow work belongs in a thread.
+    """
+
+    def alarm(self, alarm: CollisionAlarm) -> None:
+        """A collision; told before the tick that raised it."""
+
+    def tick(self, tick: MonitorTick) -> None:
+        """A judged sample."""
+
+    def source_event(self, event: SourceEvent, received_s: float) -> None:
+        """Something happened to the source, at ``time.monotonic()`` = ``received_s``."""
+
+    def flush(self, now_s: float) -> None:
+        """Called every tenth of a second or so, with ``time.monotonic()``: write what must not be lost."""
+
+    def problems(self) -> list[str]:
+        """Sentences about what has failed since the last call."""
+
+    def close(self) -> None:
+        """End; may be called twice."""

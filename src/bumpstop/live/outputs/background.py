@@ -1,0 +1,117 @@
+"""An output whose slow work is done in a thread, so that no sample waits for a disk."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from typing import TYPE_CHECKING
+
+from bumpstop.live.output import CollisionAlarm, MonitorTick
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bumpstop.live.source import SourceEvent
+
+Told = CollisionAlarm | MonitorTick | tuple["SourceEvent", float]
+
+_PERIOD_S = 0.1
+_MAX_WAITING = 60_000  # a minute at 1 kHz, for a disk that hangs
+
+
+class BackgroundOutput:
+    """Hands what it is told to :meth:`write` in a thread, ten times a second.
+
+    A subclass gives ``what`` it is, for sentences, and the methods :meth:`write` and :meth:`finish`. An ``OSError`` of
+    theirs is told once until writing works again, and what was to be written is counted as lost.
+    """
+
+    what = "output"
+
+    def __init__(self) -> None:
+        self._waiting: deque[Told] = deque()
+        self._ending = threading.Event()
+        self._problems: deque[str] = deque()
+        self._failing, self._dropped = False, 0
+        self.lost = self.pending = 0
+        self._thread: threading.Thread | None = threading.Thread(target=self._run, name=self.what, daemon=True)
+
+    def start(self) -> None:
+        """Begin to write; called at the end of a subclass's construction."""
+        assert self._thread is not None
+        self._thread.start()
+
+    def alarm(self, alarm: CollisionAlarm) -> None:
+        """Wait to be written."""
+        self._push(alarm)
+
+    def tick(self, tick: MonitorTick) -> None:
+        """Wait to be written."""
+        self._push(tick)
+
+    def source_event(self, event: SourceEvent, received_s: float) -> None:
+        """Wait to be written."""
+        self._push((event, received_s))
+
+    def _push(self, told: Told) -> None:
+        if len(self._waiting) >= _MAX_WAITING:
+            self._dropped += 1
+            return
+        self._waiting.append(told)
+
+    def flush(self, now_s: float) -> None:
+        """The thread does it by itself."""
+
+    def problems(self) -> list[str]:
+        """What has failed since the last call."""
+        found = []
+        while self._problems:
+            found.append(self._problems.popleft())
+        return found
+
+    def close(self) -> None:
+        """Write what waits, and end."""
+        if self._thread is not None:
+            self._ending.set()
+            self._thread.join()
+            self._thread = None
+
+    def write(self, batch: Sequence[Told]) -> None:
+        """Write what was told, so that a process that is killed has it; ``pending`` is how much may be lost."""
+        raise NotImplementedError
+
+    def finish(self) -> None:
+        """Nothing more will be told."""
+        raise NotImplementedError
+
+    def _run(self) -> None:
+        while not self._ending.wait(_PERIOD_S):
+            self._write_waiting()
+        self._write_waiting()
+        try:
+            self.finish()
+        except OSError as error:
+            self._problems.append(f"{self.what} cannot be finished ({error.strerror or error})")
+        if self.lost:
+            self._problems.append(f"{self.what}: {self.lost} lines or messages were lost")
+
+    def _write_waiting(self) -> None:
+        batch: list[Told] = []
+        while self._waiting:
+            batch.append(self._waiting.popleft())
+        dropped, self._dropped = self._dropped, 0
+        self.lost += dropped
+        if dropped:
+            self._problems.append(f"{self.what} is too slow: {dropped} lines or messages were left out")
+        self.pending = 0
+        try:
+            self.write(batch)
+        except OSError as error:
+            self.lost += self.pending
+            if not self._failing:
+                self._problems.append(f"{self.what} cannot be written ({error.strerror or error}); monitoring goes on")
+            self._failing = True
+        else:
+            if self._failing and self.pending:
+                self._failing = False
+                self._problems.append(f"{self.what} can be written again")

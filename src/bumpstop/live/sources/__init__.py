@@ -1,0 +1,1 @@
+"""Sources that need no network: recordings and the simulated robot."""

@@ -1,0 +1,168 @@
+"""Which source a SOURCE argument names: a recording, ``plant:FILE``, ``rtde://HOST`` or ``dds://TOPIC``."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import parse_qsl, urlsplit
+
+from bumpstop.errors import InputError, near_matches
+
+if TYPE_CHECKING:
+    from bumpstop.live.loaded_detector import LoadedDetector
+    from bumpstop.live.source import Source
+
+WANTED = "wanted a recording's file, plant:EXPERIMENT.toml, rtde://HOST[:PORT] or dds://TOPIC"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SourceOptions:
+    """What a recording needs to be read, and how fast it is played.
+
+    Attributes:
+        speed: of recordings and the plant; infinite: as fast as it goes; None: in real time.
+        columns: column file of a recording.
+        topic: of a bag.
+        answers: whether the source must be able to answer alarms.
+    """
+
+    speed: float | None = None
+    columns: Path | None = None
+    topic: str | None = None
+    answers: bool = False
+
+
+def source_of(text: str, detector: LoadedDetector, options: SourceOptions | None = None) -> Source:
+    """The source that a user names, not yet open.
+
+    Args:
+        text: the SOURCE argument.
+        detector: that its samples are for.
+        options: of recordings and the plant.
+
+    Raises:
+        InputError: there is none of that kind, its file cannot be used, or options have no meaning with it.
+    """
+    given = options or SourceOptions()
+    scheme, _, rest = text.partition(":")
+    if scheme in ("rtde", "dds") and rest.startswith("//"):
+        _refuse(given, scheme, ("speed", "columns", "topic"))
+        made = _rtde if scheme == "rtde" else _dds
+        return made(text, detector, given.answers)
+    if scheme == "plant":
+        _refuse(given, "the plant", ("columns", "topic"))
+        return _plant(text, rest, detector, given)
+    if "://" in text:
+        raise InputError("SOURCE", f"{text!r}: {scheme!r} is no kind of source", near_matches(scheme, ("rtde", "dds")))
+    if given.answers:
+        raise InputError("--answer", "has no meaning with a recording", "leave it out")
+    return _recording(text, detector, given)
+
+
+def _refuse(given: SourceOptions, kind: str, names: tuple[str, ...]) -> None:
+    for name in names:
+        if getattr(given, name) is not None:
+            raise InputError(f"--{name}", f"has no meaning with {kind}", "leave it out")
+
+
+def _recording(text: str, detector: LoadedDetector, given: SourceOptions) -> Source:
+    from bumpstop.live.sources.recording import RecordingSource
+    from bumpstop.recording import Recording
+
+    if not Path(text).exists():
+        raise InputError("SOURCE", f"{text!r} does not exist", WANTED)
+    log = Recording.load(text, columns=given.columns, topic=given.topic)
+    if log.dof != detector.dof:
+        raise InputError(
+            "SOURCE", f"{text!r} has {log.dof} joints", f"the detector's {detector.robot} has {detector.dof}"
+        )
+    if log.joint_names and log.joint_names != detector.joints:
+        if set(log.joint_names) == set(detector.joints):
+            order = [log.joint_names.index(name) for name in detector.joints]
+            log = _reordered(log, order, detector.joints)
+        elif given.columns is None:  # a column file says which joint is which
+            foreign = next(name for name in log.joint_names if name not in detector.joints)
+            raise InputError("SOURCE", f"{text!r} has a joint {foreign!r}", near_matches(foreign, detector.joints))
+    if (log.current if detector.takes_current else log.tau) is None:
+        raise InputError("SOURCE", f"{text!r} has no {detector.signal}", f"the detector takes {detector.signal}s")
+    if detector.measured_rates and log.qd is None:
+        raise InputError("SOURCE", f"{text!r} has no joint speeds", "the detector takes measured ones")
+    return RecordingSource(log, 1.0 if given.speed is None else given.speed, text)
+
+
+def _reordered(log: Any, order: list[int], names: tuple[str, ...]) -> Any:
+    from dataclasses import replace
+
+    columns = ("q", "qd", "current", "tau", "q_ref")
+    moved = {name: None if getattr(log, name) is None else getattr(log, name)[:, order] for name in columns}
+    return replace(log, **moved, joint_names=names)
+
+
+def _plant(text: str, rest: str, detector: LoadedDetector, given: SourceOptions) -> Source:
+    from bumpstop.live.sources.plant import PlantSource
+    from bumpstop.plant import Experiment
+
+    if not rest:
+        raise InputError(
+            "SOURCE", f"{text!r} names no experiment", "for example plant:examples/plant/01_press_foam.toml"
+        )
+    source = PlantSource(Experiment.load(rest), 1.0 if given.speed is None else given.speed, text)
+    if source.joints != detector.joints:
+        problem = f"{text!r} moves the joints {', '.join(source.joints)}"
+        raise InputError("SOURCE", problem, f"the detector's {detector.robot} has {', '.join(detector.joints)}")
+    return source
+
+
+def _query(text: str, known: tuple[str, ...]) -> tuple[Any, dict[str, str]]:
+    try:
+        parts = urlsplit(text)
+        _ = parts.port
+        query = dict(parse_qsl(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query)))
+    except ValueError as error:
+        raise InputError("SOURCE", f"{text!r}: {error}", WANTED) from None
+    for key in query:
+        if key not in known:
+            raise InputError("SOURCE", f"{text!r}: {key!r} is no option", near_matches(key, known))
+    if not parts.netloc:
+        raise InputError("SOURCE", f"{text!r} names nothing", WANTED)
+    return parts, query
+
+
+def _rtde(text: str, detector: LoadedDetector, answers: bool) -> Source:
+    parts, query = _query(text, ("signal", "frequency"))
+    made = _imported("bumpstop.live.rtde.source", "RtdeSource")
+    more: dict[str, Any] = {"answers": answers} | ({} if parts.port is None else {"port": parts.port})
+    more["frequency_hz"] = _number(query, "frequency", min(500.0, 1 / detector.period_s))
+    source: Source = made(parts.hostname, joints=detector.dof, signal=query.get("signal", detector.signal), **more)
+    return source
+
+
+def _dds(text: str, detector: LoadedDetector, answers: bool) -> Source:
+    parts, query = _query(text, ("domain", "effort"))
+    made = _imported("bumpstop.live.dds.source", "DdsSource")
+    more: dict[str, Any] = {"answers": answers}
+    if "domain" in query:
+        more["domain"] = int(_number(query, "domain", 0.0))
+    topic = parts.netloc + parts.path
+    source: Source = made(topic, detector.joints, effort=query.get("effort", detector.signal), **more)
+    return source
+
+
+def _number(query: dict[str, str], key: str, otherwise: float) -> float:
+    try:
+        value = float(query.get(key, otherwise))
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError("SOURCE", f"{key} is {query[key]!r}", "wanted a number")
+    return value
+
+
+def _imported(module: str, name: str) -> Any:
+    try:
+        return getattr(importlib.import_module(module), name)
+    except ModuleNotFoundError as error:
+        raise InputError("SOURCE", f"needs {error.name}", "pip install 'bumpstop[live]'") from None

@@ -1,0 +1,78 @@
+"""A recording as a source: in real time, faster, or as fast as it can be read."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING, Self
+
+from bumpstop.errors import InputError
+from bumpstop.live.sample import JointSample
+from bumpstop.live.source import SourceEvent, SourceEventKind
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from bumpstop.recording import Recording
+
+
+class RecordingSource:
+    """Plays a recording: each row when it is due.
+
+    Args:
+        recording: with currents or torques.
+        speed: seconds of the recording in a second; infinite: every row at once when it is asked for.
+        name: as the user wrote it.
+    """
+
+    def __init__(self, recording: Recording, speed: float = 1.0, name: str = "recording") -> None:
+        if not speed > 0:
+            raise InputError("--speed", f"is {speed}", "wanted more than zero, or max")
+        self._recording, self._speed, self._name = recording, speed, name
+        self._row, self._begin = 0, 0.0
+
+    @property
+    def name(self) -> str:
+        """As the user wrote it."""
+        return self._name
+
+    def open(self) -> None:
+        """Begin at the first row."""
+        self._row, self._begin = 0, time.monotonic()
+
+    def read(self, timeout_s: float) -> JointSample | SourceEvent | None:
+        """The next row when it is due, then ``ENDED``; None: it is not due within the time [s]."""
+        log, row = self._recording, self._row
+        if row >= log.t.size:
+            return SourceEvent(SourceEventKind.ENDED, "the recording is at its end")
+        now = time.monotonic()
+        if math.isfinite(self._speed):
+            due = self._begin + (log.t[row] - log.t[0]) / self._speed
+            if due > now:
+                time.sleep(min(due - now, timeout_s))
+                now = time.monotonic()
+                if due > now:
+                    return None
+        self._row += 1
+        return JointSample(
+            stamp_s=float(log.t[row]),
+            received_s=now,
+            position_rad=log.q[row],
+            velocity_rad_s=None if log.qd is None else log.qd[row],
+            current_A=None if log.current is None else log.current[row],
+            torque_Nm=None if log.tau is None else log.tau[row],
+        )
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+    def __enter__(self) -> Self:
+        """Open."""
+        self.open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close."""
+        self.close()

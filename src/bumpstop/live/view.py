@@ -1,0 +1,173 @@
+"""The monitor on a terminal: a table that stays, or a plain line a second where it is none."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from typing import TYPE_CHECKING, Any, Self
+
+from bumpstop.terminal import table
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from rich.console import Console, RenderableType
+
+    from bumpstop.live.loaded_detector import LoadedDetector
+    from bumpstop.live.monitor import Monitor
+    from bumpstop.live.output import CollisionAlarm, MonitorTick
+    from bumpstop.live.source import SourceEvent
+
+_LINE_S = 1.0
+_DRAWN_PER_S = 4
+_BAR = 20
+_WORST = "worst joint"
+
+
+class MonitorView:
+    """What a person sees; an output of the monitor. Alarms and events of the source stay above the table.
+
+    Args:
+        detector: of the monitor.
+        console: to write on.
+        source: its name.
+    """
+
+    def __init__(self, detector: LoadedDetector, console: Console, source: str) -> None:
+        self._detector, self._console, self._source = detector, console, source
+        self._tick: MonitorTick | None = None
+        self._monitor: Monitor | None = None
+        self._next_line = time.monotonic() + _LINE_S
+        self._before: tuple[float, int] | None = None
+        self._rate = math.nan
+        self._live: Any = None
+        self._lines: list[str] = []
+        self._lock = threading.Lock()
+
+    def every(self, monitor: Monitor) -> None:
+        """About ten times a second: remember whom to show, and print what is due."""
+        self._monitor = monitor
+        now = time.monotonic()
+        if now < self._next_line:
+            return
+        self._next_line = now + _LINE_S
+        if self._before is not None:
+            since, count = self._before
+            self._rate = (monitor.samples - count) / (now - since)
+        self._before = now, monitor.samples
+        if self._live is None:
+            self._say(self.line())
+
+    def line(self) -> str:
+        """State, rate, age of the last sample, worst joint and alarms, on one line."""
+        monitor = self._monitor
+        assert monitor is not None
+        worst = "no data"
+        share = self._shares()
+        if share is not None:
+            j = max(range(len(share)), key=lambda k: share[k])
+            worst = f"{_WORST} {self._detector.joints[j]} at {100 * share[j]:.0f} % of its threshold"
+        age = monitor.age_s()
+        told = "no sample yet" if math.isnan(age) else f"last sample {1e3 * age:.0f} ms ago"
+        rate = "" if math.isnan(self._rate) else f"{self._rate:.0f} samples/s, "
+        return f"{monitor.state.upper()}: {rate}{told}, {worst}, {monitor.alarms} alarms"
+
+    def _shares(self) -> list[float] | None:
+        tick = self._tick
+        if tick is None or tick.state == "no_data" or self._monitor is None or self._monitor.inactive:
+            return None
+        pairs = zip(tick.residual.tolist(), tick.threshold.tolist(), strict=True)
+        return [abs(r) / t for r, t in pairs]
+
+    def __rich__(self) -> RenderableType:
+        """The table."""
+        from rich.console import Group
+
+        monitor, tick = self._monitor, self._tick
+        if monitor is None:
+            return f"waiting for {self._source}"
+        rows = []
+        share = self._shares()
+        for j, name in enumerate(self._detector.joints):
+            if share is None or tick is None:
+                rows.append((name, "-", "-", "-", ""))
+                continue
+            bar = "#" * min(_BAR, round(_BAR * share[j]))
+            limit = tick.threshold[j]
+            told = f"{limit:.3g}" if math.isfinite(limit) else "not monitored"
+            unit = self._detector.units[j]
+            rows.append((name, f"{tick.residual[j]:+.3g} {unit}", told, f"{100 * share[j]:.0f} %", bar))
+        columns = ("joint", "residual", "threshold", "share", "")
+        return Group(self.line(), table(columns, rows, ("joint", "")))
+
+    def _say(self, text: str) -> None:
+        shown = "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+        if self._live is not None:
+            self._live.console.print(shown, markup=False, highlight=False)
+        else:
+            self._console.print(shown, markup=False, highlight=False)
+
+    def alarm(self, alarm: CollisionAlarm) -> None:
+        """Said at the next flush."""
+        self._lines.append(alarm_line(alarm, self._detector))
+
+    def tick(self, tick: MonitorTick) -> None:
+        """The last one is shown."""
+        self._tick = tick
+
+    def source_event(self, event: SourceEvent, received_s: float) -> None:
+        """Said at the next flush."""
+        many = f" ({event.count} times)" if event.count > 1 else ""
+        self._lines.append(f"source {event.kind}: {event.text}{many}")
+
+    def flush(self, now_s: float) -> None:
+        """Say what waits."""
+        lines, self._lines = self._lines, []
+        for line in lines:
+            self._say(line)
+
+    def problems(self) -> list[str]:
+        """It has none."""
+        return []
+
+    def close(self) -> None:
+        """Say what waits."""
+        self.flush(time.monotonic())
+
+    def __enter__(self) -> Self:
+        """Begin to draw, on a terminal."""
+        if self._console.is_terminal:
+            from rich.live import Live
+
+            self._live = Live(self, console=self._console, refresh_per_second=_DRAWN_PER_S, transient=True)
+            self._live.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End drawing."""
+        self.flush(time.monotonic())
+        if self._live is not None:
+            self._live.stop()
+            self._live = None
+
+
+def alarm_line(alarm: CollisionAlarm, detector: LoadedDetector) -> str:
+    """An alarm in one sentence: time, joints with their residuals, force and link."""
+    event = alarm.event
+    joints = sorted({*event.joints, *event.fast_joints})
+    names = ", ".join(
+        f"{detector.joints[j]} {event.residual[j]:+.3g} of {event.threshold[j]:.3g} {detector.units[j]}" for j in joints
+    )
+    along = " ".join(f"{x:g}" for x in detector.direction)
+    if math.isfinite(event.force_along_sd):
+        force = f"{event.force_along:.3g} +- {2 * event.force_along_sd:.2g} N at {detector.tip} along {along}"
+    else:
+        force = f"no joint shows a force along {along}"
+    link = f", likeliest link {event.link}" if event.link else ""
+    return (
+        f"COLLISION {alarm.number} at {alarm.stamp_s:.4f} s: {names}; {force}{link}; "
+        f"{1e3 * alarm.latency_s:.2f} ms after the sample came"
+    )

@@ -1,0 +1,116 @@
+"""The RTDE example in C++ against the test bench: the residuals of Python, and nothing allocated in its loop."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bumpstop import _native
+from bumpstop.detection import Detector, DetectorSettings, Thresholds, save_detector
+from bumpstop.joint import JointTorqueModel
+from bumpstop.live.loaded_detector import LoadedDetector
+from bumpstop.live.rtde import RtdeServer
+from bumpstop.live.rtde.source import output_fields
+from bumpstop.model import Robot
+from cpp.builds import COMPILER, ROOT, WARNINGS
+from live.test_rtde import served
+
+NUMBER = re.compile(r"-?\d+\.?\d*(?:e[-+]\d+)?")
+# Only programs of one instruction set round alike.
+FLAGS = {"avx2": ["-mavx2", "-mfma"], "avx512": ["-mavx512f", "-mavx512dq", "-mavx512vl"]}
+
+
+def in_python(file: Path, t: np.ndarray, q: np.ndarray, current: np.ndarray) -> dict[str, Any]:
+    """What the same detector says in Python, sample by sample."""
+    kernel = LoadedDetector.load(file).kernel()
+    residuals, events = [], []
+    for row in range(len(t)):
+        out = kernel.update(t[row], q[row], current[row], np.zeros(7))
+        if out.state != _native.DetectorState.no_data:
+            residuals.append(out.residual[:7])
+        if kernel.events > len(events):
+            events.append((kernel.event().t, kernel.event().contact.force_along))
+    total = np.zeros(7)
+    for residual in residuals:
+        total += residual
+    return {
+        "judged": len(residuals),
+        "means": (total / len(residuals)).tolist(),
+        "largest": float(np.abs(residuals).max()),
+        "events": events,
+    }
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("rtde") / "05_rtde"
+    source = ROOT / "examples" / "cpp" / "05_rtde.cpp"
+    flags = [*WARNINGS, "-O0", "-ffp-contract=off", *FLAGS.get(_native.target, [])]
+    command = [*COMPILER, *flags, f"-I{ROOT / 'include'}", str(source), "-o", str(made)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return made
+
+
+def made_detector(folder: Path) -> Path:
+    thresholds = Thresholds(np.array([20.0, 10, 20, 20, 20, 20, np.inf]))
+    settings = DetectorSettings(period_s=0.002, arming_delay_s=0.1)
+    file = folder / "arm.detector"
+    save_detector(Detector(Robot.load("sia5d"), JointTorqueModel.load("sia5d"), thresholds, settings), file)
+    return file
+
+
+def test_same_as_python_to_the_last_digit(program: Path, tmp_path: Path) -> None:
+    """The seventh joint travels in registers. Its noise makes an alarm, which is answered."""
+    detector = made_detector(tmp_path)
+    rng, t = np.random.default_rng(7), 0.002 * np.arange(600)
+    q, current = 0.3 * np.sin(t[:, None] * np.arange(1, 8)), 100 * rng.normal(size=(600, 7))
+    expected = in_python(detector, t, q, current)
+    assert expected["events"]
+    server = RtdeServer(output_fields(7, "current"), 500.0, port=0)
+    command = [str(program), "127.0.0.1", str(server.port), str(detector), "reverse"]
+    running = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert server.wait_for_client(20)
+    for row in range(len(t)):
+        server.publish(served(q[row], current[row], t[row]))
+    answer = wait_for_answer(server)
+    server.close()
+    printed, _ = running.communicate(timeout=20)
+    assert running.returncode == 0
+    assert answer == (2, 1), printed
+    lines = printed.splitlines()
+    alarms = [[float(x) for x in NUMBER.findall(line)] for line in lines if line.startswith("alarm")]
+    assert len(alarms) == len(expected["events"]) >= 1
+    assert alarms[0] == [round(expected["events"][0][0], 6), expected["events"][0][1]]
+    assert lines[-3] == f"600 samples, {expected['judged']} judged, 0 damaged, {len(alarms)} alarms"
+    largest, *means = (float(x) for x in NUMBER.findall(lines[-2]))
+    assert largest == expected["largest"]
+    assert means == expected["means"]
+    assert lines[-1] == "0 allocations in the loop"
+
+
+def wait_for_answer(server: RtdeServer) -> tuple[object, object]:
+    for _ in range(1000):
+        values = server.inputs()[0]
+        if values["input_int_register_24"]:
+            return values["input_int_register_24"], values["input_int_register_25"]
+        time.sleep(0.005)
+    return 0, 0
+
+
+def test_no_controller(program: Path, tmp_path: Path) -> None:
+    detector = str(made_detector(tmp_path))
+    done = subprocess.run([program, "127.0.0.1", "1", detector], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (2, "error: cannot connect to 127.0.0.1:1\n")
+    server = RtdeServer({}, 500.0, port=0)
+    command = [program, "127.0.0.1", str(server.port), detector]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    server.close()
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: the controller has not got timestamp,actual_q")

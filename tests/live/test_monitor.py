@@ -1,0 +1,200 @@
+"""The monitor judges as the detector does, and names whatever is wrong with the stream of samples."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from bumpstop.detection import Detector, DetectorSettings
+from bumpstop.detection.events import STATES
+from bumpstop.live import JointSample, SourceEvent, SourceEventKind
+from bumpstop.live.monitor import Monitor, MonitorSettings
+from bumpstop.live.summary import MonitorSummary
+from detection.moving_arms import UR5E
+from live.cases import DT, FILLING, THRESHOLD_NM, Heard, N, ScriptedSource, at, loaded, motion, samples
+
+K = SourceEventKind
+
+
+def watch(
+    folder: Path, script: list[JointSample | SourceEvent | None], settings: MonitorSettings | None = None
+) -> tuple[MonitorSummary, Heard]:
+    heard = Heard()
+    made = Monitor(loaded(folder), ScriptedSource(script), [heard], settings or MonitorSettings(stop_after_s=0.1))
+    return made.run(), heard
+
+
+def test_it_says_what_the_detector_says_over_the_recording(tmp_path: Path) -> None:
+    """Residuals, states and events of a run over the same rows, to the last digit, with an alarm that ends."""
+    log = motion(500, push_Nm=25.0, at=250, until=300)
+    settings = DetectorSettings(period_s=DT, window_s=0.02)
+    run = Detector(UR5E, None, np.full(N, THRESHOLD_NM), settings).run(log)
+    summary, heard = watch(tmp_path, list(samples(log)))
+    np.testing.assert_array_equal(heard.residual(), run.residual)
+    assert [tick.state for tick in heard.ticks] == [STATES[state] for state in run.state]
+    assert "alarm" in {tick.state for tick in heard.ticks}
+    assert [alarm.event.t for alarm in heard.alarms] == [event.t for event in run.events]
+    assert heard.alarms[0].event.joints == (1,)
+    np.testing.assert_array_equal(heard.alarms[0].event.force, run.events[0].force)
+    assert (summary.alarms, summary.judged, summary.status) == (1, 500 - FILLING, 3)
+    assert summary.found == {}
+
+
+def nan(s: list[JointSample]) -> list[JointSample]:
+    return [*s[:200], at(s[200], torque_Nm=np.full(N, math.nan)), *s[201:]]
+
+
+def later(s: list[JointSample], by: float) -> list[JointSample]:
+    return [at(one, stamp_s=one.stamp_s + by) for one in s]
+
+
+def faster(s: list[JointSample], first: int, last: int) -> list[JointSample]:
+    """The same motion every millisecond."""
+    t = np.array([one.stamp_s for one in s])
+    columns = [np.array([getattr(one, name) for one in s]) for name in ("position_rad", "torque_Nm")]
+    fine = np.arange(t[first], t[last] - 1e-9, 1e-3)
+    q, tau = (CubicSpline(t, column)(fine) for column in columns)
+    return [at(s[0], stamp_s=float(fine[i]), position_rad=q[i], torque_Nm=tau[i]) for i in range(fine.size)]
+
+
+Change = Callable[[list[JointSample]], list[JointSample | SourceEvent | None]]
+FAULTS: dict[str, tuple[Change, dict[K, int], int]] = {
+    # what becomes of the samples; what is found; samples without data beyond those at the beginning, at least
+    "repeated": (lambda s: [*s[:200], s[199], *s[200:]], {K.REPEATED: 1}, 1),
+    "older": (lambda s: [*s[:200], s[150], *s[200:]], {K.WENT_BACK: 1}, 1),
+    "damaged": (nan, {K.DAMAGED: 1, K.LOST: 0}, 1),
+    "no time": (lambda s: [*s[:200], at(s[200], stamp_s=math.nan), *s[200:]], {K.DAMAGED: 1}, 1),
+    "five lost": (lambda s: [*s[:200], *s[206:]], {K.LOST: 6}, FILLING),
+    "counted": (
+        lambda s: [at(one, sequence=i) for i, one in enumerate(s) if i not in (200, 201)],
+        {K.LOST: 2},
+        0,
+    ),
+    "counts again": (
+        lambda s: [*[at(one, sequence=i + 5000) for i, one in enumerate(s[:200])],
+                   *[at(one, sequence=i) for i, one in enumerate(s[200:])]],
+        {K.RESTARTED: 1},
+        FILLING,
+    ),
+    "clock begins again": (lambda s: [*later(s[:200], 50.0), *s[200:]], {K.RESTARTED: 1}, FILLING),
+    "clock a little back": (lambda s: [*later(s[:200], 0.5), *s[200:]], {K.WENT_BACK: 9, K.RESTARTED: 1}, FILLING + 9),
+    "clock jumps ahead": (lambda s: [*s[:200], *later(s[200:], 3600.0)], {K.JUMPED_AHEAD: 1}, FILLING),
+    "another arm": (
+        lambda s: [*s[:200], at(s[200], position_rad=np.zeros(7)), *s[200:]],
+        {K.FOREIGN: 1},
+        1,
+    ),
+    "other signal": (
+        lambda s: [*s[:200], at(s[200], torque_Nm=None, current_A=np.ones(N)), *s[200:]],
+        {K.FOREIGN: 1},
+        1,
+    ),
+    "flood": (lambda s: [*s[:200], *faster(s, 200, 260), *s[260:]], {K.FLOODED: 240}, 231),
+    "source says so": (
+        lambda s: [*s[:200], SourceEvent(K.RESTARTED, "connected again"), *s[200:]],
+        {K.RESTARTED: 1},
+        FILLING,
+    ),
+    "silence": (lambda s: [*s[:200], None, None, None, *later(s[200:], 0.1)], {K.STOPPED: 1}, FILLING),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_what_is_wrong_with_the_stream_is_named(tmp_path: Path, name: str) -> None:
+    """Each fault is found and told; the arm is not watched meanwhile, and is again afterwards."""
+    change, wanted, without = FAULTS[name]
+    log = motion(500)
+    script = change(samples(log))
+    summary, heard = watch(tmp_path, script)
+    for kind, count in wanted.items():
+        found = summary.found.get(str(kind), 0)
+        assert found == count, (name, summary.found)
+    assert set(summary.found) <= {str(kind) for kind in wanted} | ({"lost"} if "again" in name else set())
+    told = {kind for kind, count in wanted.items() if count}
+    assert told <= set(heard.kinds())
+    missing = sum(summary.no_data.values()) + summary.dropped
+    assert missing >= FILLING + without
+    assert summary.judged + missing == summary.samples == sum(isinstance(one, JointSample) for one in script)
+    # No fault of the stream looks like a collision, and the arm is watched again at the end.
+    assert summary.alarms == 0
+    assert summary.active_at_end
+    assert heard.ticks[-1].state == "monitoring"
+    for tick in heard.ticks:
+        assert np.isnan(tick.residual).all() == (tick.state == "no_data")
+        assert tick.stop == (tick.state in ("no_data", "alarm"))
+
+
+def test_a_source_that_never_gives_a_sample_is_no_quiet_arm(tmp_path: Path) -> None:
+    summary, heard = watch(tmp_path, [None, None, None, None])
+    assert heard.kinds()[0] is K.STOPPED
+    assert (summary.status, summary.active_at_end, summary.judged) == (4, False, 0)
+    assert summary.lines()[-1].startswith("NOT MONITORED")
+
+
+def test_currents_for_torques_are_recognised(tmp_path: Path) -> None:
+    """The signal follows the prediction at a tenth of its size; the right one says nothing."""
+    log = motion(1200)
+    assert log.tau is not None
+    right, _ = watch(tmp_path, list(samples(log)))
+    assert "wrong_unit" not in right.found
+    wrong = [at(one, torque_Nm=0.1 * log.tau[i]) for i, one in enumerate(samples(log))]
+    summary, heard = watch(tmp_path, list(wrong))
+    assert summary.found["wrong_unit"] == 1
+    text = next(event.text for event in heard.events if event.kind is K.WRONG_UNIT)
+    assert "shoulder_lift" in text
+    assert "0.1" in text
+
+
+def test_any_stream_is_judged_told_or_dropped(tmp_path: Path) -> None:
+    """Random damage of every kind, 25 streams: no exception, every sample is counted once, every loss of sight told."""
+    draw = np.random.default_rng(5)
+    log = motion(300)
+    base = samples(log)
+    assert log.tau is not None
+    for _ in range(25):
+        script: list[JointSample | SourceEvent | None] = []
+        shift = 0.0
+        for i, one in enumerate(base):
+            kind = draw.integers(0, 60)
+            sample = at(one, stamp_s=one.stamp_s + shift, sequence=None if draw.random() < 0.5 else i)
+            if kind == 0:
+                continue
+            if kind == 1:
+                shift += float(draw.choice([-200.0, -0.3, -0.01, 0.3, 1e5, 1e17]))
+            elif kind == 2:
+                sample = at(sample, stamp_s=float(draw.choice([math.nan, math.inf, -math.inf, -1e300, 1e300])))
+            elif kind == 3:
+                bad = sample.position_rad.copy()
+                bad[draw.integers(N)] = draw.choice([math.nan, math.inf, 1e308, -1e308])
+                sample = at(sample, position_rad=bad)
+            elif kind == 4:
+                sample = at(sample, torque_Nm=draw.choice([1e308, -1e308, math.nan]) * np.ones(N))
+            elif kind == 5:
+                sample = at(sample, position_rad=np.zeros(int(draw.integers(0, 9))))
+            elif kind == 6:
+                sample = at(sample, torque_Nm=None)
+            elif kind == 7:
+                sample = at(sample, sequence=int(draw.integers(-(2**62), 2**62)))
+            elif kind == 8:
+                script += [sample] * int(draw.integers(1, 30))
+            elif kind == 9:
+                script.append(SourceEvent(K(draw.choice([K.RESTARTED, K.DAMAGED, K.STOPPED])), "says the source", 3))
+            script.append(sample)
+        summary, heard = watch(tmp_path, script, MonitorSettings(stop_after_s=100.0, paced=bool(draw.integers(2))))
+        count = sum(isinstance(one, JointSample) for one in script)
+        assert summary.samples == count == len(heard.ticks)
+        assert summary.judged + sum(summary.no_data.values()) + summary.dropped == count
+        states = [tick.state for tick in heard.ticks]
+        # Sight is lost only where something was found or the detector says its fault.
+        for before, after, tick in zip(states, states[1:], heard.ticks[1:], strict=False):
+            if before != "no_data" and after == "no_data":
+                assert tick.fault != "none"
+        for a, b in itertools.pairwise(heard.ticks):
+            assert (a.state == "no_data") == bool(np.isnan(a.residual).any())
+            assert b.stop or b.state in ("monitoring", "arming")

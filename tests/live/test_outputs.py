@@ -1,0 +1,139 @@
+"""What a monitor writes can be read by others, whatever happens to it."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bumpstop.errors import InputError
+from bumpstop.live.monitor import Monitor, MonitorSettings
+from bumpstop.live.outputs.command import CollisionCommand
+from bumpstop.live.outputs.json_lines import JsonLines
+from bumpstop.live.outputs.mcap_recording import McapRecording
+from bumpstop.live.summary import MonitorSummary
+from bumpstop.recording import Recording
+from live.cases import NAMES, Heard, ScriptedSource, at, loaded, motion, samples
+
+LOG = motion(500, push_Nm=25.0, at=250, until=300)
+
+
+def monitored(folder: Path, *outputs: object) -> tuple[MonitorSummary, Heard]:
+    heard = Heard()
+    script = samples(LOG)
+    script[100] = at(script[100], torque_Nm=np.full(6, math.nan))
+    made = Monitor(loaded(folder), ScriptedSource(script), [*outputs, heard], MonitorSettings())  # type: ignore[list-item]
+    made.run()
+    for output in outputs:
+        output.close()  # type: ignore[attr-defined]
+        made.problems += output.problems()  # type: ignore[attr-defined]
+    return made.summary(), heard
+
+
+def test_json_lines_say_states_alarms_and_the_source(tmp_path: Path) -> None:
+    path = tmp_path / "watch.jsonl"
+    path.write_text('{"kind": "sta')  # of a monitor that was killed
+    _, heard = monitored(tmp_path, JsonLines(path, loaded(tmp_path)))
+    torn, *rest = path.read_text().splitlines()
+    assert torn == '{"kind": "sta'
+    lines = [json.loads(line) for line in rest]
+    assert (lines[0]["kind"], lines[-1]["kind"]) == ("start", "end")
+    states = [line["state"] for line in lines if line["kind"] == "state"]
+    assert states == ["no_data", "monitoring", "no_data", "monitoring", "alarm", "monitoring"]
+    assert [line["event"] for line in lines if line["kind"] == "source"] == ["started", "damaged", "ended"]
+    (alarm,) = [line for line in lines if line["kind"] == "alarm"]
+    event = heard.alarms[0].event
+    assert alarm["joints"] == [NAMES[1]]
+    assert alarm["residual_Nm"] == event.residual.tolist()
+    assert alarm["force_N"] == pytest.approx(event.force_along)
+    assert abs(alarm["time_s"] - time.time()) < 60
+
+
+def test_mcap_files_open_in_both_readers_with_what_was_judged(tmp_path: Path) -> None:
+    from mcap.reader import make_reader
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    output = McapRecording(tmp_path / "watch.mcap", loaded(tmp_path))
+    _, heard = monitored(tmp_path, output)
+    (path,) = output.files
+    assert path.name == "watch_0001.mcap"
+    assert sorted(tmp_path.glob("watch*")) == [path]
+    with path.open("rb") as file:
+        summary = make_reader(file, validate_crcs=True).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    counts = summary.statistics.channel_message_counts
+    found = {channel.topic: counts.get(channel.id, 0) for channel in summary.channels.values()}
+    assert (found["/joint_states"], found["/bumpstop/residual"], found["/bumpstop/alarm"]) == (500, 500, 1)
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        read: dict[str, list[object]] = {}
+        for connection, _, raw in reader.messages():
+            read.setdefault(connection.topic, []).append(reader.deserialize(raw, connection.msgtype))
+    residual = np.array([message.effort for message in read["/bumpstop/residual"]])  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(residual, heard.residual())
+    assert read["/bumpstop/residual"][0].name == list(NAMES)  # type: ignore[attr-defined]
+    (alarm,) = read["/bumpstop/alarm"]
+    assert alarm.joints == [NAMES[1]]  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(alarm.best_force, heard.alarms[0].event.force)  # type: ignore[attr-defined]
+    assert [message.name for message in read["/bumpstop/state"]][:2] == ["no_data", "monitoring"]  # type: ignore[attr-defined]
+    # The file is a recording again: what was watched can be looked at once more.
+    again = Recording.load(path, topic="/joint_states", max_bad=0.1)
+    assert again.tau is not None
+    assert again.joint_names == NAMES
+    np.testing.assert_array_equal(again.tau[:100], LOG.tau[:100])  # type: ignore[index]
+
+
+def test_files_are_rotated_and_numbered_on(tmp_path: Path) -> None:
+    log, names = samples(motion(250)), []
+    for _ in range(2):
+        output = McapRecording(tmp_path / "watch.mcap", loaded(tmp_path), rotate_s=0.2)
+        script = [*log[:50], *[None] * 5, *log[50:], *[None] * 3]
+        Monitor(loaded(tmp_path), ScriptedSource(script), [output]).run()
+        output.close()
+        assert len(output.files) >= 2
+        names += [path.name for path in output.files]
+    assert names == [f"watch_{number + 1:04d}.mcap" for number in range(len(names))]
+    assert sorted(path.name for path in tmp_path.glob("watch*")) == names
+
+
+def test_a_command_gets_the_alarm_and_is_ended_in_time(tmp_path: Path) -> None:
+    told, late = tmp_path / "told", tmp_path / "late"
+    quick = CollisionCommand(f"sh -c 'printenv BUMPSTOP_ALARM > {told}'", loaded(tmp_path))
+    slow = CollisionCommand(f"(sleep 0.6; touch {late}) & sleep 9", loaded(tmp_path), timeout_s=0.2, shell=True)
+    begin = time.monotonic()
+    summary, heard = monitored(tmp_path, quick, slow)
+    assert time.monotonic() - begin < 5
+    assert summary.problems == ("--on-collision: killed after 0.2 s, alarm 1",)
+    alarm = json.loads(told.read_text())
+    assert alarm["best_force_N"] == heard.alarms[0].event.force.tolist()
+    time.sleep(0.6)
+    assert not late.exists(), "what the command had started was not ended with it"
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        ("", "--on-collision: is empty"),
+        ("no-such-program now", "there is no program 'no-such-program'"),
+        ("echo 'half", "No closing quotation"),
+    ],
+)
+def test_a_command_that_cannot_be_is_refused(tmp_path: Path, words: str, why: str) -> None:
+    with pytest.raises(InputError, match=why):
+        CollisionCommand(words, loaded(tmp_path))
+
+
+def test_files_that_cannot_be_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"--mcap: is '.*watch.bag'; wanted a name that ends in .mcap"):
+        McapRecording(tmp_path / "watch.bag", loaded(tmp_path))
+    with pytest.raises(InputError, match=r"--jsonl: '.*' cannot be written \(No such file or directory\)"):
+        JsonLines(tmp_path / "nowhere" / "a.jsonl", loaded(tmp_path))
+    output = McapRecording(tmp_path / "watch.mcap", loaded(tmp_path))
+    with pytest.raises(InputError, match="is being written"):
+        McapRecording(tmp_path / "watch.mcap", loaded(tmp_path))
+    output.close()

@@ -1,0 +1,163 @@
+"""``bumpstop plant serve``: samples in real time, an answer that turns the motion, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bumpstop.cli.main import main
+from bumpstop.live import JointSample
+from bumpstop.live.answer import AnswerOutput
+from bumpstop.live.dds import DdsSource
+from bumpstop.live.rtde import RtdeSource
+from bumpstop.plant import Experiment, PlantReaction
+from cpp.builds import ROOT
+
+pytest.importorskip("mujoco")
+EXPERIMENT = ROOT / "examples" / "plant" / "02_hand_reverse.toml"
+DOMAIN = 100 + os.getpid() % 100
+ANSWER_AT_S = 0.3
+
+
+@pytest.fixture
+def port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as one:
+        return int(one.getsockname()[1])
+
+
+class Client(threading.Thread):
+    """Reads samples until they end; answers at the first sample from a time on."""
+
+    def __init__(self, made: Callable[[], Any], answer: str) -> None:
+        super().__init__(daemon=True)
+        self._made, self._answer = made, answer
+        self.samples: list[JointSample] = []
+        self._over = threading.Event()
+
+    def end(self) -> list[JointSample]:
+        """All samples, once the server has ended."""
+        self._over.set()
+        self.join()
+        return self.samples
+
+    def run(self) -> None:
+        source = self._made()
+        for _ in range(200):  # until the server listens
+            try:
+                source.open()
+                break
+            except ValueError:
+                time.sleep(0.02)
+        answered, item = False, None
+        while item is not None or not self._over.is_set():
+            item = source.read(0.1)
+            if isinstance(item, JointSample):
+                self.samples.append(item)
+                if item.stamp_s >= ANSWER_AT_S and not answered and self._answer:
+                    source.answer(self._answer, 1)
+                    answered = True
+        source.close()
+
+
+def serve(capsys: pytest.CaptureFixture[str], *options: str, experiment: Path = EXPERIMENT) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as ended:
+        main(["plant", "serve", str(experiment), *options])
+    out, err = capsys.readouterr()
+    return int(ended.value.code or 0), out, err
+
+
+@pytest.mark.parametrize("protocol", ["rtde", "dds"])
+def test_an_answer_turns_the_motion(protocol: str, port: int, capsys: pytest.CaptureFixture[str]) -> None:
+    """As the same reaction at the same sample does in one process; every sample arrives, behind the reaction, too."""
+    found = Experiment.load(EXPERIMENT)
+    plant, command = found.prepare()
+    names = [joint.name for joint in plant.robot.joints]
+
+    def rtde() -> RtdeSource:
+        return RtdeSource("127.0.0.1", port, joints=7, frequency_hz=250, answers=True)
+
+    def dds() -> DdsSource:
+        return DdsSource("/served", names, effort="current", domain=DOMAIN, loopback=True, answers=True, wait_s=20)
+
+    client = Client(rtde if protocol == "rtde" else dds, "reverse")
+    client.start()
+    where = ["--rtde", str(port)] if protocol == "rtde" else ["--dds", "/served", "--domain", str(DOMAIN)]
+    status, out, _ = serve(capsys, *where, "--wait-s", "20", "--json", "--pace", "0.5")
+    samples = client.end()
+    assert status == 0
+    (run,) = json.loads(out)["runs"]
+    assert run["answer"] == "reverse"
+    assert run["answered_by"].startswith(protocol)
+    at = run["reaction_s"]
+    assert ANSWER_AT_S < at < ANSWER_AT_S + 0.05
+    same = plant.run(command, on_sample=lambda s: PlantReaction() if s.t >= at - 1e-9 else None)
+    assert run["objects"][0]["peak_force_N"] == same.peak_force
+    assert run["samples"] == len(samples) == len(same.recording.t)
+    np.testing.assert_array_equal([sample.position_rad for sample in samples], same.recording.q)
+    np.testing.assert_array_equal([sample.current_A for sample in samples], same.recording.current)
+
+
+def test_runs_pace_and_files(port: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The clock goes on from one run to the next."""
+    text = EXPERIMENT.read_text().replace("duration_s = 1.0", "duration_s = 0.1")
+    (tmp_path / "short.toml").write_text(text)
+    client = Client(lambda: RtdeSource("127.0.0.1", port, joints=7, frequency_hz=250), "")
+    client.start()
+    options = ["--rtde", str(port), "--runs", "2", "--pause-s", "0.1", "--seed", "5", "--out", str(tmp_path / "out")]
+    status, out, _ = serve(capsys, *options, experiment=tmp_path / "short.toml")
+    samples = client.end()
+    assert status == 0
+    assert f"sia5d at 250 Hz, 0.100 s; rtde://127.0.0.1:{port}" in out
+    assert out.count("  no answer") == 2
+    assert out.count("hand_finger: never touched") == 2
+    assert (tmp_path / "out" / "run_2" / "recording.parquet").exists()
+    stamps = np.array([sample.stamp_s for sample in samples])
+    assert len(stamps) == 50
+    assert (np.diff(stamps) > 0).all()
+
+
+def test_refusals(port: int, capsys: pytest.CaptureFixture[str]) -> None:
+    for options, words in (
+        ([], "--rtde: and --dds are both missing; give a port, a topic, or both"),
+        (["--rtde", "70000"], "--rtde: is 70000; wanted 0 to 65535"),
+        (["--rtde", "0", "--domain", "3"], "--domain: has no meaning without --dds"),
+        (["--dds", "a b"], "--dds: 'a b' is no name of a topic; wanted such as /joint_states"),
+        (["--dds", "/a", "--domain", "900"], "--domain: is 900; wanted a whole number from 0 to 232"),
+        (["--rtde", "0", "--pace", "0"], "--pace: is 0; wanted 0.01 to 100"),
+        (["--rtde", "0", "--wait-s", "0.1"], "--wait-s: no monitor came within 0.1 s; start one"),
+    ):
+        status, _, err = serve(capsys, *options)
+        assert (status, err.strip()) == (2, f"error: {words}")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        status, _, err = serve(capsys, "--rtde", str(taken.getsockname()[1]))
+    assert status == 2
+    assert "cannot listen on" in err
+
+
+def test_answers_are_taken_back() -> None:
+    """Once the detector monitors again; and an answer that is none is refused."""
+    from types import SimpleNamespace
+
+    from bumpstop.errors import InputError
+
+    said: list[tuple[str, int]] = []
+    source = SimpleNamespace(answer=lambda answer, number: said.append((answer, number)))
+    output = AnswerOutput(source, "stop")
+    output.tick(SimpleNamespace(state="monitoring"))  # type: ignore[arg-type]
+    output.alarm(SimpleNamespace(number=4))  # type: ignore[arg-type]
+    for state in ("alarm", "no_data", "monitoring", "monitoring"):
+        output.tick(SimpleNamespace(state=state))  # type: ignore[arg-type]
+    assert said == [("stop", 4), ("none", 4)]
+    with pytest.raises(InputError, match="--answer: 'revers' is none; did you mean 'reverse'"):
+        AnswerOutput(source, "revers")
+    with pytest.raises(InputError, match="--answer: has no meaning with this source"):
+        AnswerOutput(object(), "stop")

@@ -1,0 +1,77 @@
+"""The controller for ros2_control, compiled against the interface that its folder states: the residuals of Python."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bumpstop import _native
+from bumpstop.live.loaded_detector import LoadedDetector
+from cpp.builds import COMPILER, ROOT, WARNINGS
+from live.test_cpp_rtde import FLAGS, made_detector
+
+FOLDER = ROOT / "examples" / "ros2_control"
+
+
+@pytest.fixture(scope="module")
+def replay(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("ros2_control") / "replay"
+    folders = [f"-I{path}" for path in (FOLDER / "include", FOLDER / "interface", ROOT / "include")]
+    flags = [*WARNINGS, "-O0", "-ffp-contract=off", "-pthread", *FLAGS.get(_native.target, [])]
+    # In one piece: most of the work is in the headers.
+    whole = made.with_suffix(".cpp")
+    parts = (FOLDER / "src" / "collision_controller.cpp", FOLDER / "test" / "replay.cpp")
+    whole.write_text("".join(f'#include "{part}"\n' for part in parts))
+    done = subprocess.run([*COMPILER, *flags, *folders, str(whole), "-o", str(made)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return made
+
+
+def test_same_as_python_to_the_last_digit(replay: Path, tmp_path: Path) -> None:
+    """Every tick is published, and the update allocates nothing."""
+    file = made_detector(tmp_path)
+    detector = LoadedDetector.load(file)
+    rng, begin = np.random.default_rng(8), 1_700_000_000_123_456_789
+    time = begin + 2_000_000 * np.arange(700) + rng.integers(0, 50_000, 700)
+    t = 1e-9 * (time - time[0]).astype(np.float64)
+    q, current = 0.3 * np.sin(t[:, None] * np.arange(1, 8)), 100 * rng.normal(size=(700, 7))
+    names = [f"{name}/{what}" for what in ("position", "effort") for name in detector.joints]
+    rows = [f"{time[row]}," + ",".join(f"{x:.17g}" for x in (*q[row], *current[row])) for row in range(700)]
+    (tmp_path / "log.csv").write_text("\n".join(["time," + ",".join(names), *rows]) + "\n")
+    done = subprocess.run([replay, file, tmp_path / "log.csv"], capture_output=True, text=True, check=True)
+    *ticks, last = done.stdout.splitlines()
+    events = [line.split()[3:] for line in ticks if line.startswith("event")]
+    residuals = np.array([[float(x) for x in line.split(",")[1:]] for line in ticks if not line.startswith("event")])
+    assert ticks[0].split(",")[0] == f"{time[0] // 10**9}.{time[0] % 10**9:09d}"
+    kernel, expected, forces, alarmed = detector.kernel(), [], [], 0
+    for row in range(700):
+        out = kernel.update(t[row], q[row], current[row], np.zeros(7))
+        expected.append(out.residual[:7])
+        alarmed += out.state == _native.DetectorState.alarm
+        if kernel.events > len(forces):
+            forces.append(list(kernel.event().contact.force))
+    np.testing.assert_array_equal(residuals, expected)
+    assert [[float(x) for x in event] for event in events] == forces
+    assert len(forces) >= 1
+    assert last == f"{alarmed} ticks in alarm, 0 left out, 0 allocations in updates"
+
+
+def test_refusals(replay: Path, tmp_path: Path) -> None:
+    file = made_detector(tmp_path)
+    log = tmp_path / "log.csv"
+    log.write_text("time,a/position,a/effort\n0,0,0\n")
+    done = subprocess.run([replay, file, log], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (2, "joints: 1 names, the detector's sia5d has 7 joints\n")
+    done = subprocess.run([replay, tmp_path / "none", log], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "none': the file cannot be read" in done.stderr
+
+
+def test_the_interface_says_what_it_is_not() -> None:
+    for header in (FOLDER / "interface").rglob("*.hpp"):
+        assert re.match(r"// Not \w+: ", header.read_text()), header
+    assert "not ros2_control" in (FOLDER / "interface" / "README.md").read_text()

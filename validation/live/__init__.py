@@ -1,0 +1,1 @@
+"""Running arms: the control loop closed over networks, and damaged messages."""
