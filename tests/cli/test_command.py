@@ -163,6 +163,7 @@ def test_completion_answers() -> None:
         "sensitivity",
         "stopping",
         "measure",
+        "benchmark",
     }
     options = bumpstop(COMP_WORDS="bumpstop evaluate --s", **(asked | {"COMP_CWORD": "2"})).stdout.split()
     assert set(options) == {"--sampled", "--seed", "--set"}

@@ -13,6 +13,7 @@ from bumpstop.benchmark.methods import (
     SlidingModeObserver,
 )
 from bumpstop.benchmark.planted import PlantedRuns, planted_runs
+from bumpstop.benchmark.recorded import compare_on_recording
 from bumpstop.benchmark.signals import Signals, signals_of_motion, signals_of_residual
 
 __all__ = [
@@ -30,6 +31,7 @@ __all__ = [
     "Signals",
     "SlidingModeObserver",
     "compare_detectors",
+    "compare_on_recording",
     "compare_signals",
     "planted_runs",
     "signals_of_motion",

@@ -146,8 +146,8 @@ def compare_detectors(
     seconds = 60.0
     free = planted_runs(robot, 2 * max(WORKS, round(hours * 30)), seconds, seed=seed)
     hit = planted_runs(robot, math.ceil(contacts / 19), seconds, stiffness_N_m=stiffness_N_m, seed=seed)
-    seen = (signals_of_motion(robot, runs.q, runs.torque, runs.dt) for runs in (free, hit))
-    return compare_signals(*seen, hit, methods, f"{robot.title or robot.name}, planted")
+    still, pushed = (signals_of_motion(robot, runs.q, runs.torque, runs.dt) for runs in (free, hit))
+    return compare_signals(still, pushed, hit, methods, f"{robot.title or robot.name}, planted")
 
 
 def compare_signals(

@@ -89,7 +89,7 @@ class SecondOrderObserver(Method):
     """
 
     name: ClassVar[str] = "second-order momentum observer"
-    source: ClassVar[str] = "Haddadin, De Luca and Albu-Schaeffer, T-RO 33(6), 2017, observers of higher order"
+    source: ClassVar[str] = "second-order form of De Luca and Mattone, IROS 2003"
     omega_rad_s: float = 80.0
     damping: float = 0.8
 
@@ -119,7 +119,7 @@ class KalmanObserver(Method):
     """
 
     name: ClassVar[str] = "Kalman disturbance observer"
-    source: ClassVar[str] = "Wahrburg et al., T-ASE 15(2), 2018"
+    source: ClassVar[str] = "Wahrburg et al., T-ASE 2018"
     omega_rad_s: float = 60.0
 
     def gains(self, dt: float) -> tuple[float, float]:
@@ -195,7 +195,7 @@ class BandPass(Method):
     """
 
     name: ClassVar[str] = "band-pass of the direct residual"
-    source: ClassVar[str] = "Kouris, Dimeas and Aspragathos, RA-L 3(3), 2018"
+    source: ClassVar[str] = "Kouris, Dimeas and Aspragathos, RA-L 2018"
     low_hz: float = 2.0
     high_hz: float = 20.0
 

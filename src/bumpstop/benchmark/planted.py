@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 CONTACT_S = 0.25  # how long a contact lasts
 WORKS = 10  # motions, repeated: an arm does the same again and again
 BETWEEN_S = 3.0  # from one to the next
+SLOWING = 0.85  # by how much the arm is slower at a contact than in the mean
 MAX_FORCE_N = 150.0  # at which whatever is hit gives way
 _FIRST_S = 2.0
 _AMPLITUDE = 0.3  # rad or 0.1 m: of each of the two oscillations of a joint
@@ -48,7 +49,9 @@ class PlantedRuns:
 def planted_runs(
     robot: Robot, runs: int, seconds: float, *, stiffness_N_m: float = 0.0, dt: float = 0.004, seed: int = 0
 ) -> PlantedRuns:
-    """Work of an arm: every joint swings by two oscillations of random frequency, in ten motions that are repeated.
+    """Make work of an arm: ten motions that are repeated, fast and slow by turns.
+
+    Every joint swings by two oscillations of random frequency.
 
     The tip meets a clamped spring every 3 s, for 0.25 s: F = K max(0, n . (p(t) - p(t_c))), 150 N at most, n being the
     way the tip moves at the onset t_c. A position-controlled arm follows its path, so its motors give J' n F more.
@@ -62,7 +65,12 @@ def planted_runs(
         seed: of motion and noise.
     """
     rows, n = round(seconds / dt), robot.dof
-    t = dt * np.arange(rows)
+    t: FloatArray = dt * np.arange(rows, dtype=np.float64)
+    # Fast between the contacts, slow at them.
+    turn = 2 * np.pi / BETWEEN_S
+    speed = 1 - SLOWING * np.cos(turn * (t - _FIRST_S))
+    way = t - SLOWING / turn * np.sin(turn * (t - _FIRST_S))
+    growth = SLOWING * turn * np.sin(turn * (t - _FIRST_S))
     q, torque = np.zeros((runs, rows, n)), np.zeros((runs, rows, n))
     force, onsets = np.zeros((runs, rows)), []
     reach = np.array([_AMPLITUDE if joint.kind == "revolute" else _AMPLITUDE / 3 for joint in robot.joints])
@@ -70,11 +78,12 @@ def planted_runs(
     for run in range(runs):
         rng = np.random.default_rng([seed, run % WORKS])  # the work, whose runs differ by their noise
         centre = rng.uniform(low + 2 * reach, np.maximum(high - 2 * reach, low + 2 * reach))
-        omega, phase = 2 * np.pi * rng.uniform(0.02, 0.08, (2, n)), rng.uniform(0, 2 * np.pi, (2, n))
-        angle = t[:, None, None] * omega + phase
+        omega, phase = 2 * np.pi * rng.uniform(0.1, 0.4, (2, n)), rng.uniform(0, 2 * np.pi, (2, n))
+        angle = way[:, None, None] * omega + phase
         position = centre + reach * np.sin(angle).sum(axis=1) / 2
-        rate = reach * (omega * np.cos(angle)).sum(axis=1) / 2
-        acceleration = -reach * (omega**2 * np.sin(angle)).sum(axis=1) / 2
+        slope = reach * (omega * np.cos(angle)).sum(axis=1) / 2
+        curvature = -reach * (omega**2 * np.sin(angle)).sum(axis=1) / 2
+        rate, acceleration = slope * speed[:, None], curvature * speed[:, None] ** 2 + slope * growth[:, None]
         work = inverse_dynamics(robot, position, rate, acceleration)
         if stiffness_N_m > 0:
             added, force[run], begins = _contacts(robot, position, rate, t, stiffness_N_m)

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bumpstop.cli import bodies, plant, program, robots, view
+from bumpstop.cli import benchmark, bodies, plant, program, robots, view
 from bumpstop.cli.campaign import campaign
 from bumpstop.cli.collision import evaluate, require, speed_limits, stopping, study
 from bumpstop.cli.command_group import CommandGroup
@@ -56,6 +56,7 @@ app.command("detector")(detect.detector)
 app.command("view")(view.command)
 app.command("monitor")(monitor.monitor)
 app.add_typer(measure.app, name="measure")
+app.add_typer(benchmark.app, name="benchmark")
 
 # Exit statuses are part of the contract: 0 done (and acceptable), 3 done and not acceptable, 4 done and no verdict can
 # be given, 2 bad input, 1 our fault, 130 interrupted, as shells have it.
