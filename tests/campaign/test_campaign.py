@@ -164,7 +164,7 @@ def test_a_flipped_bit_is_named_and_only_that_computed_again(
         store.finish(campaign.summarise)
     file = tmp_path / name
     content = bytearray(file.read_bytes())
-    content[len(content) // 2] ^= 1
+    content[5 if name == "manifest.json" else len(content) // 2] ^= 1
     file.write_bytes(content)
     status = run("campaign", "status", tmp_path, "--check")
     assert status.status in (2, 3)
@@ -203,7 +203,7 @@ REFUSED: dict[str, tuple[str, str]] = {
     "a direction": (f'directions = ["dwn"]\n{ROBOT}', "directions: 'dwn' is unknown; did you mean 'down'?"),
     "no speed": (f"speeds_mm_s = []\n{ROBOT}", "speeds_mm_s: is no list of speeds"),
     "twice": (ROBOT + ROBOT, "robots.name: '01_hand_downward' is there twice"),
-    "a scenario's key": (ROBOT + 'keys = { "contact.aera_cm2" = 1 }\n', "01_hand_downward: is not a key"),
+    "a scenario's key": (ROBOT + 'keys = { "contact.aera_cm2" = 1 }\n', "01_hand_downward: is not a key of a scenario"),
     "a nameless tool": (f"{ROBOT}[[tools]]\nkeys = {{}}\n", "tools[1].name: None is no name"),
     "too many": (f"poses = 1000000000\ndirections = 100000\n{ROBOT}", "poses: make 3e+14 distributions"),
 }
