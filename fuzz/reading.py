@@ -96,7 +96,8 @@ def _read(target: Target, path: Path, refusal: type[Exception]) -> tuple[str, st
     try:
         target.read(path)
     except refusal as error:
-        message = str(error)
+        # Of several faults each has a line of its own.
+        message = max((str(fault) for fault in getattr(error, "faults", ()) or (error,)), key=len)
         if len(message) > 1500 or not message.strip() or "\n\n\n" in message:
             return "found", f"a message of {len(message)} letters"
         return "rejected", ""

@@ -14,7 +14,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.output_files import replacing, write_bytes
-from bumpstop.text_files import write_text
+from bumpstop.text_files import parse_toml, write_text
 
 SOURCE = Path(bs.__file__).parent
 
@@ -52,7 +52,7 @@ def test_a_full_disk_is_named_and_leaves_nothing(tmp_path: Path) -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
 
     out = tmp_path / "cell.toml"
-    code = "from bumpstop.text_files import write_text; import sys; write_text(sys.argv[1], 'x' * 9000)"
+    code = "from bumpstop.text_files import parse_toml, write_text; import sys; write_text(sys.argv[1], 'x' * 9000)"
     done = subprocess.run(
         [sys.executable, "-c", code, str(out)],
         env=os.environ | {"PYTHONPATH": str(SOURCE.parent)},
@@ -80,3 +80,17 @@ def test_every_module_writes_through_the_one_writer() -> None:
         found = [line for line in path.read_text(encoding="utf-8").splitlines() if own.search(line)]
         found = [line for line in found if "output_files." not in line]
         assert len(found) <= allowed.get(path.name, 0), (path, found)
+
+
+def test_integers_that_no_float_holds_are_refused() -> None:
+    for text in ("a = 1" + "0" * 400, "[[t]]\nb = [1, {c = -1" + "0" * 400 + "}]"):
+        with pytest.raises(bs.InputError, match="an integer of more than 64 bits"):
+            parse_toml(text, "x.toml")
+    assert parse_toml("a = 18446744073709551615", "x.toml") == {"a": 2**64 - 1}
+
+
+def test_a_message_of_a_thousand_words_is_cut() -> None:
+    said = str(bs.InputError("key", "no word of this " * 1000, "wanted less"))
+    assert len(said) < 1500
+    assert said.startswith("key: no word")
+    assert "wanted less" in said
