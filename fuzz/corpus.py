@@ -95,6 +95,7 @@ robot = "sia5d"
 couplings = []
 sign_speed = [0.01, 0.01, 0.01, 0.01, 0.01, 0.01, 0.01]
 cutoff_hz = 10.0
+rows_used = 1000
 [[parameter]]
 column = "m_1"
 name = "joint 1 coulomb"

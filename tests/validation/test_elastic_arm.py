@@ -11,9 +11,10 @@ from scipy.integrate import solve_ivp
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from bumpstop.model import Robot, coriolis_torque, mass_matrix
 from validation.collision import elastic_arm
 from validation.collision.nonlinear_arm import KNOT, Array, bare, simulate
+
+from bumpstop.model import Robot, coriolis_torque, mass_matrix
 
 HELD = ("mass", "jacobian", "coriolis")
 

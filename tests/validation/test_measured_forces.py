@@ -10,11 +10,12 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
+from validation.collision import measured_forces
+from validation.findings import Findings
+
 from bumpstop.model import Robot
 from reference.elastic_arm import Body
 from validation import facts
-from validation.collision import measured_forces
-from validation.findings import Findings
 
 
 def test_figures_are_typed_as_they_were_told() -> None:
