@@ -391,7 +391,7 @@ def test_a_flipped_bit_in_finished_rows_is_refused(tmp_path: Path) -> None:
         flipped = bytearray(content)
         flipped[int(share * len(content))] ^= 1
         file.write_bytes(flipped)
-        with pytest.raises(bs.InputError, match="rows.parquet' is damaged"):
+        with pytest.raises(bs.InputError, match=r"rows\.parquet' is damaged"):
             run(study, tmp_path)
     file.write_bytes(content)
     run(study, tmp_path)

@@ -238,8 +238,11 @@ def _in_cluster(job: ShardedJob, folder: ResultFolder, groups: Sequence[list[int
     except ModuleNotFoundError:
         problem = f"{address!r} needs the package distributed"
         raise InputError("--cluster", problem, "pip install 'bumpstop[campaign]'") from None
-    # What the client logs of a lost connection is said in one sentence here.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    # What the client logs of a lost connection, with its tracebacks, is said in one sentence here. Its loggers have
+    # levels of their own.
+    for name in [*logging.root.manager.loggerDict, "distributed", "tornado", "asyncio"]:
+        if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     lost = InputError("--cluster", f"the scheduler at {address!r} is lost", "what is done is kept: resume")
     try:
         client = Client(address, timeout="10s", set_as_default=False, name="bumpstop")
