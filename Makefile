@@ -9,7 +9,7 @@ INSTRUCTION_SETS ?= runnable
 EXTRA = $(BIN)/python -c 'import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"][sys.argv[1]])'
 SOURCES := pyproject.toml CMakeLists.txt README.md $(shell find include bindings cmake src -type f -not -name '*.pyc')
 
-.PHONY: build run test lower-bounds validate bench lint format wheel docs clean
+.PHONY: build run test lower-bounds validate bench fuzz lint format wheel docs clean
 
 build: $(VENV)/.built
 
@@ -60,6 +60,11 @@ lower-bounds: $(VENV)/lowest/.made
 
 validate: $(VENV)/.tested
 	$(BIN)/python -m validation --out out/validation
+
+# Damaged files for every reader, so many seconds each.
+SECONDS ?= 3600
+fuzz: $(VENV)/.tested
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m fuzz --seconds $(SECONDS)
 
 bench: $(VENV)/.tested
 	$(BIN)/python -m benchmarks

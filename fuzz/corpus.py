@@ -54,7 +54,7 @@ def urdfs() -> Files:
     from bumpstop.model.urdf.writer import write_urdf
 
     by_hand = (
-        '<?xml version="1.0"?><!DOCTYPE robot [<!ENTITY a "aaaa">]><robot name="r"><link name="l0"/>'
+        '<?xml version="1.0"?><robot name="r"><link name="l0"/>'
         '<link name="l1"><inertial><mass value="1"/><origin xyz="0 0 1" rpy="0 0 0"/><inertia ixx="1" iyy="1" izz="1" '
         'ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j" type="revolute"><parent link="l0"/>'
         '<child link="l1"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="9"/></joint></robot>'
@@ -70,6 +70,24 @@ def drive_trains() -> Files:
     return {"drive.toml": _from_page("model.md").encode()}
 
 
+def limit_tables() -> Files:
+    """The built-in ones under another name: theirs are taken."""
+    folder = ROOT / "src/bumpstop/contact/data"
+    return {
+        f"my_{path.name}": path.read_text(encoding="utf-8")
+        .replace(f'name = "{path.stem}"', 'name = "mine"', 1)
+        .encode()
+        for path in sorted(folder.glob("*.toml"))
+    }
+
+
+def registers() -> Files:
+    """The example, with its scenario beside it."""
+    text = (ROOT / "examples/register/sia5d_downward.csv").read_text(encoding="utf-8")
+    scenarios = {path.name: path.read_bytes() for path in sorted(ROOT.glob("examples/0[1-4]*.toml"))}
+    return {"cell.csv": text.replace("../", "").encode(), **scenarios}
+
+
 def dynamics() -> Files:
     """One parameter of a built-in robot."""
     text = """kind = "dynamics"
@@ -77,8 +95,9 @@ robot = "sia5d"
 couplings = []
 sign_speed = [0.01, 0.01, 0.01, 0.01, 0.01, 0.01, 0.01]
 cutoff_hz = 10.0
+rows_used = 1000
 [[parameter]]
-column = "joint 1 coulomb"
+column = "m_1"
 name = "joint 1 coulomb"
 value = 2.0
 standard_error = 0.1
@@ -98,7 +117,7 @@ def thresholds() -> Files:
 
 def labels() -> Files:
     """Two contacts, by the column names of the page."""
-    return {"labels.csv": b"start_s,end_s,force_N\n1.0,1.5,80\n3.0,3.25,120\n"}
+    return {"labels.csv": b"start_s,end_s,kind\n1.0,1.5,hand\n3.0,3.25,arm\n"}
 
 
 def column_files() -> Files:

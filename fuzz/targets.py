@@ -48,7 +48,7 @@ def _drive_train(path: Path) -> None:
     import bumpstop as bs
     from bumpstop.model import load_drive_train
 
-    load_drive_train(path, bs.Robot.load("sia5d"))
+    load_drive_train(path, bs.Robot.load("ur5e"))
 
 
 def _limits(path: Path) -> None:
@@ -142,11 +142,11 @@ def _target(read: Read, module: str, *files: str) -> Target:
 
 # One row for each reader. `corpus` is a function of fuzz/corpus.py, or empty where files of the repository are enough.
 TARGETS: dict[str, Target] = {
-    "scenario": _target(_scenario, "", "examples/0*.toml"),
+    "scenario": _target(_scenario, "", "examples/0[1-57]*.toml"),
     "campaign": _target(_campaign, "campaigns"),
     "urdf": _target(_robot, "urdfs"),
     "drive_train": _target(_drive_train, "drive_trains"),
-    "limit_table": _target(_limits, "", "src/bumpstop/contact/data/*.toml"),
+    "limit_table": _target(_limits, "limit_tables"),
     "joint_model": _target(_joint_model, "", "src/bumpstop/joint/data/*.toml"),
     "dynamics": _target(_dynamics, "dynamics"),
     "thresholds": _target(_thresholds, "thresholds"),
@@ -162,6 +162,6 @@ TARGETS: dict[str, Target] = {
     "trajectory": _target(_trajectory, "trajectories", "examples/06_pick_and_place.csv"),
     "stopping_table": _target(_stopping_table, "", "examples/stopping/*.toml"),
     "gauge_curve": _target(_gauge_curve, "", "examples/measure/hand.csv"),
-    "register": _target(_register, "", "examples/register/*.csv"),
+    "register": _target(_register, "registers"),
     "experiment": _target(_experiment, "", "examples/plant/*.toml"),
 }

@@ -14,6 +14,7 @@ from bumpstop.errors import InputError
 from bumpstop.output_files import write_bytes
 
 MAX_BYTES = 10_000_000
+_MAX_INTEGER = 2**64
 
 
 def is_path(robot: str) -> bool:
@@ -74,9 +75,23 @@ def parse_toml(text: str, file: str) -> dict[str, Any]:
     import tomllib
 
     try:
-        return tomllib.loads(text)
+        data = tomllib.loads(text)
+        _check_integers(data)
     except (ValueError, RecursionError) as error:
         raise InputError(file, f"is not valid TOML: {' '.join(str(error).split())[:200]}") from None
+    return data
+
+
+def _check_integers(value: Any) -> None:
+    """Refuse what no TOML integer may be, and no float could hold."""
+    if isinstance(value, dict):
+        for inner in value.values():
+            _check_integers(inner)
+    elif isinstance(value, list):
+        for inner in value:
+            _check_integers(inner)
+    elif isinstance(value, int) and abs(value) > _MAX_INTEGER:
+        raise ValueError("an integer of more than 64 bits")
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:

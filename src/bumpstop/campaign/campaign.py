@@ -90,8 +90,9 @@ class Campaign(ShardedJob):
         Raises:
             InputError: a setup cannot be used; names its choices.
         """
-        if self.numbering.distributions > MAX_DISTRIBUTIONS:
-            raise InputError("poses", f"make {self.numbering.distributions:.3g} distributions", "wanted at most 1e12")
+        distributions = self._motions * len(self.setups)
+        if distributions > MAX_DISTRIBUTIONS:
+            raise InputError("poses", f"make {distributions:.3g} distributions", "wanted at most 1e12")
         for number in range(len(self.setups)):
             try:
                 problem = CollisionProblem.from_scenario(self.scenario_of(number))
@@ -115,8 +116,12 @@ class Campaign(ShardedJob):
     def numbering(self) -> Numbering:
         """Which distributions a shard computes."""
         costs = [_RIGID_US if self._is_rigid(number) else _GIVING_US for number in range(len(self.setups))]
-        motions = self.poses * len(self.direction_vectors) * len(self.speeds_mm_s)
-        return Numbering(motions, costs, max(1, round(1e6 * self.shard_s)))
+        return Numbering(self._motions, costs, max(1, round(1e6 * self.shard_s)))
+
+    @property
+    def _motions(self) -> int:
+        """Of each setup."""
+        return self.poses * len(self.direction_vectors) * len(self.speeds_mm_s)
 
     @cached_property
     def direction_vectors(self) -> FloatArray:

@@ -94,7 +94,7 @@ class Workers:
         else:
             pool = ThreadPoolExecutor(self.threads)
             try:
-                _drain(lambda group: pool.submit(compute_group, job, folder, group), iter(groups), len(groups), done)
+                _drain(lambda group: _submitted(pool, job, folder, group), iter(groups), len(groups), done)
             finally:
                 # After an interruption nothing new is begun; what is done is kept.
                 pool.shutdown(cancel_futures=True)
@@ -110,6 +110,15 @@ def compute_group(job: ShardedJob, folder: ResultFolder | None, numbers: list[in
         Receipt(n, rows.height, size, seconds, rows if folder is None else None)
         for n, rows, size in zip(numbers, shards, sizes, strict=True)
     ]
+
+
+def _submitted(
+    pool: ThreadPoolExecutor, job: ShardedJob, folder: ResultFolder | None, group: list[int]
+) -> Future[list[Receipt]]:
+    try:
+        return pool.submit(compute_group, job, folder, group)
+    except RuntimeError as error:  # the pool begins a thread with each of the first groups
+        raise InputError("threads", f"no more can be started ({error})", "wanted fewer") from None
 
 
 def _drain(submit: Callable[[list[int]], Any], groups: Iterator[list[int]], waiting: int, done: Done) -> None:
@@ -229,8 +238,11 @@ def _in_cluster(job: ShardedJob, folder: ResultFolder, groups: Sequence[list[int
     except ModuleNotFoundError:
         problem = f"{address!r} needs the package distributed"
         raise InputError("--cluster", problem, "pip install 'bumpstop[campaign]'") from None
-    # What the client logs of a lost connection is said in one sentence here.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    # What the client logs of a lost connection, with its tracebacks, is said in one sentence here. Its loggers have
+    # levels of their own.
+    for name in [*logging.root.manager.loggerDict, "distributed", "tornado", "asyncio"]:
+        if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     lost = InputError("--cluster", f"the scheduler at {address!r} is lost", "what is done is kept: resume")
     try:
         client = Client(address, timeout="10s", set_as_default=False, name="bumpstop")

@@ -46,7 +46,7 @@ Share = Annotated[str, typer.Option(metavar="K/N", help="Compute the K-th of N s
 @app.command("run")
 def run(
     file: Annotated[Path, typer.Argument(help="Campaign file (TOML).", show_default=False)],
-    out: Annotated[str, typer.Option("--out", "-o", help="Folder or URL for the shards and the result.")] = "",
+    out: Annotated[str | None, typer.Option("--out", "-o", help="Folder or URL for the shards and the result.")] = None,
     workers: NumberOfWorkers = 2,
     cluster: Cluster = "local",
     shard: Share = "1/1",

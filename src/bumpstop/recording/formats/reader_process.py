@@ -97,8 +97,10 @@ def read_guarded(kind: str, path: Path, **request: Any) -> tuple[dict[str, Any],
 def _running() -> subprocess.Popen[bytes]:
     """The process, started where there is none of this program."""
     process = _READER.process
-    if process is not None and _READER.owner == os.getpid() and process.poll() is None:
-        return process
+    if process is not None and _READER.owner == os.getpid():
+        if process.poll() is None:
+            return process
+        _end(process)
     command = "from bumpstop.recording.formats.reader_process import serve; serve()"
     home = str(Path(__file__).resolve().parents[3])
     places = [home, *(place for place in sys.path if place)]

@@ -1,0 +1,234 @@
+"""Campaigns: every row is its own distribution, and no cut, order or number of workers leaves a trace."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import random
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+import bumpstop as bs
+from bumpstop.campaign import Campaign, estimate, load_campaign
+from bumpstop.campaign.numbering import Numbering
+from bumpstop.shards import ResultFolder, Workers
+from bumpstop.shards.run import complete, compute_missing
+from cli.support import REPOSITORY, run
+
+EXAMPLE = REPOSITORY / "examples" / "campaign" / "two_arms.toml"
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    return load_campaign(small(tmp_path_factory.mktemp("campaign")))
+
+
+@pytest.fixture(scope="module")
+def whole(campaign: Campaign, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return computed(campaign, tmp_path_factory.mktemp("whole"))
+
+
+def small(folder: Path) -> Path:
+    """The example with fewer poses and more shards."""
+    text = EXAMPLE.read_text(encoding="utf-8").replace("../", f"{REPOSITORY}/examples/")
+    file = folder / "campaign.toml"
+    file.write_text(text.replace("poses = 20", "poses = 3").replace("shard_s = 0.1", "shard_s = 0.009"))
+    return file
+
+
+def computed(campaign: Campaign, folder: Path, workers: Workers | None = None) -> Path:
+    store = ResultFolder(folder, campaign)
+    store.open(campaign)
+    complete(campaign, store, workers or Workers())
+    return folder
+
+
+def result(folder: Path) -> dict[str, bytes]:
+    names = ("settings.toml", "manifest.json", "summary.json", "rows/00000.parquet")
+    return {name: (folder / name).read_bytes() for name in names}
+
+
+def test_shards_cut_the_distributions_without_gap_or_overlap() -> None:
+    rng = random.Random(5)
+    for _ in range(50):
+        costs = [rng.choice((1, 7, 60)) for _ in range(rng.randint(1, 6))]
+        numbering = Numbering(rng.randint(1, 40), costs, rng.choice((5, 50, 1000)))
+        seen = [
+            (setup, motion)
+            for shard in range(numbering.shards)
+            for setup, motions in numbering.slices(shard)
+            for motion in motions
+        ]
+        assert seen == [(setup, motion) for setup in range(len(costs)) for motion in range(numbering.motions)]
+        # A shard is never dearer than it may be, but for the distribution that its end cuts.
+        for shard in range(numbering.shards):
+            cost = sum(costs[setup] * len(motions) for setup, motions in numbering.slices(shard))
+            assert cost < numbering.shard_cost + max(costs)
+
+
+def test_every_row_is_the_distribution_of_its_own_scenario(campaign: Campaign, whole: Path) -> None:
+    rows = pl.read_parquet(whole / "rows" / "00000.parquet")
+    assert rows.height == campaign.numbering.distributions == 96
+    for row in rows.sample(6, seed=1).iter_rows(named=True):
+        scenario = campaign.scenario_of(row["setup"])
+        velocity = campaign.direction_vectors[row["direction"]] * row["speed_mm_s"]
+        pose = campaign.joint_positions(row["setup"], [row["pose"]])[0]
+        alone = bs.evaluate(
+            scenario.with_values({"pose_rad": pose.tolist(), "motion.velocity_mm_s": velocity.tolist()})
+        )
+        if row["end"] == "singular_start":
+            continue
+        assert row["p50_N"] == pytest.approx(alone.peak_force.quantile(0.5), rel=1e-6)
+        assert row["p_over_force"] == pytest.approx(alone.verdict.p_over_force, rel=1e-5, abs=1e-9)
+        assert row["p_over_pressure"] == pytest.approx(alone.verdict.p_over_pressure, rel=1e-5, abs=1e-9)
+    assert set(rows["robot"]) == {"sia5d", "ur10e"}
+    names = [choice.name for choice in campaign.setups[rows["setup"][50]]]
+    assert names == [rows[axis][50] for axis in ("robot", "tool", "body", "detector", "arm")]
+
+
+def test_the_summary_is_that_of_the_rows(campaign: Campaign, whole: Path) -> None:
+    rows = pl.read_parquet(whole / "rows" / "00000.parquet").filter(pl.col("end") != "singular_start")
+    summary = json.loads((whole / "summary.json").read_text())
+    assert summary["distributions"] == rows.height
+    for group in summary["groups"]:
+        own = rows.filter(*(pl.col(key) == group[key] for key in ("robot", "body", "detector", "speed_mm_s")))
+        assert own.height == group["distributions"]
+        assert group["p_over_force"] == pytest.approx(float(np.mean(own["p_over_force"].to_numpy())), rel=1e-14)
+        assert group["acceptable_share"] == pytest.approx(own["acceptable"].to_numpy().mean())
+    assert 0 < summary["acceptable_share"] < 1
+
+
+def test_processes_shares_and_order_leave_no_trace(campaign: Campaign, whole: Path, tmp_path: Path) -> None:
+    assert result(computed(campaign, tmp_path / "two", Workers(processes=2))) == result(whole)
+    store = ResultFolder(tmp_path / "shares", campaign)
+    store.open(campaign)
+    for k in (3, 1, 2):
+        compute_missing(campaign, store, Workers(), share=(k, 3))
+    assert complete(campaign, store, Workers())[1].shards == 0
+    assert result(tmp_path / "shares") == result(whole)
+
+
+def test_a_url_holds_the_same(campaign: Campaign, whole: Path, tmp_path: Path) -> None:
+    import fsspec
+
+    url = "memory://bumpstop/run"
+    store = ResultFolder(url, campaign)
+    store.open(campaign)
+    compute_missing(campaign, store, Workers(), share=(1, 2))
+    assert len(store.done()) == -(-campaign.shards // 2)
+    _, account = complete(campaign, store, Workers())
+    assert account.shards == campaign.shards // 2
+    assert {name: fsspec.filesystem("memory").cat_file(f"/bumpstop/run/{name}") for name in result(whole)} == result(
+        whole
+    )
+    assert store.storage.sizes("shards") == {}
+    assert result(computed(campaign, Path(f"{tmp_path}/plain"))) == result(whole)
+
+
+def test_what_is_sent_to_a_worker_computes_the_same(campaign: Campaign) -> None:
+    campaign.shard(0)
+    sent = pickle.loads(pickle.dumps(campaign))
+    assert sent == campaign
+    assert sent.fingerprint() == campaign.fingerprint()
+    assert sent.shard(1).equals(campaign.shard(1))
+
+
+def test_settings_are_the_campaign_and_commands_need_the_folder_alone(whole: Path, campaign: Campaign) -> None:
+    assert load_campaign(whole / "settings.toml").fingerprint() == campaign.fingerprint()
+    status = run("campaign", "status", whole, "--check", "--json")
+    found = json.loads(status.out)
+    assert (status.status, found["done"], found["joined"], found["damaged"]) == (0, campaign.shards, True, [])
+    before = result(whole)
+    page = run("campaign", "report", whole)
+    assert (page.status, page.err) == (0, "")
+    html = (whole / "report.html").read_text(encoding="utf-8")
+    assert "96 distributions" in html
+    assert ">nan<" not in html
+    again = run("campaign", "resume", whole, "--json")
+    assert json.loads(again.out)["shards_computed"] == 0
+    assert result(whole) == before
+
+
+@pytest.mark.parametrize("name", ["rows/00000.parquet", "manifest.json", "shards/000002.arrow"])
+def test_a_flipped_bit_is_named_and_only_that_computed_again(
+    name: str, campaign: Campaign, whole: Path, tmp_path: Path
+) -> None:
+    store = ResultFolder(tmp_path, campaign)
+    store.open(campaign)
+    compute_missing(campaign, store, Workers())
+    if not name.startswith("shards"):
+        store.finish(campaign.summarise)
+    file = tmp_path / name
+    content = bytearray(file.read_bytes())
+    content[5 if name == "manifest.json" else len(content) // 2] ^= 1
+    file.write_bytes(content)
+    status = run("campaign", "status", tmp_path, "--check")
+    assert status.status in (2, 3)
+    assert f"{name}' is damaged" in status.out + status.err
+    _, account = complete(campaign, ResultFolder(tmp_path, campaign), Workers())
+    assert [name in problem for problem in account.damaged] == [True]
+    assert account.shards == (1 if name.startswith("shards") else campaign.shards)
+    assert result(tmp_path) == result(whole)
+
+
+def test_a_folder_in_use_is_refused_and_shares_accompany_each_other(campaign: Campaign, tmp_path: Path) -> None:
+    store = ResultFolder(tmp_path, campaign)
+    store.open(campaign)
+    with store.storage.lock("1-of-2"):
+        with ResultFolder(tmp_path, campaign).storage.lock("2-of-2"):
+            pass
+        for share in (None, "1-of-2"):
+            with pytest.raises(bs.InputError, match="in use"), ResultFolder(tmp_path, campaign).storage.lock(share):
+                pass
+    with store.storage.lock(None):
+        pass
+
+
+def test_an_estimate_counts_everything(campaign: Campaign) -> None:
+    found = estimate(campaign, workers=2)
+    assert (found.distributions, found.shards) == (96, campaign.shards)
+    assert 0 < found.seconds < 60
+    assert found.seconds == pytest.approx(found.shard_s * found.shards / 2)
+
+
+ROBOT = f'[[robots]]\nscenario = "{REPOSITORY}/examples/01_hand_downward.toml"\n'
+REFUSED: dict[str, tuple[str, str]] = {
+    "no robot": ("poses = 3\n", "robots: is missing"),
+    "an unknown key": (f"pose = 3\n{ROBOT}", "pose: is no key of a campaign; did you mean 'poses'?"),
+    "no poses": (f"poses = 0\n{ROBOT}", "poses: is 0; wanted a whole number from 1"),
+    "a direction": (f'directions = ["dwn"]\n{ROBOT}', "directions: 'dwn' is unknown; did you mean 'down'?"),
+    "no speed": (f"speeds_mm_s = []\n{ROBOT}", "speeds_mm_s: is no list of speeds"),
+    "twice": (ROBOT + ROBOT, "robots.name: '01_hand_downward' is there twice"),
+    "a scenario's key": (ROBOT + 'keys = { "contact.aera_cm2" = 1 }\n', "01_hand_downward: is not a key of a scenario"),
+    "a nameless tool": (f"{ROBOT}[[tools]]\nkeys = {{}}\n", "tools[1].name: None is no name"),
+    "too many": (f"poses = 1000000000\ndirections = 100000\n{ROBOT}", "poses: make 3e+14 distributions"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_used_is_named(case: str, tmp_path: Path) -> None:
+    text, message = REFUSED[case]
+    (tmp_path / "c.toml").write_text(text)
+    refused = run("campaign", "run", tmp_path / "c.toml", "--dry-run")
+    assert (refused.status, refused.out) == (2, "")
+    assert message in refused.err
+
+
+OPTIONS: dict[str, tuple[tuple[Any, ...], str]] = {
+    "share": (("--shard", "4/3"), "--shard: '4/3' is no share"),
+    "address": (("--cluster", "nowhere"), "--cluster: 'nowhere' is no address"),
+    "out": ((), "--out: is missing"),
+}
+
+
+@pytest.mark.parametrize("case", OPTIONS)
+def test_options_that_cannot_be_used(case: str, tmp_path: Path) -> None:
+    options, message = OPTIONS[case]
+    where = () if case == "out" else ("--out", tmp_path / "o")
+    refused = run("campaign", "run", small(tmp_path), *where, *options)
+    assert (refused.status, refused.out) == (2, "")
+    assert message in refused.err

@@ -1,0 +1,86 @@
+"""Readers that die of a file: the file is named, and the next one is read."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+import scipy.io
+
+import bumpstop as bs
+from bumpstop.detection.tuning.residual_record import read_residuals, write_residuals
+from bumpstop.recording.formats import reader_process
+from recording.cases import recording
+
+
+def test_a_reader_that_is_killed_is_named_and_started_again(tmp_path: Path) -> None:
+    file = tmp_path / "r.parquet"
+    recording().save(file)
+    first = bs.Recording.load(file)
+    process = reader_process._READER.process
+    assert process is not None
+    os.kill(process.pid, signal.SIGSTOP)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    again = bs.Recording.load(file)
+    assert np.array_equal(first.q, again.q)
+    assert reader_process._READER.process is not process
+
+
+def test_a_file_that_needs_more_memory_than_it_may_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Zeros: a hundred thousand times smaller in the file than in memory."""
+    monkeypatch.setattr(reader_process, "MIN_MEMORY", 40_000_000)
+    file = tmp_path / "bomb.parquet"
+    zeros = np.zeros(8_000_000)
+    pl.DataFrame({"t": zeros, "q_1": zeros, "q_2": zeros}).write_parquet(file)
+    assert file.stat().st_size < 500_000
+    with pytest.raises(bs.InputError, match=r"bomb\.parquet: cannot be read as Parquet"):
+        bs.Recording.load(file)
+    recording().save(tmp_path / "good.parquet")
+    monkeypatch.undo()
+    assert bs.Recording.load(tmp_path / "good.parquet").dof == 2
+
+
+def test_a_reader_that_takes_too_long_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "r.parquet"
+    recording().save(file)
+    bs.Recording.load(file)
+    process = reader_process._READER.process
+    assert process is not None
+    monkeypatch.setattr(reader_process, "MIN_SECONDS", 0.3)
+    os.kill(process.pid, signal.SIGSTOP)
+    with pytest.raises(bs.InputError, match="it took longer than 0 s"):
+        bs.Recording.load(file)
+    assert process.poll() is not None
+
+
+@pytest.mark.parametrize("kind", ["parquet", "mat", "residuals"])
+def test_damaged_files_are_refused_in_one_sentence(kind: str, tmp_path: Path) -> None:
+    file = tmp_path / ("r.mat" if kind == "mat" else "r.parquet")
+    if kind == "mat":
+        scipy.io.savemat(file, {"t": np.arange(50.0), "q": np.ones((50, 2))})
+    elif kind == "parquet":
+        recording(rows=50).save(file)
+    else:
+        write_residuals(file, 0.004 * np.arange(50), np.ones((50, 2)))
+    columns = {"time": {"variable": "t"}, "position": {"variable": "q"}} if kind == "mat" else None
+    content, rng = file.read_bytes(), random.Random(3)
+    refused: list[str] = []
+    for _ in range(40):
+        damaged = bytearray(content)
+        for _ in range(rng.randint(1, 6)):
+            damaged[rng.randrange(len(damaged))] = rng.randrange(256)
+        file.write_bytes(damaged[: rng.choice((len(damaged), rng.randrange(len(damaged))))])
+        try:
+            read_residuals(file) if kind == "residuals" else bs.Recording.load(file, columns=columns)
+        except bs.InputError as error:
+            refused.append(str(error))
+    assert len(refused) > 20
+    for said in refused:
+        assert str(file) in said or "columns." in said or "column " in said
+        assert len(said) < 1500

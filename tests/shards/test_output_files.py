@@ -1,0 +1,96 @@
+"""Files appear whole or not at all, everywhere."""
+
+from __future__ import annotations
+
+import os
+import re
+import resource
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import bumpstop as bs
+from bumpstop.output_files import replacing, write_bytes
+from bumpstop.text_files import parse_toml, write_text
+
+SOURCE = Path(bs.__file__).parent
+
+
+def test_a_failed_write_leaves_what_was_there(tmp_path: Path) -> None:
+    file = tmp_path / "a.txt"
+    write_bytes(file, b"before")
+    file.chmod(0o640)
+    broken = replacing(file)
+    broken.__enter__().write_bytes(b"half")
+    assert len(list(tmp_path.iterdir())) == 2
+    assert not broken.__exit__(KeyError, KeyError("broken"), None)
+    assert file.read_bytes() == b"before"
+    assert list(tmp_path.iterdir()) == [file]
+    write_bytes(file, b"after", durable=True)
+    assert file.read_bytes() == b"after"
+    assert file.stat().st_mode & 0o777 == 0o640
+
+
+def test_links_are_followed_and_what_is_no_file_is_written_as_it_is(tmp_path: Path) -> None:
+    write_bytes(tmp_path / "there", b"1")
+    (tmp_path / "link").symlink_to("there")
+    write_bytes(tmp_path / "link", b"2")
+    assert (tmp_path / "there").read_bytes() == b"2"
+    assert (tmp_path / "link").is_symlink()
+    write_bytes("/dev/null", b"3")
+    assert not Path("/dev/null").is_file()
+
+
+def test_a_full_disk_is_named_and_leaves_nothing(tmp_path: Path) -> None:
+    """A limit of the size of files stands for it: the system ends a write in the middle, too."""
+
+    def limited() -> None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+
+    out = tmp_path / "cell.toml"
+    code = "from bumpstop.text_files import parse_toml, write_text; import sys; write_text(sys.argv[1], 'x' * 9000)"
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(out)],
+        env=os.environ | {"PYTHONPATH": str(SOURCE.parent)},
+        preexec_fn=limited,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "cannot be written (File too large)" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_errors_name_the_file_that_was_asked_for(tmp_path: Path) -> None:
+    with pytest.raises(bs.InputError, match=r"nowhere/a\.toml: cannot be written \(No such file or directory\)$"):
+        write_text(tmp_path / "nowhere" / "a.toml", "x")
+
+
+def test_every_module_writes_through_the_one_writer() -> None:
+    """Names of methods that would write under the name itself."""
+    own = re.compile(
+        r"\.(?:write_text|write_bytes|savefig|to_csv)\(|\.write_(?:parquet|csv)\((?!waiting|joined|content)"
+    )
+    allowed = {"output_files.py": 1, "picture.py": 1, "storage.py": 0}
+    for path in SOURCE.rglob("*.py"):
+        found = [line for line in path.read_text(encoding="utf-8").splitlines() if own.search(line)]
+        found = [line for line in found if "output_files." not in line]
+        assert len(found) <= allowed.get(path.name, 0), (path, found)
+
+
+def test_integers_that_no_float_holds_are_refused() -> None:
+    for text in ("a = 1" + "0" * 400, "[[t]]\nb = [1, {c = -1" + "0" * 400 + "}]"):
+        with pytest.raises(bs.InputError, match="an integer of more than 64 bits"):
+            parse_toml(text, "x.toml")
+    assert parse_toml("a = 18446744073709551615", "x.toml") == {"a": 2**64 - 1}
+
+
+def test_a_message_of_a_thousand_words_is_cut() -> None:
+    said = str(bs.InputError("key", "no word of this " * 1000, "wanted less"))
+    assert len(said) < 1500
+    assert said.startswith("key: no word")
+    assert "wanted less" in said
