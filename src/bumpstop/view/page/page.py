@@ -216,6 +216,7 @@ class Page:
         try:
             if answer.pending:
                 answer = Answer.of_uncertain(document.scenario, self._further.has_newer)
+            answer = answer.with_warnings()
             details = details_html(answer, self._further.has_newer)
         except SupersededError:
             return
