@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.contact import LimitTable
-from bumpstop.view.scene.arm_shapes import arm_shapes
 from bumpstop.view.scene.person import person_parts
 
 if TYPE_CHECKING:
@@ -59,7 +58,7 @@ class SceneView:
         scene.set_up_direction("+z")
         scene.add_light_ambient("/ambient", intensity=1.2)
         scene.add_grid("/floor", width=4, height=4, cell_size=0.25, section_size=1.0, shadow_opacity=0)
-        self._shapes = {shape.link: shape for shape in arm_shapes(opened.robot)}
+        self._shapes = {shape.link: shape for shape in opened.shapes}
         self._frames: dict[int, Any] = {}
         for link, shape in self._shapes.items():
             self._frames[link] = scene.add_frame(f"/arm/{link + 1}", show_axes=False)
