@@ -185,6 +185,7 @@ class SceneView:
         self._body.scale, self._body.position = radius, point + normal * radius
         beyond = point + normal * 2 * radius
         self._arrow("/motion", beyond, beyond + velocity * _ARROW_M, _MOTION)
+        self.show_force(answer)
 
     def show_force(self, answer: Answer) -> None:
         """Draw the 99 % quantile of the peak force, 1 m for 1000 N, beside the body that is hit."""

@@ -170,7 +170,7 @@ class Chart:
         """The line that bars must not pass, at a value of the x axis."""
         at = 128.0 + x / self._x[1] * (WIDTH - 128.0 - 52.0)
         self._across(at, at, _TOP, self._height - 6, LIMIT, "6 3")
-        self._note(label, at, _TOP - 4, "middle", LIMIT)
+        self._note(label, at, _TOP + 7, "middle", LIMIT)
 
     def _across(self, x1: float, x2: float, y1: float, y2: float, colour: str, dash: str | None) -> None:
         places = {"x1": f"{x1:.1f}", "x2": f"{x2:.1f}", "y1": f"{y1:.1f}", "y2": f"{y2:.1f}"}
