@@ -82,6 +82,30 @@ def test_a_urdf_of_twelve_joints(tmp_path: Path) -> None:
     assert 0 < bs.evaluate(opened.scenario).peak_force.quantile(0.5) < np.inf
 
 
+def test_meshes_of_a_urdf_stand_where_its_links_are(tmp_path: Path) -> None:
+    """A box beside the third link; what cannot be read is told, and drawn from the kinematics."""
+    import trimesh
+
+    trimesh.creation.box((0.1, 0.2, 0.3)).export(tmp_path / "box.stl")
+    (tmp_path / "bad.stl").write_bytes(b"no mesh")
+    visual = (
+        '<visual><origin xyz="1 0 0" rpy="0 0 1.5707963267948966"/><geometry><mesh filename="{}"/></geometry></visual>'
+    )
+    text = urdf_of_twelve_joints()
+    text = text.replace('<link name="l2"/>', f'<link name="l2">{visual.format("box.stl")}</link>')
+    text = text.replace('<link name="l4"/>', f'<link name="l4">{visual.format("bad.stl")}</link>')
+    file = tmp_path / "snake.urdf"
+    file.write_text(text, encoding="utf-8")
+    opened = open_source(str(file))
+    shapes = {shape.link: shape for shape in opened.shapes}
+    assert len(shapes) == 13
+    box = shapes[2].vertices
+    assert np.ptp(box, axis=0) == pytest.approx([0.2, 0.1, 0.3])
+    assert box.mean(axis=0) == pytest.approx([1.0, 0.0, 0.0])
+    assert shapes[4].vertices.shape == shapes[6].vertices.shape
+    assert [note for note in opened.notes if "bad.stl" in note]
+
+
 def test_a_study_opens_with_its_rows(tmp_path: Path) -> None:
     from bumpstop.study import WorkspaceStudy
     from bumpstop.view.document import scenario_text

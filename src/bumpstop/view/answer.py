@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
@@ -39,6 +39,7 @@ class Answer:
         result: computed in full, as :func:`bumpstop.evaluate` does it; of a scenario with ``[uncertainty]`` that of the
             central case.
         uncertain: the verdict with an interval, of a scenario with ``[uncertainty]``.
+        checked: the warnings beside the verdict are computed, which takes a second evaluation with finer steps.
         pending: the scenario has ``[uncertainty]``, and its verdict is not computed yet: ``result`` is of the figures
             as they are given, and no verdict.
     """
@@ -46,6 +47,7 @@ class Answer:
     result: CollisionResult
     uncertain: UncertainResult | None = None
     pending: bool = False
+    checked: bool = False
 
     @classmethod
     def of(cls, scenario: Scenario) -> Answer:
@@ -110,6 +112,11 @@ class Answer:
         if self.pending:
             return "How sure the verdict is, is being computed. The figures are of the numbers as they are given."
         return self.result.verdict.reason if self.uncertain is None else self.uncertain.reason
+
+    def with_warnings(self) -> Answer:
+        """The same with what makes the verdict mean less than it says."""
+        _ = self.result.warnings
+        return replace(self, checked=True)
 
     @cached_property
     def figures(self) -> dict[str, float | None]:

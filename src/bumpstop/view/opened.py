@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
     from bumpstop.view.point_rows import PointRows
+    from bumpstop.view.scene.arm_shapes import LinkShape
 
 
 class Watch(Protocol):
@@ -57,6 +59,18 @@ class Opened:
     notes: tuple[str, ...] = ()
     points: PointRows | None = None
     recorded: Recorded | None = None
+
+    @cached_property
+    def shapes(self) -> tuple[LinkShape, ...]:
+        """Of the base and the links: a URDF's meshes where they can be read, else drawn from the kinematics."""
+        from bumpstop.view.scene.arm_shapes import arm_shapes
+        from bumpstop.view.scene.urdf_meshes import urdf_meshes
+
+        shapes = {shape.link: shape for shape in arm_shapes(self.robot)}
+        path = self.scenario.robot_path
+        if path is not None:
+            shapes |= {shape.link: shape for shape in urdf_meshes(path, self.robot)[0]}
+        return tuple(shapes.values())
 
 
 def open_source(source: str | None, *, robot: str | None = None, watch: Watch | None = None) -> Opened:
@@ -101,7 +115,9 @@ def _scenario(source: str | None) -> Opened:
         from bumpstop.view.urdf_scenario import urdf_scenario
 
         scenario, arm, notes = urdf_scenario(path)
-        return Opened(scenario, arm, str(path), notes)
+        from bumpstop.view.scene.urdf_meshes import urdf_meshes
+
+        return Opened(scenario, arm, str(path), (*notes, *urdf_meshes(path, arm)[1]))
     valid = f"wanted a scenario (.toml), URDF, recording, study or built-in robot; {near_matches(source, robots())}"
     raise InputError("SOURCE", f"{source!r} cannot be opened", valid)
 

@@ -58,9 +58,8 @@ class Playback:
     def words_at(self, t: float) -> str:
         """What holds at a time."""
         row = int(np.clip(np.searchsorted(self.time, t, side="right") - 1, 0, self.time.size - 1))
-        said = (
-            f"{self.value_label} {number(float(self.value[row]))}, {self.limit_label} {number(float(self.limit[row]))}"
-        )
+        pairs = ((self.value_label, self.value), (self.limit_label, self.limit))
+        said = ", ".join(_figure(label, float(value[row])) for label, value in pairs)
         over = "over" if self.value[row] > self.limit[row] else "within"
         return f"{t:.3f} s: {said}: {over}"
 
@@ -79,6 +78,12 @@ class Playback:
             chart.mark(alarm, 0.0, "", EVENT)
         chart.vertical(t, "", "#222222", dash="2 2")
         return chart.svg()
+
+
+def _figure(label: str, value: float) -> str:
+    """A label with its number before the unit."""
+    name, _, unit = label.partition(", ")
+    return f"{name} {number(value)} {unit}".rstrip()
 
 
 def playback_of(opened: Opened, stopped: Callable[[], bool], progress: Callable[[float], None]) -> Playback | None:
@@ -116,9 +121,18 @@ def _trajectory(opened: Opened, stopped: Callable[[], bool], progress: Callable[
     speed, limit = rows["speed_mm_s"].to_numpy(), rows["limit_mm_s"].to_numpy()
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(speed > 0, speed / np.maximum(limit, 1e-9), 0.0)
-    places = rows.select("tip_x_m", "tip_y_m", "tip_z_m").to_numpy()
+    even = np.linspace(float(time[0]), float(time[-1]), _MAX_CHART)
+    places = study.problem.robot.pose(study.given.at(even))[:, :3, 3]
     return Playback(
-        time, position, places, limit, speed, limit, "speed of the tip, mm/s", "safe speed, mm/s", int(share.argmax())
+        time,
+        position,
+        places,
+        np.interp(even, time, limit),
+        speed,
+        limit,
+        "speed of the tip, mm/s",
+        "safe speed, mm/s",
+        int(share.argmax()),
     )
 
 

@@ -101,7 +101,7 @@ def _pixels(answer: Answer, top: float, *, parts: tuple[str, ...], below: Any = 
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=_SIZE_INCH, dpi=_FRAME_DPI)
-    canvas = FigureCanvasAgg(figure)
+    canvas: Any = FigureCanvasAgg(figure)
     if below is not None:
         figure.figimage(below)
     _fill(figure, answer, top, parts)

@@ -92,10 +92,14 @@ class Page:
 
     def close(self) -> None:
         """Stop computing: the browser is gone."""
-        for worker in (self._worker, self._further, self._hand):
-            worker.close()
-        self._playback.close()
-        self._points.close()
+        for part in (self._worker, self._further, self._hand, self._playback, self._points):
+            part.close()
+
+    def wait(self, seconds: float) -> None:
+        """Wait until nothing of a closed page is computed any more, but not longer."""
+        end = time.monotonic() + seconds
+        while self.computing and time.monotonic() < end:
+            time.sleep(0.01)
 
     @property
     def computing(self) -> bool:
@@ -207,10 +211,12 @@ class Page:
         time.sleep(_PAUSE_S)
         if self._further.has_newer():
             return
+        self._scene.show_force(answer)
         self._draw_polytope(answer)
         try:
             if answer.pending:
                 answer = Answer.of_uncertain(document.scenario, self._further.has_newer)
+            answer = answer.with_warnings()
             details = details_html(answer, self._further.has_newer)
         except SupersededError:
             return

@@ -76,7 +76,11 @@ class PlaybackPanel:
             return
         t = float(self._time.value)
         self.pose = playback.pose_at(t)
-        self._page.scene.pose(self.pose)
+        answer = self._page.answer
+        if answer is None:
+            self._page.scene.pose(self.pose)
+        else:
+            self._page.scene.show(answer.scenario, self.pose, answer, hand=False)
         self._says.content = str(
             element(
                 "div",

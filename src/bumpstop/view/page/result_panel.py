@@ -37,7 +37,10 @@ def verdict_box(answer: Answer, *, before: Answer | None = None) -> Html:
         was, now = (each.result.peak_force.quantile(0.99) for each in (before, answer))
         text = f"Kept for comparison: {before.word}, p99 {number(was)} N; now {number(now)} N."
         rows.append(element("div", text, style=f"padding:2px 8px;color:{FAINT}", data_before=""))
-    rows += [element("div", f"⚠ {text}", style=f"padding:2px 8px;color:{LIMIT}") for text in answer.result.warnings[:2]]
+    # A verdict is never better by what is not known yet: until the warnings are computed, it says so.
+    warnings = answer.result.warnings if answer.checked else ("Warnings are being computed.",)
+    look = f"padding:2px 8px;color:{LIMIT if answer.checked else FAINT}"
+    rows += [element("div", f"⚠ {text}", style=look) for text in warnings]
     return element(
         "div",
         *rows,

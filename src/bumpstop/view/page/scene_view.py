@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.contact import LimitTable
-from bumpstop.view.scene.arm_shapes import arm_shapes
 from bumpstop.view.scene.person import person_parts
 
 if TYPE_CHECKING:
@@ -59,7 +58,7 @@ class SceneView:
         scene.set_up_direction("+z")
         scene.add_light_ambient("/ambient", intensity=1.2)
         scene.add_grid("/floor", width=4, height=4, cell_size=0.25, section_size=1.0, shadow_opacity=0)
-        self._shapes = {shape.link: shape for shape in arm_shapes(opened.robot)}
+        self._shapes = {shape.link: shape for shape in opened.shapes}
         self._frames: dict[int, Any] = {}
         for link, shape in self._shapes.items():
             self._frames[link] = scene.add_frame(f"/arm/{link + 1}", show_axes=False)
@@ -73,6 +72,9 @@ class SceneView:
         self._hand = scene.add_transform_controls("/hand", scale=0.18 * reach, visible=False, depth_test=False)
         self._hand.on_update(self._dragged)
         self._parts: dict[str, Any] = {}
+        self._arrows: dict[str, Any] = {}
+        self._q: FloatArray | None = None
+        self._touch: FloatArray | None = None
         self._table = ""
         self._person_at = (-0.45 * reach - 0.35, 0.6 * reach + 0.35, 0.0)
         client.camera.position = (1.2 * reach, -1.5 * reach, 0.95 * reach)
@@ -135,6 +137,10 @@ class SceneView:
 
     def pose(self, q: FloatArray) -> None:
         """Draw the arm in a pose (dof,) [rad or m]."""
+        # What stands as it stood is not sent: a picture that need not be drawn anew leaves its time to the plots.
+        if self._q is not None and (self._q == q).all():
+            return
+        self._q = q.copy()
         for link, frame in self._frames.items():
             X = np.eye(4) if link < 0 else self._robot.pose(q, self._robot.joints[link].link)
             frame.wxyz, frame.position = quaternion(X[:3, :3]), X[:3, 3]
@@ -172,9 +178,20 @@ class SceneView:
         velocity = direction_of_motion(answer)
         normal = velocity if contact.normal is None else np.asarray(contact.normal) / np.linalg.norm(contact.normal)
         radius = max(0.03, 1e-2 * float(np.sqrt(contact.area_cm2 / np.pi)))
+        touch = np.concatenate([point, normal, velocity, [radius]])
+        if self._touch is not None and np.allclose(touch, self._touch, rtol=0, atol=1e-9):
+            return
+        self._touch = touch
         self._body.scale, self._body.position = radius, point + normal * radius
         beyond = point + normal * 2 * radius
         self._arrow("/motion", beyond, beyond + velocity * _ARROW_M, _MOTION)
+        self.show_force(answer)
+
+    def show_force(self, answer: Answer) -> None:
+        """Draw the 99 % quantile of the peak force, 1 m for 1000 N, beside the body that is hit."""
+        if self._touch is None:
+            return
+        point, normal, radius = self._touch[:3], self._touch[3:6], float(self._touch[9])
         force = answer.result.peak_force.quantile(0.99)
         length = _M_PER_N * min(force, 1000.0) if np.isfinite(force) else 1.0
         side = np.cross(normal, [0.0, 0.0, 1.0]) if abs(normal[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
@@ -182,7 +199,10 @@ class SceneView:
         self._arrow("/force", start, start - normal * max(length, 0.01), _FORCE)
 
     def _arrow(self, name: str, start: FloatArray, end: FloatArray, colour: tuple[int, int, int]) -> None:
-        self._client.scene.add_arrows(
+        if name in self._arrows:
+            self._arrows[name].points = np.array([[start, end]])
+            return
+        self._arrows[name] = self._client.scene.add_arrows(
             name, np.array([[start, end]]), colour, shaft_radius=0.008, head_radius=0.02, head_length=0.05
         )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http
 import threading
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 LOOPBACK = "127.0.0.1"
 _LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
 _MAX_PORT = 65_535
+# How long what is being computed may take to end.
+_WAIT_S = 5.0
 _STARTING = threading.Lock()
 
 
@@ -36,8 +39,11 @@ class ViewServer:
             raise InputError("--port", f"{port} is no port", f"wanted 0 (any that is free) to {_MAX_PORT}")
         viser = viser_module()
         self.pages: dict[int, Page] = {}
+        self._ended: list[Page] = []
         self._lock = threading.Lock()
         self._opened = opened
+        # A page that closes while it is drawn is no fault.
+        warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
         with _guarded(host), _silent():
             self._server = viser.ViserServer(host=host, port=port, verbose=False)
         self._host = host
@@ -57,9 +63,12 @@ class ViewServer:
     def stop(self) -> None:
         """Close every page, and the server."""
         with self._lock:
-            pages, self.pages = list(self.pages.values()), {}
+            pages, self.pages = [*self.pages.values(), *self._ended], {}
         for page in pages:
             page.close()
+        # A thread that still computes must not outlive the interpreter.
+        for page in pages:
+            page.wait(_WAIT_S)
         with _silent():
             self._server.stop()
 
@@ -71,8 +80,10 @@ class ViewServer:
     def _disconnect(self, client: viser.ClientHandle) -> None:
         with self._lock:
             page = self.pages.pop(client.client_id, None)
-        if page is not None:
-            page.close()
+            self._ended = [each for each in self._ended if each.computing]
+            if page is not None:
+                page.close()
+                self._ended.append(page)
 
 
 def is_loopback(host: str) -> bool:

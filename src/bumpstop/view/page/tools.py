@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bumpstop.errors import BumpstopError
+from bumpstop.report.markup import element
 
 if TYPE_CHECKING:
     from bumpstop.view.page.page import Page
@@ -36,6 +37,8 @@ class Tools:
                 "undetectable forces", False, hint="forces at the contact point that no threshold detects, 1 m: 1000 N"
             )
             self._polytope.on_update(lambda _: page.refresh())
+            for note in page.opened.notes:
+                gui.add_html(str(element("div", note, style="font-size:11px;padding:1px 10px", data_note="")))
 
     @property
     def polytope(self) -> bool:

@@ -70,7 +70,13 @@ class Chart:
     def _points(self, x: FloatArray, y: FloatArray) -> str:
         low, high = self._x
         kept = (x >= low) & (x <= high) & np.isfinite(y)
-        return " ".join(f"{self.to_x(a):.1f},{self.to_y(b):.1f}" for a, b in zip(x[kept], y[kept], strict=True))
+        values, (bottom, top) = y[kept], self._y
+        if self._log_y:
+            values, bottom, top = np.log10(np.maximum(values, 1e-300)), math.log10(bottom), math.log10(top)
+        across = _LEFT + (x[kept] - low) / (high - low) * (WIDTH - _LEFT - _RIGHT)
+        share = np.clip((values - bottom) / (top - bottom), 0.0, 1.0)
+        up = _TOP + (1 - share) * (self._height - _TOP - _BOTTOM)
+        return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(across.tolist(), up.tolist(), strict=True))
 
     def line(self, x: FloatArray, y: FloatArray, colour: str, *, dash: str | None = None, width: float = 1.6) -> None:
         """A line through points; values beyond the y axis stand at its end."""
@@ -164,7 +170,7 @@ class Chart:
         """The line that bars must not pass, at a value of the x axis."""
         at = 128.0 + x / self._x[1] * (WIDTH - 128.0 - 52.0)
         self._across(at, at, _TOP, self._height - 6, LIMIT, "6 3")
-        self._note(label, at, _TOP - 4, "middle", LIMIT)
+        self._note(label, at, _TOP + 7, "middle", LIMIT)
 
     def _across(self, x1: float, x2: float, y1: float, y2: float, colour: str, dash: str | None) -> None:
         places = {"x1": f"{x1:.1f}", "x2": f"{x2:.1f}", "y1": f"{y1:.1f}", "y2": f"{y2:.1f}"}
