@@ -33,7 +33,8 @@ def whys(text: str, *, start: bool = True) -> list[str]:
 
 
 def test_urscript_defaults_and_arguments() -> None:
-    text = f"q = {HOME}\nmovej({ASIDE}, 1.5, 0.3)\nmovej(q)\nmovel(p[-0.7,-0.17,0.6,3.1,0,0], v=0.1*2, a=d2r(90), r=0.02)\n"
+    text = f"q = {HOME}\nmovej({ASIDE}, 1.5, 0.3)\nmovej(q)\n"
+    text += "movel(p[-0.7,-0.17,0.6,3.1,0,0], v=0.1*2, a=d2r(90), r=0.02)\n"
     first, second, third = (visit for chain in chains(read_urscript(text.encode())) for visit in chain)
     assert (first.slots[0].value, first.move.acceleration) == (0.3, 1.5)
     assert (second.slots[0].value, second.move.acceleration) == (1.05, 1.4)
@@ -74,7 +75,8 @@ def test_where_a_move_begins() -> None:
 
 
 def test_loops_begin_where_they_end() -> None:
-    text = f"def main():\n movej({ASIDE})\n while True:\n  movej({HOME})\n  turn()\n end\nend\ndef turn():\n movej({ASIDE}, v=0.2)\nend"
+    text = f"def main():\n movej({ASIDE})\n while True:\n  movej({HOME})\n  turn()\n end\nend\n"
+    text += f"def turn():\n movej({ASIDE}, v=0.2)\nend"
     found = [visit for chain in chains(read_urscript(text.encode()), start=False) for visit in chain]
     assert [(visit.move.line, visit.why) for visit in found] == [(2, "where it begins is not known"), (4, ""), (9, "")]
 
@@ -106,7 +108,8 @@ def test_krl_settings_hold_until_the_next() -> None:
 
 
 def test_krl_moves_without_a_speed_get_one() -> None:
-    source = b"DEF a()\n  PTP {A1 10,A2 -90,A3 90,A4 -90,A5 -90,A6 0}\n  LIN {X -690,Y -174,Z 500,A 0,B 0,C 180} C_DIS\nEND\n"
+    source = b"DEF a()\n  PTP {A1 10,A2 -90,A3 90,A4 -90,A5 -90,A6 0}\n"
+    source += b"  LIN {X -690,Y -174,Z 500,A 0,B 0,C 180} C_DIS\nEND\n"
     read = read_krl(source)
     (ptp,), (lin,) = chains(read)
     assert read.notes[0].startswith("line 3: how far it is blended")

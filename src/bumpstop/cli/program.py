@@ -32,7 +32,7 @@ def command(
     ],
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Write the program with safe speeds, its segments and a report there."),
+        typer.Option("--out", "-o", help="Write the program with safe speeds, its segments and a summary there."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
     max_speed: Annotated[float, typer.Option(metavar="MM_S", help="No speed of the tip is raised above it.")] = 1000.0,
