@@ -194,7 +194,8 @@ class TrajectorySegment:
             joints = float((SHARE * self.robot.velocity / (np.abs(rate[moving]) * share[:, None]).max(axis=0)).min())
         velocity, _ = point_motion(self.given, self.robot, self.robot.frame(None), grid)
         tool = float((np.linalg.norm(velocity, axis=1)[moving] * share).max())
-        return max(1.0, min(joints, max_speed / max(tool, 1e-9)))
+        most = max(1.0, min(joints, max_speed / max(tool, 1e-9)))
+        return max(1.0, most * self._motion(most).top)
 
     def line_at(self, t: float, motion: Trajectory) -> int:  # noqa: D102
         q = motion.at(min(max(t, 0.0), motion.duration))
