@@ -118,6 +118,18 @@ def test_krl_moves_without_a_speed_get_one() -> None:
     assert ptp.slots[0].edit(7.9).text.count("=7\n") == 6
 
 
+def test_a_speed_that_nothing_said_is_written(tmp_path: Path) -> None:
+    path = tmp_path / "a.src"
+    path.write_bytes(b"DEF a()\r\n  LIN {X -690,Y -174,Z 600,A 0,B 0,C 180} ; down\r\nEND\r\n")
+    source = read_source(path, cell(), 0.5)
+    assert isinstance(source, TextProgram)
+    (segment,) = source.segments
+    assert not segment.speed_known
+    assert source.written({}) == path.read_bytes()
+    lines = source.written({segment: 1.0}).split(b"\r\n")
+    assert lines[1:3] == [b"  $VEL.CP=0.5", b"  LIN {X -690,Y -174,Z 600,A 0,B 0,C 180} ; down"]
+
+
 def test_rapid_speeds_and_zones() -> None:
     source = (EXAMPLES / "place.mod").read_bytes()
     every = [visit for chain in chains(read_rapid(source)) for visit in chain]

@@ -95,8 +95,8 @@ class ProgramResult:
 
     @property
     def factors(self) -> Mapping[Segment, float]:
-        """By segment."""
-        return {one.segment: one.factor for one in self.segments}
+        """Of the segments that are judged."""
+        return {one.segment: one.factor for one in self.segments if one.safe_factor > 0}
 
     def to_json(self) -> dict[str, Any]:
         """As ``--json`` prints it."""
