@@ -21,13 +21,15 @@ URSCRIPT = (
 KRL = (
     (EXAMPLES / "place.src").read_bytes(),
     (EXAMPLES / "place.dat").read_bytes(),
-    b"&ACCESS\r\nDEF x()\r\n;FOLD PTP P1 Vel=100 %\r\nPTP {E6AXIS: A1 0, A2 -90.5} C_PTP\r\nLIN {X 1,Y\r\n$VEL.CP=\r\nEND",
+    b"&ACCESS\r\nDEF x()\r\n"
+    b";FOLD PTP P1 Vel=100 %\r\nPTP {E6AXIS: A1 0, A2 -90.5} C_PTP\r\nLIN {X 1,Y\r\n$VEL.CP=\r\nEND",
     b"SWITCH I\nCASE 1\nLIN P1 C_DIS C_VEL\nDEFAULT\nGOTO A\nENDSWITCH\nENDLOOP\n\x80\x81",
 )
 RAPID = (
     (EXAMPLES / "place.mod").read_bytes(),
     b"MODULE m\r\nPROC main() MoveL \\Conc, p1, v100\\V:=50, z10\\Z:=3, tool0\\WObj:=w;\r\nENDPROC",
-    b'IF a THEN TPWrite "; MoveL"; ELSEIF b MoveJ p,v,z; ENDIF ! \xc3\xa4 MoveL p1,v1,fine,tool0;\nMoveAbsJ [[0,0],[9E9]],v5,z0,t;',
+    b'IF a THEN TPWrite "; MoveL"; ELSEIF b MoveJ p,v,z; ENDIF ! \xc3\xa4 MoveL p1,v1,fine,tool0;\n'
+    b"MoveAbsJ [[0,0],[9E9]],v5,z0,t;",
     b"CONST robtarget p:=[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9]];WHILE TRUE DO ;;; ENDWHILE \x00 ENDMODULE",
 )
 

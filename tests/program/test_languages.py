@@ -33,7 +33,8 @@ def whys(text: str, *, start: bool = True) -> list[str]:
 
 
 def test_urscript_defaults_and_arguments() -> None:
-    text = f"q = {HOME}\nmovej({ASIDE}, 1.5, 0.3)\nmovej(q)\nmovel(p[-0.7,-0.17,0.6,3.1,0,0], v=0.1*2, a=d2r(90), r=0.02)\n"
+    text = f"q = {HOME}\nmovej({ASIDE}, 1.5, 0.3)\nmovej(q)\n"
+    text += "movel(p[-0.7,-0.17,0.6,3.1,0,0], v=0.1*2, a=d2r(90), r=0.02)\n"
     first, second, third = (visit for chain in chains(read_urscript(text.encode())) for visit in chain)
     assert (first.slots[0].value, first.move.acceleration) == (0.3, 1.5)
     assert (second.slots[0].value, second.move.acceleration) == (1.05, 1.4)
@@ -74,7 +75,8 @@ def test_where_a_move_begins() -> None:
 
 
 def test_loops_begin_where_they_end() -> None:
-    text = f"def main():\n movej({ASIDE})\n while True:\n  movej({HOME})\n  turn()\n end\nend\ndef turn():\n movej({ASIDE}, v=0.2)\nend"
+    text = f"def main():\n movej({ASIDE})\n while True:\n  movej({HOME})\n  turn()\n end\nend\n"
+    text += f"def turn():\n movej({ASIDE}, v=0.2)\nend"
     found = [visit for chain in chains(read_urscript(text.encode()), start=False) for visit in chain]
     assert [(visit.move.line, visit.why) for visit in found] == [(2, "where it begins is not known"), (4, ""), (9, "")]
 
@@ -106,13 +108,26 @@ def test_krl_settings_hold_until_the_next() -> None:
 
 
 def test_krl_moves_without_a_speed_get_one() -> None:
-    source = b"DEF a()\n  PTP {A1 10,A2 -90,A3 90,A4 -90,A5 -90,A6 0}\n  LIN {X -690,Y -174,Z 500,A 0,B 0,C 180} C_DIS\nEND\n"
+    source = b"DEF a()\n  PTP {A1 10,A2 -90,A3 90,A4 -90,A5 -90,A6 0}\n"
+    source += b"  LIN {X -690,Y -174,Z 500,A 0,B 0,C 180} C_DIS\nEND\n"
     read = read_krl(source)
     (ptp,), (lin,) = chains(read)
     assert read.notes[0].startswith("line 3: how far it is blended")
     assert ptp.slots[0].value is None
     assert lin.slots[0].edit(0.123456).text == "  $VEL.CP=0.1234\n"
     assert ptp.slots[0].edit(7.9).text.count("=7\n") == 6
+
+
+def test_a_speed_that_nothing_said_is_written(tmp_path: Path) -> None:
+    path = tmp_path / "a.src"
+    path.write_bytes(b"DEF a()\r\n  LIN {X -690,Y -174,Z 600,A 0,B 0,C 180} ; down\r\nEND\r\n")
+    source = read_source(path, cell(), 0.5)
+    assert isinstance(source, TextProgram)
+    (segment,) = source.segments
+    assert not segment.speed_known
+    assert source.written({}) == path.read_bytes()
+    lines = source.written({segment: 1.0}).split(b"\r\n")
+    assert lines[1:3] == [b"  $VEL.CP=0.5", b"  LIN {X -690,Y -174,Z 600,A 0,B 0,C 180} ; down"]
 
 
 def test_rapid_speeds_and_zones() -> None:

@@ -153,8 +153,6 @@ def test_bags(mcap: bool, tmp_path: Path) -> None:
     assert np.allclose(again.segments[0].time, source.segments[0].at(0.5).time, atol=2e-9)
     assert np.allclose(again.segments[0].velocity, source.segments[0].at(0.5).velocity)  # type: ignore[arg-type]
     with Reader(path) as before, Reader(tmp_path / "new") as after:
-        old, new = (
-            [(c.topic, t, bytes(body)) for c, t, body in reader.messages()] for reader in (before, after)
-        )
+        old, new = ([(c.topic, t, bytes(body)) for c, t, body in reader.messages()] for reader in (before, after))
     assert [one[:2] for one in old] == [one[:2] for one in new]
     assert [one == other for one, other in zip(old, new, strict=True)] == [True, False, True]

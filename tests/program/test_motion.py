@@ -18,7 +18,7 @@ from bumpstop.program.motion.kinematics import tool_line, transform
 from bumpstop.program.motion.timing import RAMP_S, PathMotion
 from bumpstop.program.segment import MoveSegment
 from bumpstop.program.trajectories.recorded import read_recorded
-from bumpstop.program.trajectories.stretch import Stretch, find_stretches
+from bumpstop.program.trajectories.trajectory_segment import TrajectorySegment, find_segments
 from program.corpora import cell
 
 FAR, HIGH = "[0.9, -1.57, 1.57, -1.57, -1.57, 0]", "[0.9, -1.2, 1.4, -1.77, -1.57, 0]"
@@ -85,10 +85,14 @@ def test_a_blended_corner_is_cut_and_passed_at_speed() -> None:
 
 
 def test_nothing_is_faster_than_its_greatest_factor() -> None:
-    (segment,) = segments(f"movej({FAR}, a=30, v=0.5)")
+    (segment,) = segments(f"movej({FAR}, a=60, v=0.5)")
     joints = segment.max_factor(100.0)
     assert joints * 0.5 == pytest.approx(0.98 * math.radians(120), rel=1e-6)
     assert segment.at(2 * joints).duration == pytest.approx(segment.at(joints).duration, rel=1e-3)
+    (slow,) = segments(f"movej({FAR}, a=1, v=0.5)")
+    most = slow.max_factor(100.0)
+    assert 1 < most < joints
+    assert slow.at(most).duration == pytest.approx(slow.at(1.5 * most).duration, rel=0.05)
     tool = segment.max_factor(0.6)
     assert cell().tool_speed(segment.at(tool)) == pytest.approx(0.6, rel=0.01)
 
@@ -97,7 +101,8 @@ def test_a_motion_has_limited_jerk_and_an_inverse() -> None:
     motion = PathMotion(2.0, 3.0)
     t = np.linspace(0, motion.duration, 3001)
     u, speed, acceleration = motion.at(t)
-    assert (speed[[0, -1]] == pytest.approx(0.0, abs=1e-9)) and speed.max() <= 1 + 1e-9
+    assert speed[[0, -1]] == pytest.approx(0.0, abs=1e-9)
+    assert speed.max() <= 1 + 1e-9
     assert np.abs(np.gradient(acceleration, t)).max() <= 1.001 * 3.0 / RAMP_S
     assert np.allclose(motion.times(u[::100])[1:-1], t[::100][1:-1], atol=1e-9)
 
@@ -118,7 +123,7 @@ def recorded_moves(t: FloatArray) -> FloatArray:
     return q
 
 
-def test_stretches_of_a_recording_are_found_where_it_rests_or_turns(tmp_path: Path) -> None:
+def test_segments_of_a_recording_are_found_where_it_rests_or_turns(tmp_path: Path) -> None:
     t = np.arange(0, 5.5, 0.004)
     q = recorded_moves(t) + np.random.default_rng(1).normal(0, 2e-5, (len(t), 6))
     file = tmp_path / "log.csv"
@@ -138,23 +143,26 @@ def test_stretches_of_a_recording_are_found_where_it_rests_or_turns(tmp_path: Pa
     assert np.allclose(slower[-1, 1:7], rows[-1, 1:7], atol=1e-12)
 
 
-def test_a_stretch_timed_anew_follows_the_same_path_from_rest_to_rest() -> None:
+def test_a_segment_timed_anew_follows_the_same_path_from_rest_to_rest() -> None:
     t = np.linspace(0, 1.2, 31)
     home = np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])
     q = bell(home, home + np.array([0.5, 0.2, -0.1, 0, 0.3, 0]), 1.2, t)
-    assert find_stretches(t, q, None) == [(1, 29)]  # at the outermost rows next to nothing moves
-    stretch = Stretch(
-        "s", (1, 31), (0, 30), cell().robot, t, q, None, cell().joint_acceleration, dense=True
-    )
-    peak = np.abs(stretch.given.at(np.linspace(0, 1.2, 2001), 1)).max(axis=0)
-    for factor in (0.3, 0.8, 1.4):
-        times, position, rate = dense(stretch.at(factor))
+    assert find_segments(t, q, None) == [(1, 29)]  # at the outermost rows next to nothing moves
+    segment = TrajectorySegment("s", (1, 31), (0, 30), cell().robot, t, q, None, cell().joint_acceleration, dense=True)
+    peak = np.abs(segment.given.at(np.linspace(0, 1.2, 2001), 1)).max(axis=0)
+    for factor in (0.3, 0.8):
+        times, position, rate = dense(segment.at(factor))
         share = (position[:, 0] - home[0]) / 0.5
         assert np.abs(position - (home + share[:, None] * (q[-1] - q[0]))).max() < 1e-4
         assert np.abs(rate).max(axis=0) == pytest.approx(factor * peak, rel=0.02, abs=1e-6)
         assert np.abs(rate[[0, -1]]).max() < 1e-9
-        assert (np.diff(share) > -1e-9).all()
-        assert times[-1] == stretch.at(factor).duration
-    sparse = replace(stretch, dense=False)
+        assert (np.diff(share) > -1e-6).all()
+        assert times[-1] == segment.at(factor).duration
+    # On a way so short no factor makes the arm faster than this one.
+    most = segment.max_factor(100.0)
+    fastest = np.abs(dense(segment.at(3 * most))[2]).max()
+    assert 1 < most < 1.4
+    assert np.abs(dense(segment.at(most))[2]).max() == pytest.approx(fastest, rel=0.03)
+    sparse = replace(segment, dense=False)
     assert (sparse.at(0.5).position == q).all()
-    assert sparse.at(0.5).duration == pytest.approx(stretch.at(0.5).duration, rel=1e-9)
+    assert sparse.at(0.5).duration == pytest.approx(segment.at(0.5).duration, rel=1e-9)

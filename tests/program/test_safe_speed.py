@@ -31,7 +31,17 @@ def test_what_is_written_is_acceptable_and_a_little_more_is_not(
     text = f"movej({SHORT}, v=0.4)  # too fast\nmovel(p[-0.63, -0.25, 0.6, 3.1, 0, 0.1], v=0.01)\n"
     (tmp_path / "p.script").write_text(text)
     with pytest.raises(SystemExit) as ended:
-        main(["program", str(tmp_path / "p.script"), "--scenario", str(EXAMPLES / "cell.toml"), "--json", "-o", str(tmp_path / "out")])
+        main(
+            [
+                "program",
+                str(tmp_path / "p.script"),
+                "--scenario",
+                str(EXAMPLES / "cell.toml"),
+                "--json",
+                "-o",
+                str(tmp_path / "out"),
+            ]
+        )
     assert ended.value.code == 3
     printed = json.loads(capsys.readouterr().out)
     assert (printed["present"], printed["written"]) == ("FAIL", "PASS")
@@ -145,9 +155,7 @@ def test_refusals(
     assert message in capsys.readouterr().err
 
 
-def test_without_ruckig(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_ruckig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     import sys
 
     monkeypatch.setitem(sys.modules, "ruckig", None)

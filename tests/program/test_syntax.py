@@ -84,7 +84,7 @@ def test_damaged_json_is_refused(text: bytes, problem: str) -> None:
 
 @pytest.mark.parametrize("text", [b"a: [1", b"\xff\xfe", b"a: &x 1\nb: *x\n", b"[" * 40 + b"]" * 40])
 def test_damaged_yaml_is_refused(text: bytes) -> None:
-    with pytest.raises(InputError, match="^plan: "):
+    with pytest.raises(InputError, match=r"^plan: "):
         parse_yaml(text, "plan")
 
 

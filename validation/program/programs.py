@@ -1,4 +1,4 @@
-"""Random programs with the speeds that were written for them, on the plant: how hard they hit, and how long they take."""
+"""Random programs with the speeds that were written for them, on the plant: how hard they hit, how long they take."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def compare(
     programs = programs or (1 if quick else PROGRAMS)
     contacts = contacts or (2 if quick else CONTACTS)
     findings.say(
-        "URScript programs with a joint move and a line from it, of random targets and speeds. What is written is run on "
-        "the UR10e in MuJoCo; a lower arm stands where a contact begins at a random time. The detector compares the "
+        "URScript programs with a joint move and a line from it, of random targets and speeds. What is written is run "
+        "on the UR10e in MuJoCo; a lower arm stands where a contact begins at a random time. The detector compares the "
         "plant's own contact torque with noise added at every feedback sample."
     )
     forces: list[float] = []

@@ -32,7 +32,9 @@ def command(
     ],
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Write the program with safe speeds, its segments and a report there."),
+        typer.Option(
+            "--out", "-o", help="Write the program with safe speeds, its segments, a summary and a report there."
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
     max_speed: Annotated[float, typer.Option(metavar="MM_S", help="No speed of the tip is raised above it.")] = 1000.0,
@@ -64,14 +66,16 @@ def command(
     files = []
     if out is not None:
         from bumpstop.program.writing import write_program
+        from bumpstop.report.program.page import write_program_report
 
-        files = write_program(result, program, out)
+        files = [*write_program(result, program, out), write_program_report(result, program.name, out)]
     if as_json:
         typer.echo(json.dumps(result.to_json(), allow_nan=False, indent=2))
     else:
         _print(result)
         if files:
             typer.echo(f"program: {files[0]}")
+            typer.echo(f"report: {files[-1]}")
     return _STATUS[result.present]
 
 

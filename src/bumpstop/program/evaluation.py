@@ -60,11 +60,11 @@ class SegmentResult:
         return {
             "name": self.segment.name,
             "lines": [first, last],
-            "present": _judgement_json(self.present, self.segment, self.present_s),
+            "present": _judgement_json(self.present, self.segment, 1.0, self.present_s),
             "safe_factor": _finite(self.safe_factor),
             "limited_by": self.limited_by or None,
             "factor": self.factor,
-            "written": _judgement_json(self.written, self.segment, self.written_s),
+            "written": _judgement_json(self.written, self.segment, self.factor, self.written_s),
             "won_s": _finite(self.won_s),
         }
 
@@ -95,8 +95,8 @@ class ProgramResult:
 
     @property
     def factors(self) -> Mapping[Segment, float]:
-        """By segment."""
-        return {one.segment: one.factor for one in self.segments}
+        """Of the segments that are judged."""
+        return {one.segment: one.factor for one in self.segments if one.safe_factor > 0}
 
     def to_json(self) -> dict[str, Any]:
         """As ``--json`` prints it."""
@@ -209,11 +209,17 @@ def outcome_word(judgement: Judgement) -> str:
     return _WORDS.get(judgement.conclusion, "INCONCLUSIVE")
 
 
-def _judgement_json(judgement: Judgement, segment: Segment, duration: float) -> dict[str, Any]:
+def worst_line(judgement: Judgement, segment: Segment, factor: float) -> int | None:
+    """Line of the file that moves where contact is hardest; None without a verdict."""
+    return None if judgement.verdict is None else segment.line_at(judgement.worst_s, segment.at(factor))
+
+
+def _judgement_json(judgement: Judgement, segment: Segment, factor: float, duration: float) -> dict[str, Any]:
     return {
         "outcome": outcome_word(judgement),
         "reason": judgement.verdict.reason if judgement.verdict is not None else judgement.why,
         "force_N": _finite(judgement.force),
+        "worst_line": worst_line(judgement, segment, factor),
         "worst_s": _finite(judgement.worst_s),
         "worst_m": list(judgement.worst_m) or None,
         "tool_speed_mm_s": _finite(1e3 * judgement.tool_speed),

@@ -9,16 +9,18 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from bumpstop.program.motion.path import SHARE, Path, full_speed_times, join, without_repeats
-from bumpstop.program.motion.timing import timed
+from bumpstop.program.motion.timing import motion_along, timed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from bumpstop.arrays import FloatArray
+    from bumpstop.collision.trajectory.piecewise_cubic import PiecewiseCubic
     from bumpstop.collision.trajectory.trajectory import Trajectory
     from bumpstop.model import Robot
     from bumpstop.program.interpreter import Visit
     from bumpstop.program.languages.statements import SpeedSlot
+    from bumpstop.program.motion.timing import PathMotion
 
 
 class Segment(Protocol):
@@ -133,9 +135,12 @@ class MoveSegment:
         ]
 
     def at(self, factor: float) -> Trajectory:  # noqa: D102
+        return timed(*self._motion(factor))
+
+    def _motion(self, factor: float) -> tuple[PiecewiseCubic, PathMotion]:
         speeds = self._speeds(factor)
         q, times = without_repeats(self._path, full_speed_times(self.robot, self._path, speeds))
-        return timed(q, times, self._ramp(speeds), self.joint_acceleration)
+        return motion_along(q, times, self._ramp(speeds), self.joint_acceleration)
 
     def _ramp(self, speeds: Sequence[FloatArray]) -> float | None:
         """Greatest acceleration as a share of full speed [1/s]; None where the program does not say all of them."""
@@ -164,7 +169,9 @@ class MoveSegment:
         joints = float((asked[moving] / least[moving]).max())
         tool = float(max_speed / max((way[moving] / np.maximum(asked[moving], least[moving])).max(), 1e-12))
         written = min(slot.most / self.base_value(slot) for slot in self.places())
-        return max(1.0, min(joints, tool, written))
+        most = max(1.0, min(joints, tool, written))
+        # A speed that a short way does not let the arm reach is not written: its ramps may be other ones.
+        return max(1.0, most * self._motion(most)[1].top)
 
     def line_at(self, t: float, motion: Trajectory) -> int:  # noqa: D102
         q = motion.at(min(max(t, 0.0), motion.duration))

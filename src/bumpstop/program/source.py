@@ -93,8 +93,9 @@ class TextProgram:
         """The program with other speeds."""
         edits = []
         for segment in self.segments:
-            factor = factors.get(segment, 1.0)
-            if factor != 1.0:
+            factor = factors.get(segment)
+            # A speed that the program did not say is written even where it is the first that was tried.
+            if factor is not None and (factor != 1.0 or not segment.speed_known):
                 edits += [slot.edit(segment.new_value(slot, factor)) for slot in segment.places()]
         return edited(self.read.source, edits)
 

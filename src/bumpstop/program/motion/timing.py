@@ -56,6 +56,11 @@ class PathMotion:
         rows = np.array([[part[0] for part in self._profile.at_time(float(x))] for x in t])
         return np.clip(rows[:, 0], 0.0, self._length), rows[:, 1], rows[:, 2]
 
+    @property
+    def top(self) -> float:
+        """Greatest share of full speed: below 1 on a way too short for it."""
+        return float(self.at(np.array([0.5 * self.duration]))[1][0])
+
     def times(self, u: FloatArray) -> FloatArray:
         """When the coordinate passes values (N,), ascending from 0 to its end [s]."""
         low, high = np.zeros(len(u)), np.full(len(u), self.duration)
@@ -81,14 +86,19 @@ def import_ruckig() -> Any:
     return ruckig
 
 
-def timed(q: FloatArray, times: FloatArray, acceleration: float | None, joint_acceleration: FloatArray) -> Trajectory:
-    """The trajectory along samples of a path.
+def motion_along(
+    q: FloatArray, times: FloatArray, acceleration: float | None, joint_acceleration: FloatArray
+) -> tuple[PiecewiseCubic, PathMotion]:
+    """The path through samples, and the motion along it.
 
     Args:
         q: (N, dof) joint positions.
         times: that pieces take at full speed (N - 1,) [s], all above zero.
         acceleration: of the share of full speed [1/s]; None: as much as the joints' allow.
         joint_acceleration: (dof,) [rad/s2 or m/s2].
+
+    Raises:
+        InputError: it takes too long.
     """
     u = np.append(0.0, np.cumsum(times))
     path = PiecewiseCubic.spline(u, q)
@@ -99,10 +109,15 @@ def timed(q: FloatArray, times: FloatArray, acceleration: float | None, joint_ac
     motion = PathMotion(float(u[-1]), acceleration)
     if motion.duration > _MAX_DURATION_S:
         raise InputError("program", f"a motion of {motion.duration:.0f} s", f"wanted at most {_MAX_DURATION_S:g} s")
+    return path, motion
+
+
+def timed(path: PiecewiseCubic, motion: PathMotion) -> Trajectory:
+    """The trajectory of a motion along a path."""
     rows = max(_MIN_ROWS, math.ceil(motion.duration / _ROW_S)) + 1
     t = np.linspace(0, motion.duration, rows)
     along, speed, _ = motion.at(t)
     position, velocity = path(along), path(along, 1) * speed[:, None]
-    position[0], position[-1] = q[0], q[-1]
+    position[0], position[-1] = path(path.x[:1])[0], path(path.x[-1:])[0]
     velocity[0] = velocity[-1] = 0.0
     return Trajectory(t, position, velocity)

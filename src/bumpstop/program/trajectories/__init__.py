@@ -1,1 +1,1 @@
-"""Trajectories and recordings as programs: their stretches, and the same files with other times."""
+"""Trajectories and recordings as programs: their segments, and the same files with other times."""

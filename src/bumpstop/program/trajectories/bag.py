@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.errors import InputError
-from bumpstop.program.trajectories.retimed_message import MessageRows, retimed_rows, stretches_of
+from bumpstop.program.trajectories.retimed_message import MessageRows, retimed_rows, segments_of
 
 if TYPE_CHECKING:
     from bumpstop.program.cell import Cell
     from bumpstop.program.segment import Segment
-    from bumpstop.program.trajectories.stretch import Stretch
+    from bumpstop.program.trajectories.trajectory_segment import TrajectorySegment
 
 _JOINT = "trajectory_msgs/msg/JointTrajectory"
 _ROBOT = "moveit_msgs/msg/RobotTrajectory"
@@ -33,19 +33,19 @@ class BagProgram:
 
     Attributes:
         path: of the bag.
-        messages: number of the bag's message, place of the trajectory in it, its points and its stretches.
+        messages: number of the bag's message, place of the trajectory in it, its points and its segments.
     """
 
     language: str
     path: Path
-    messages: Sequence[tuple[int, int, MessageRows, Sequence[Stretch]]]
+    messages: Sequence[tuple[int, int, MessageRows, Sequence[TrajectorySegment]]]
     not_understood: Sequence[tuple[int, str]]
     notes: Sequence[str] = ()
 
     @property
-    def segments(self) -> Sequence[Stretch]:
+    def segments(self) -> Sequence[TrajectorySegment]:
         """Of all messages; their lines are numbers of points."""
-        return [stretch for *_, stretches in self.messages for stretch in stretches]
+        return [segment for *_, segments in self.messages for segment in segments]
 
     def file_name(self, path: Path) -> str:  # noqa: D102
         return path.stem
@@ -61,10 +61,10 @@ class BagProgram:
 
         if target.exists():
             shutil.rmtree(target) if target.is_dir() else target.unlink()
-        changed: dict[int, list[tuple[int, MessageRows, Sequence[Stretch]]]] = {}
-        for number, place, rows, stretches in self.messages:
-            if any(factors.get(stretch, 1.0) != 1.0 for stretch in stretches):
-                changed.setdefault(number, []).append((place, rows, stretches))
+        changed: dict[int, list[tuple[int, MessageRows, Sequence[TrajectorySegment]]]] = {}
+        for number, place, rows, segments in self.messages:
+            if any(factors.get(segment, 1.0) != 1.0 for segment in segments):
+                changed.setdefault(number, []).append((place, rows, segments))
         with Reader(self.path) as reader:
             store = _store(reader)
             mcap = self.path.suffix.lower() == ".mcap" or any(self.path.glob("*.mcap"))
@@ -79,8 +79,8 @@ class BagProgram:
                     if number in changed:
                         message = store.deserialize_cdr(raw, connection.msgtype)
                         trajectories = list(_trajectories(connection.msgtype, message))
-                        for place, rows, stretches in changed[number]:
-                            _set(trajectories[place], *retimed_rows(rows, stretches, factors))
+                        for place, rows, segments in changed[number]:
+                            _set(trajectories[place], *retimed_rows(rows, segments, factors))
                         raw = bytes(store.serialize_cdr(message, connection.msgtype))
                     writer.write(into[connection.id], stamp, raw)
 
@@ -106,7 +106,7 @@ def read_bag_trajectories(path: Path, cell: Cell) -> BagProgram:
     """
     from rosbags.rosbag2 import Reader
 
-    found: list[tuple[int, int, MessageRows, Sequence[Stretch]]] = []
+    found: list[tuple[int, int, MessageRows, Sequence[TrajectorySegment]]] = []
     not_understood: list[tuple[int, str]] = []
     with Reader(path) as reader:
         store = _store(reader)
@@ -127,7 +127,7 @@ def read_bag_trajectories(path: Path, cell: Cell) -> BagProgram:
                     not_understood.append((number + 1, f"{name}: {rows}"))
                 else:
                     lines = list(range(1, len(rows.time) + 1))
-                    found.append((number, place, rows, stretches_of(name, rows, lines, cell)))
+                    found.append((number, place, rows, segments_of(name, rows, lines, cell)))
     return BagProgram("ROS bag", path, found, not_understood)
 
 

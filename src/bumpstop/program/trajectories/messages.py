@@ -12,12 +12,12 @@ import numpy as np
 from bumpstop.errors import InputError
 from bumpstop.program.languages.message_syntax import Value, parse_json, parse_yaml
 from bumpstop.program.languages.syntax import Edit, edited
-from bumpstop.program.trajectories.retimed_message import MessageRows, retimed_rows, stretches_of
+from bumpstop.program.trajectories.retimed_message import MessageRows, retimed_rows, segments_of
 
 if TYPE_CHECKING:
     from bumpstop.program.cell import Cell
     from bumpstop.program.segment import Segment
-    from bumpstop.program.trajectories.stretch import Stretch
+    from bumpstop.program.trajectories.trajectory_segment import TrajectorySegment
 
 _TIMES = (("sec", "nanosec"), ("secs", "nsecs"))  # of ROS 2, of ROS 1
 
@@ -28,19 +28,19 @@ class MessageProgram:
 
     Attributes:
         source: the bytes.
-        messages: with their stretches, and the numbers of their points where they stand in the file.
+        messages: with their segments, and the numbers of their points where they stand in the file.
     """
 
     language: str
     source: bytes
-    messages: Sequence[tuple[MessageRows, Sequence[Stretch], Sequence[Value]]]
+    messages: Sequence[tuple[MessageRows, Sequence[TrajectorySegment], Sequence[Value]]]
     not_understood: Sequence[tuple[int, str]]
     notes: Sequence[str] = ()
 
     @property
-    def segments(self) -> Sequence[Stretch]:
+    def segments(self) -> Sequence[TrajectorySegment]:
         """Of all messages."""
-        return [stretch for _, stretches, _ in self.messages for stretch in stretches]
+        return [segment for _, segments, _ in self.messages for segment in segments]
 
     def file_name(self, path: Path) -> str:  # noqa: D102
         return path.name
@@ -54,10 +54,10 @@ class MessageProgram:
     def written(self, factors: Mapping[Segment, float]) -> bytes:
         """The file with other times, velocities and accelerations."""
         edits: list[Edit] = []
-        for rows, stretches, points in self.messages:
-            if all(factors.get(stretch, 1.0) == 1.0 for stretch in stretches):
+        for rows, segments, points in self.messages:
+            if all(factors.get(segment, 1.0) == 1.0 for segment in segments):
                 continue
-            new, changed = retimed_rows(rows, stretches, factors)
+            new, changed = retimed_rows(rows, segments, factors)
             for i, point in enumerate(points):
                 if new.time[i] != rows.time[i]:
                     edits += _time_edits(point, float(new.time[i]))
@@ -89,7 +89,7 @@ def read_messages(path: Path, source: bytes, cell: Cell) -> MessageProgram:
         points = message.get("points")
         assert points is not None
         lines = [source.count(b"\n", 0, point.start) + 1 for point in points.items]
-        found.append((rows, stretches_of(name, rows, lines, cell), points.items))
+        found.append((rows, segments_of(name, rows, lines, cell), points.items))
     if not found and not not_understood:
         raise InputError(str(path), "holds no JointTrajectory", "wanted joint_names and points")
     return MessageProgram("ROS trajectory", source, found, not_understood)

@@ -1,4 +1,4 @@
-"""Recordings and trajectory tables as programs: their stretches, and the whole with new times."""
+"""Recordings and trajectory tables as programs: their segments, and the whole with new times."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.errors import InputError
-from bumpstop.program.trajectories.stretch import Stretch, find_stretches
+from bumpstop.program.trajectories.trajectory_segment import TrajectorySegment, find_segments
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -23,7 +23,7 @@ _RATE_HZ, _SMOOTHED = 50.0, 7
 
 @dataclass(frozen=True, eq=False)
 class RecordedProgram:
-    """A recording: its stretches, and how long it rests between them.
+    """A recording: its segments, and how long it rests between them.
 
     Attributes:
         time: of the thinned rows [s].
@@ -31,7 +31,7 @@ class RecordedProgram:
     """
 
     language: str
-    segments: Sequence[Stretch]
+    segments: Sequence[TrajectorySegment]
     time: FloatArray
     position: FloatArray
     notes: Sequence[str]
@@ -47,7 +47,7 @@ class RecordedProgram:
         target.write_bytes(self.written(factors))
 
     def written(self, factors: Mapping[Segment, float]) -> bytes:
-        """Columns t, q_1.., qd_1..: stretches with their new times, and the rests between them as long as they were."""
+        """Columns t, q_1.., qd_1..: segments with their new times, and the rests between them as long as they were."""
         time: list[float] = []
         position: list[list[float]] = []
         velocity: list[list[float]] = []
@@ -81,13 +81,13 @@ def read_recorded(path: Path, cell: Cell) -> RecordedProgram:
     recording.check_robot(cell.robot)
     t, q, notes = _smoothed(recording.t - recording.t[0], recording.q)
     robot = cell.robot
-    stretches = []
-    for number, (first, last) in enumerate(find_stretches(t, q, None), start=1):
+    segments = []
+    for number, (first, last) in enumerate(find_segments(t, q, None), start=1):
         rows = slice(first, last + 1)
         origin = tuple(int(np.searchsorted(recording.t - recording.t[0], t[i] - 1e-9)) + 1 for i in (first, last))
-        stretches.append(
-            Stretch(
-                f"stretch {number}",
+        segments.append(
+            TrajectorySegment(
+                f"segment {number}",
                 (origin[0], origin[1]),
                 (first, last),
                 robot,
@@ -98,9 +98,9 @@ def read_recorded(path: Path, cell: Cell) -> RecordedProgram:
                 dense=True,
             )
         )
-    if not stretches:
+    if not segments:
         raise InputError(str(path), "rests all the time", "wanted a recording of a motion")
-    return RecordedProgram("recording", stretches, t, q, notes)
+    return RecordedProgram("recording", segments, t, q, notes)
 
 
 def _smoothed(t: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray, list[str]]:

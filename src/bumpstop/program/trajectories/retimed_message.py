@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from bumpstop.program.trajectories.stretch import Stretch, find_stretches
+from bumpstop.program.trajectories.trajectory_segment import TrajectorySegment, find_segments
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -64,8 +64,8 @@ class MessageRows:
         return cls(t, q, qd, None, tuple(order))
 
 
-def stretches_of(name: str, rows: MessageRows, lines: Sequence[int], cell: Cell) -> list[Stretch]:
-    """The stretches of a message, numbered where there are several.
+def segments_of(name: str, rows: MessageRows, lines: Sequence[int], cell: Cell) -> list[TrajectorySegment]:
+    """The segments of a message, numbered where there are several.
 
     Args:
         name: of the message.
@@ -73,9 +73,9 @@ def stretches_of(name: str, rows: MessageRows, lines: Sequence[int], cell: Cell)
         lines: of the file, of every point.
         cell: whose joint acceleration counts where the message shows none.
     """
-    bounds = find_stretches(rows.time, rows.position, rows.velocity)
+    bounds = find_segments(rows.time, rows.position, rows.velocity)
     return [
-        Stretch(
+        TrajectorySegment(
             name if len(bounds) == 1 else f"{name}/{number}",
             (lines[first], lines[last]),
             (first, last),
@@ -91,9 +91,9 @@ def stretches_of(name: str, rows: MessageRows, lines: Sequence[int], cell: Cell)
 
 
 def retimed_rows(
-    rows: MessageRows, stretches: Sequence[Stretch], factors: Mapping[Segment, float]
+    rows: MessageRows, segments: Sequence[TrajectorySegment], factors: Mapping[Segment, float]
 ) -> tuple[MessageRows, npt.NDArray[np.bool_]]:
-    """The same points: stretches at so many times their speed, rests as long as they were.
+    """The same points: segments at so many times their speed, rests as long as they were.
 
     Returns:
         The points, and which of them have other velocities and accelerations (points,).
@@ -102,15 +102,15 @@ def retimed_rows(
     step = np.diff(rows.time)
     velocity = None if rows.velocity is None else rows.velocity.copy()
     acceleration = np.zeros_like(rows.position)
-    for stretch in stretches:
-        factor = factors.get(stretch, 1.0)
-        first, last = stretch.rows
-        motion = stretch.at(factor)
+    for segment in segments:
+        factor = factors.get(segment, 1.0)
+        first, last = segment.rows
+        motion = segment.at(factor)
         if factor == 1.0:
             continue
         changed[first : last + 1] = True
         step[first:last] = np.diff(motion.time)
-        acceleration[first : last + 1] = stretch.accelerations(factor)
+        acceleration[first : last + 1] = segment.accelerations(factor)
         if velocity is not None and motion.velocity is not None:
             velocity[first : last + 1] = motion.velocity
     time = rows.time[0] + np.append(0.0, np.cumsum(step))

@@ -1,4 +1,4 @@
-"""Stretches: the parts of a trajectory between places where the arm rests or turns round."""
+"""Segments: the parts of a trajectory between places where the arm rests or turns round."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ if TYPE_CHECKING:
 _RESTS, _STANDS = 0.02, 1e-3
 # Between two peaks of the speed the arm turns round where it is slower than this share of the lower one.
 _TURNS = 0.1
-# A stretch on which no joint turns more is none [rad].
+# A segment on which no joint turns more is none [rad].
 _MIN_TURN = 0.01
-_SAMPLES = 1500  # of a stretch
+_SAMPLES = 1500  # of a segment
 _FULL = 0.7  # of the greatest speed: from the first peak that reaches it to the last the arm goes at its own speed
 _MAX_RAMP = 95.0  # percentile of the acceleration along the path
 _DIFFERENCE_S = 1e-4
 
 
-def find_stretches(time: FloatArray, position: FloatArray, velocity: FloatArray | None) -> list[tuple[int, int]]:
-    """First and last rows of the stretches of a trajectory, in order.
+def find_segments(time: FloatArray, position: FloatArray, velocity: FloatArray | None) -> list[tuple[int, int]]:
+    """First and last rows of the segments of a trajectory, in order.
 
     Args:
         time: (rows,) [s].
@@ -73,8 +73,8 @@ def _split_at_turns(speed: FloatArray, first: int, last: int) -> list[tuple[int,
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
-    """A stretch of a trajectory as a segment.
+class TrajectorySegment:
+    """A segment of a trajectory as a segment.
 
     At its own speed it is what the file has. At another it is timed anew: the same path, at so many times the speed
     that the file has there, from rest to rest with the acceleration that the file has and limited jerk.
@@ -194,7 +194,8 @@ class Stretch:
             joints = float((SHARE * self.robot.velocity / (np.abs(rate[moving]) * share[:, None]).max(axis=0)).min())
         velocity, _ = point_motion(self.given, self.robot, self.robot.frame(None), grid)
         tool = float((np.linalg.norm(velocity, axis=1)[moving] * share).max())
-        return max(1.0, min(joints, max_speed / max(tool, 1e-9)))
+        most = max(1.0, min(joints, max_speed / max(tool, 1e-9)))
+        return max(1.0, most * self._motion(most).top)
 
     def line_at(self, t: float, motion: Trajectory) -> int:  # noqa: D102
         q = motion.at(min(max(t, 0.0), motion.duration))
