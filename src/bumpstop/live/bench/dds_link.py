@@ -12,8 +12,8 @@ from bumpstop.live.dds.publishers import ANSWER_TOPIC, writer
 if TYPE_CHECKING:
     from bumpstop.plant import Plant, Sample
 
-# A reader keeps nothing of what was written before it knew the writer, and learns of it a little later than the writer of
-# the reader.
+# A reader keeps nothing of what was written before it knew the writer, and may learn of it later than the writer of the
+# reader.
 _SETTLE_S = 1.0
 
 
