@@ -100,6 +100,8 @@ def run(folder: Path, duration_s: float) -> tuple[dict[str, object], dict[str, o
         "1",
         "--mcap",
         str(folder / "w.mcap"),
+        "--rotate-s",
+        "60",
         "--jsonl",
         str(folder / "w.jsonl"),
     ]

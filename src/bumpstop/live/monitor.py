@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 _NO_DATA, _ALARM = STATES.index("no_data"), STATES.index("alarm")
 _FLUSH_S = 0.1
 _LONGEST_READ_S = 0.05
+_FIRST_S = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +42,7 @@ class MonitorSettings:
     Attributes:
         duration_s: end after so long [s]; infinite: when the source or somebody ends it.
         stop_after_s: without a sample for longer the source has stopped [s]; None: ten periods of the detector, at
-            least 0.1 s.
+            least 0.1 s, and 1 s before the first.
         rearm_s: an alarm is taken as dealt with once everything was below its thresholds for so long [s]; infinite:
             the first alarm stands.
         paced: samples come when they are due: the source is no recording that is read as fast as it can be.
@@ -81,6 +82,8 @@ class Monitor:
         self._limiter = EventLimiter()
         given = self._settings.stop_after_s
         self._stop_after = max(0.1, 10 * detector.period_s) if given is None else given
+        # A source that begins may take a while.
+        self._begin_after = max(_FIRST_S, self._stop_after) if given is None else given
         self._nan = np.full(detector.dof, math.nan)
         self._no_rates = np.zeros(detector.dof)
         self._stopping = self._ended = self._silent = False
@@ -247,21 +250,22 @@ class Monitor:
     def _began(self, sample: JointSample) -> None:
         if self._silent and self._last_received is not None:
             self.silent_s += sample.received_s - self._last_received
-        word = "samples come again" if self._silent else "samples come"
+        word = "samples come again" if self._last_received is not None else "samples come"
         self._silent = False
         self._found(SourceEventKind.STARTED, word, 1, sample.received_s)
 
     def _look_for_silence(self, now: float) -> None:
         for event in self._limiter.due(now):
             self._tell(event, now)
+        none = self._last_received is None
         since = self._begin if self._last_received is None else self._last_received
-        if self._silent or now - since <= self._stop_after:
+        if self._silent or now - since <= (self._begin_after if none else self._stop_after):
             return
         self._silent = True
         self._last_state = _NO_DATA
         # What comes after the silence may be a motion of any kind.
         self._forget()
-        first = "no sample has come" if self._last_received is None else "no sample"
+        first = "no sample has come" if none else "no sample"
         self._found(SourceEventKind.STOPPED, f"{first} for {now - since:.3g} s", 1, now)
 
     def _hear(self, event: SourceEvent) -> None:

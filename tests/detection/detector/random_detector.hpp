@@ -22,12 +22,29 @@ inline LinkInertia random_link() {
     return link;
 }
 
+inline FittedParameters random_parameters(int dof) {
+    FittedParameters made;
+    for (int j = 0; j < dof; ++j) made.link[j] = random_link();
+    for (int m = 0; m <= dof; ++m) {
+        FittedMotor& motor = made.motor[m];
+        // The last one is shared.
+        motor.share[m < dof ? m : 0] = 1;
+        if (m == dof) motor.share[dof - 1] = 0.7;
+        motor.sign_speed = 0.1;
+        motor.top_speed = m % 2 ? inf : 2.0;
+        for (double* value : {&motor.coulomb, &motor.viscous, &motor.rotor, &motor.bend}) *value = checks::normal();
+        motor.load = m < dof ? 0.05 : 0;
+    }
+    return made;
+}
+
 struct Arm {
     Case made;
     std::vector<LinkInertia> links;
     std::vector<JointTorqueParameters> joints;
     std::vector<JointTorqueErrors> errors;
     DetectorSettings settings;
+    std::optional<FittedDynamics> fitted;
 
     explicit Arm(int dof) : made(random_case(dof)), errors(std::size_t(dof)) {
         for (int j = 0; j < dof; ++j) {
@@ -50,7 +67,19 @@ struct Arm {
         settings.samples.longest_interval = 0.005;
         settings.contact = link_point(made.chain, dof - 1, {0, 0, 0.1});
     }
-    Detector detector() const { return Detector(made.chain, links, joints, errors, settings); }
+    Detector detector() const { return Detector(made.chain, links, joints, errors, settings, fitted); }
+    /// Dynamics in place of the joint model.
+    void fit() {
+        const int dof = made.chain.dof;
+        fitted.emplace();
+        fitted->all = random_parameters(dof);
+        fitted->essential = random_parameters(dof);
+        fitted->motors = dof + 1;
+        fitted->by_all = 0b101;
+        for (double& gain : fitted->gain) gain = 2;
+        joints.clear();
+        errors.clear();
+    }
 };
 
 }  // namespace random_detector

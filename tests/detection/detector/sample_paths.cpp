@@ -23,7 +23,7 @@ using namespace random_detector;
 // Any order, gaps, repeats, infinities, jumps: a finite residual or no data, never neither; and memory stays.
 void no_sequence_breaks_it(long sequences) {
     std::vector<Arm> arms;
-    for (int k = 0; k < 12; ++k) {
+    for (int k = 0; k < 14; ++k) {
         arms.emplace_back(1 + k % 8);
         DetectorSettings& s = arms.back().settings;
         s.residual = k % 2 ? ResidualKind::observer : ResidualKind::direct;
@@ -37,6 +37,7 @@ void no_sequence_breaks_it(long sequences) {
         s.samples.frozen_time = k % 5 == 3 ? inf : 0.004;
         s.payload_monitor.min_mass = k % 2;
         s.payload_monitor.interval = 0;
+        if (k >= 12) arms.back().fit();
         // Without limits everything finite is possible, and only the arithmetic is left to refuse.
         if (k >= 9)
             for (int j = 0; j < max_joints; ++j) {
