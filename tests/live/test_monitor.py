@@ -154,7 +154,7 @@ def test_currents_for_torques_are_recognised(tmp_path: Path) -> None:
 
 
 def test_any_stream_is_judged_told_or_dropped(tmp_path: Path) -> None:
-    """Random damage of every kind, 25 streams: no exception, every sample is counted once, every loss of sight told."""
+    """Random damage of every kind, 25 streams: no exception, every sample is counted once, every loss of data told."""
     draw = np.random.default_rng(5)
     log = motion(300)
     base = samples(log)
@@ -193,7 +193,7 @@ def test_any_stream_is_judged_told_or_dropped(tmp_path: Path) -> None:
         assert summary.samples == count == len(heard.ticks)
         assert summary.judged + sum(summary.no_data.values()) + summary.dropped == count
         states = [tick.state for tick in heard.ticks]
-        # Sight is lost only where something was found or the detector says its fault.
+        # Data are lost only where something was found or the detector says its fault.
         for before, after, tick in zip(states, states[1:], heard.ticks[1:], strict=False):
             if before != "no_data" and after == "no_data":
                 assert tick.fault != "none"
