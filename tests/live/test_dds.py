@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -101,6 +102,12 @@ def test_domains(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "x")
     with pytest.raises(InputError, match="ROS_DOMAIN_ID: is 'x'; wanted a whole number from 0 to 232"):
         domain_of(None)
+
+
+def test_without_cyclonedds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cyclonedds.domain", None)
+    with pytest.raises(InputError, match=r"cyclonedds is not installed; pip install 'bumpstop\[live\]'"):
+        source("nobody").open()
 
 
 @pytest.mark.parametrize(("number", "qos"), list(enumerate((RELIABLE, BEST_EFFORT))))

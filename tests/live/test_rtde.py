@@ -207,6 +207,28 @@ def test_foreign_and_damaged_packages_are_told_and_the_next_sample_comes() -> No
     assert all(isinstance(item, JointSample) for item in found[1::2])
 
 
+def test_packages_that_begin_elsewhere_than_it_seems() -> None:
+    """After three bad ones in a row, or a size that none has, the connection is made anew."""
+    zero = np.zeros(6)
+    with server() as bench, RtdeSource("127.0.0.1", bench.port) as source:
+        for spoil, words in (
+            (b"\x00\x04Z\x00" * 3, "3 bad packages in a row"),
+            (b"\x70\x00U\x01", "says it has 28672"),
+        ):
+            (client,) = bench._clients
+            with bench._lock:
+                client.unsent += spoil
+                bench._flush(client)
+            found = []
+            while not found or found[-1].kind is not SourceEventKind.RESTARTED:
+                item = source.read(1.0)
+                assert isinstance(item, SourceEvent), found
+                found.append(item)
+            assert any(words in event.text and "connecting again" in event.text for event in found)
+            bench.publish(served(zero, zero, 1.0))
+            assert isinstance(source.read(1.0), JointSample)
+
+
 def test_a_client_that_does_not_read_costs_the_others_nothing() -> None:
     zero = np.zeros(6)
     with (

@@ -95,7 +95,12 @@ def closed_loop(
     added = added_latency(run, offline)
     late = replace(experiment, latency_s=experiment.latency_s + added) if added > 1e-9 else None
     as_late = offline if late is None else late.run(speed, seed)
-    return ClosedLoop(offline=offline, as_late=as_late, bench=run, monitor=json.loads(printed))
+    return ClosedLoop(offline=offline, as_late=as_late, bench=run, monitor=_summary(printed))
+
+
+def _summary(printed: str) -> dict[str, object]:
+    """Of the monitor; one that was still looking for its source has seen nothing."""
+    return dict(json.loads(printed)) if printed.strip() else {"samples": 0}
 
 
 def _link(plant: Plant, protocol: str, domain: int) -> BenchLink:

@@ -12,6 +12,10 @@ from bumpstop.live.dds.publishers import ANSWER_TOPIC, writer
 if TYPE_CHECKING:
     from bumpstop.plant import Plant, Sample
 
+# A reader keeps nothing of what was written before it knew the writer, and may learn of it later than the writer of the
+# reader.
+_SETTLE_S = 1.0
+
 
 class DdsLink:
     """Publishes a plant's samples as ``sensor_msgs/msg/JointState``; the currents are its efforts.
@@ -35,6 +39,7 @@ class DdsLink:
 
         from bumpstop.live.dds.types import JointState, String
 
+        self._found_s: float | None = None
         self._names = [joint.name for joint in plant.robot.joints]
         self._writer: Any = writer(self._participant, self._topic, JointState)
         qos = Qos(Policy.Reliability.Reliable(0), Policy.History.KeepLast(16))
@@ -46,13 +51,18 @@ class DdsLink:
         return f"dds://{self._topic}"
 
     def wait_for_client(self, timeout_s: float) -> bool:
-        """Whether a reader has found the topic within the time [s]."""
+        """Whether a reader has found the topic, and has had time to see its writer, within the time [s]."""
         end = time.monotonic() + timeout_s
-        while not self._writer.get_matched_subscriptions():
+        while True:
+            if not self._writer.get_matched_subscriptions():
+                self._found_s = None
+            elif self._found_s is None:
+                self._found_s = time.monotonic()
+            elif time.monotonic() - self._found_s >= _SETTLE_S:
+                return True
             if time.monotonic() >= end:
                 return False
             time.sleep(0.01)
-        return True
 
     def publish(self, sample: Sample, stamp_s: float) -> None:
         """Send a sample of the plant, with its time by the bench's clock [s]."""
