@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from bumpstop.detection.events import STATES
 from bumpstop.live import JointSample, SourceEvent, SourceEventKind
 from bumpstop.live.monitor import Monitor, MonitorSettings
 from bumpstop.live.summary import MonitorSummary
+from bumpstop.live.unit_check import UnitCheck
 from detection.moving_arms import UR5E
 from live.cases import DT, FILLING, THRESHOLD_NM, Heard, N, ScriptedSource, at, loaded, motion, samples
 
@@ -152,7 +154,7 @@ def test_currents_for_torques_are_recognised(tmp_path: Path) -> None:
 
 
 def test_any_stream_is_judged_told_or_dropped(tmp_path: Path) -> None:
-    """Random damage of every kind, 25 streams: no exception, every sample is counted once, every loss of sight told."""
+    """Random damage of every kind, 25 streams: no exception, every sample is counted once, every loss of data told."""
     draw = np.random.default_rng(5)
     log = motion(300)
     base = samples(log)
@@ -191,10 +193,28 @@ def test_any_stream_is_judged_told_or_dropped(tmp_path: Path) -> None:
         assert summary.samples == count == len(heard.ticks)
         assert summary.judged + sum(summary.no_data.values()) + summary.dropped == count
         states = [tick.state for tick in heard.ticks]
-        # Sight is lost only where something was found or the detector says its fault.
+        # Data are lost only where something was found or the detector says its fault.
         for before, after, tick in zip(states, states[1:], heard.ticks[1:], strict=False):
             if before != "no_data" and after == "no_data":
                 assert tick.fault != "none"
         for a, b in itertools.pairwise(heard.ticks):
             assert (a.state == "no_data") == bool(np.isnan(a.residual).any())
             assert b.stop or b.state in ("monitoring", "arming")
+
+
+def test_torques_for_currents_are_recognised_where_residuals_stay_high(tmp_path: Path) -> None:
+    """Of currents no prediction is known: two joints beyond five thresholds for two seconds are told, once."""
+    check = UnitCheck(replace(loaded(tmp_path), takes_current=True))
+    quiet, high, one = np.zeros(N), np.zeros(N), np.zeros(N)
+    high[[1, 2]], one[1] = 6 * THRESHOLD_NM, 60 * THRESHOLD_NM
+
+    def told(residual: np.ndarray, begin: float) -> list[str]:
+        found = [check.look(begin + DT * i, np.ones(N), residual) for i in range(1200)]
+        return [text for text in found if text]
+
+    assert told(quiet, 0.0) == []
+    assert told(one, 10.0) == []
+    (text,) = told(high, 20.0)
+    assert "shoulder_lift_joint, elbow_joint" in text
+    assert told(quiet, 30.0) == []
+    assert len(told(high, 40.0)) == 1

@@ -120,7 +120,7 @@ class StreamChecks:
         return ""
 
     def _look_at_sequence(self, sample: JointSample, findings: list[Finding]) -> bool:
-        """Whether the source's count has begun again."""
+        """Whether the sender's count has begun again."""
         number, before = sample.sequence, self._sequence
         if number is None:
             return False
@@ -140,7 +140,7 @@ class StreamChecks:
         return True
 
     def _look_at_time(self, sample: JointSample, findings: list[Finding]) -> bool:
-        """Whether the source's clock has begun again."""
+        """Whether the sender's clock has begun again."""
         if self._stamp == -math.inf:
             self._stamp, self._received = sample.stamp_s, sample.received_s
             return False
@@ -150,7 +150,7 @@ class StreamChecks:
         self._back, self._newest_back = 0, -math.inf
         self._watch_flood(step, findings)
         if self._paced and step - max(passed, 0.0) > _AHEAD_S:
-            text = f"the source's clock went ahead by {step - passed:.3g} s"
+            text = f"the sender's clock went ahead by {step - passed:.3g} s"
             findings.append((SourceEventKind.JUMPED_AHEAD, text, 1))
         elif step > _LATE_SHARE * self._period and sample.sequence is None:
             count = max(1, round(step / self._period) - 1)
@@ -166,7 +166,7 @@ class StreamChecks:
         self._back = self._back + 1 if sample.stamp_s > self._newest_back else 1
         self._newest_back = sample.stamp_s
         if back > _RESTART_S or self._back >= _MAX_BACK:
-            text = f"the source's clock went back by {back:.3g} s"
+            text = f"the sender's clock went back by {back:.3g} s"
             findings.append((SourceEventKind.RESTARTED, text, 1))
             self._newest_back = -math.inf
             return True
