@@ -28,7 +28,7 @@ def test_the_sessions_run_and_use_every_option(
     for text in blocks(ROOT / "docs" / "live.md", "console"):
         parts = re.split(r"^\$ (.*)\n", text, flags=re.MULTILINE)
         for command, wanted in zip(parts[1::2], parts[2::2], strict=True):
-            asked += command
+            asked += f"{command} "
             printed = shell.run(command)
             assert doctest.OutputChecker().check_output(wanted, printed, AS_DOCTEST), f"$ {command}\n{printed}"
             assert shell.status == (2 if "error:" in wanted else shell.status)
