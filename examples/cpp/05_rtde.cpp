@@ -1,6 +1,6 @@
-// A detector on a controller of Universal Robots: reads its samples over RTDE, tells alarms, and answers them over the same
-// connection. HOST PORT DETECTOR, and `stop` or `reverse` where it shall answer. It ends when the controller closes the
-// connection. The program counts what is allocated, to show that the loop allocates nothing.
+// A detector on a controller of Universal Robots: reads its samples over RTDE, tells alarms, and answers them over the
+// same connection. HOST PORT DETECTOR, and `stop` or `reverse` where it shall answer. It ends when the controller closes
+// the connection. The program counts what is allocated, to show that the loop allocates nothing.
 #include <algorithm>
 #include <atomic>
 #include <cmath>

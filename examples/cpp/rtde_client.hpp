@@ -1,5 +1,5 @@
-/// A client of Universal Robots' Real-Time Data Exchange, protocol version 2, in plain POSIX sockets: what a control loop
-/// needs of it. Connecting may allocate; reading a sample and answering do not, never throw and take no lock.
+/// A client of Universal Robots' Real-Time Data Exchange, protocol version 2, in plain POSIX sockets: what a control
+/// loop needs of it. Connecting may allocate; reading a sample and answering do not, never throw and take no lock.
 #pragma once
 
 #include <netdb.h>

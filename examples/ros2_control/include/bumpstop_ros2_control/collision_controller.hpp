@@ -1,5 +1,5 @@
-/// A controller of ros2_control that commands nothing: it reads positions and efforts of an arm in the control loop, and
-/// publishes residuals, alarms and the force of a collision.
+/// A controller of ros2_control that commands nothing: it reads positions and efforts of an arm in the control loop,
+/// and publishes residuals, alarms and the force of a collision.
 #pragma once
 
 #include <atomic>
@@ -33,7 +33,7 @@ struct Tick {
 /// robot; `effort_interface`, the state interface that has currents or torques, as the detector takes them (`effort`);
 /// `position_interface` (`position`); `frame`, the name of the base frame (`base_link`).
 ///
-/// Topics: `~/residual` (sensor_msgs/JointState, effort is the residual), `~/state` (std_msgs/String), `~/alarm`
+/// Topics: `~/residual` (sensor_msgs/JointState, effort is the residual), `~/state` (std_msgs/String) and `~/alarm`
 /// (std_msgs/Bool) of every tick, `~/wrench` (geometry_msgs/WrenchStamped) of every event.
 ///
 /// `update` allocates nothing, takes no lock and throws nothing: a thread of its own publishes what it hands over. Where
