@@ -70,7 +70,7 @@ def test_a_killed_monitor_loses_a_second_at_most_and_the_next_goes_on(tmp_path: 
     assert done.returncode == 3
     assert "a_0001.mcap was left unfinished by a monitor that was killed; it is complete now" in done.stderr
     kept = messages(tmp_path / "a_0001.mcap")
-    assert len(kept) > 200
+    assert len(kept) > 100
     assert 0 <= killed - kept[-1] / 1e9 < 1.0
     np.testing.assert_allclose(np.diff(kept) / 1e9, 0.004, atol=0.1)
     assert len(messages(tmp_path / "a_0002.mcap")) == 1500
