@@ -156,6 +156,7 @@ def test_completion_answers() -> None:
         "require",
         "experiment",
         "plan",
+        "program",
         "detect",
         "detector",
         "tune",
