@@ -31,6 +31,11 @@ def test_text_is_the_scenario_on_screen(name: str, tmp_path: Path) -> None:
     assert Answer.of(again).figures == Answer.of(scenario).figures
 
 
+def test_files_that_a_scenario_names_are_found_from_everywhere() -> None:
+    there = bs.load_scenario(EXAMPLES / "01_hand_downward.toml", {"arm.model": "elastic", "arm.file": "train.toml"})
+    assert tomllib.loads(scenario_text(there))["arm"]["file"] == str(EXAMPLES / "train.toml")
+
+
 def test_random_walks_can_be_undone() -> None:
     rng = np.random.default_rng(0)
     document = ViewDocument(HAND)
