@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def files_of(scenario: Scenario) -> dict[str, Path]:
-    """Files that a scenario names, by their dotted keys: URDF, limit table, drive train, residuals, stopping table, trajectory."""
+    """Files that a scenario names, by their keys: robot, limits, drive train, residuals, stopping table, trajectory."""
     contact, files = scenario.contact, {}
     if scenario.robot_path is not None:
         files["robot"] = scenario.robot_path
