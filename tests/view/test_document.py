@@ -31,6 +31,11 @@ def test_text_is_the_scenario_on_screen(name: str, tmp_path: Path) -> None:
     assert Answer.of(again).figures == Answer.of(scenario).figures
 
 
+def test_files_that_a_scenario_names_are_found_from_everywhere() -> None:
+    there = bs.load_scenario(EXAMPLES / "01_hand_downward.toml", {"arm.model": "elastic", "arm.file": "train.toml"})
+    assert tomllib.loads(scenario_text(there))["arm"]["file"] == str(EXAMPLES / "train.toml")
+
+
 def test_random_walks_can_be_undone() -> None:
     rng = np.random.default_rng(0)
     document = ViewDocument(HAND)
@@ -46,12 +51,19 @@ def test_random_walks_can_be_undone() -> None:
             document = document.edit({"motion.velocity_mm_s": [0, 0, -speed]}, same_step=bool(rng.integers(2)))
         assert tomllib.loads(document.text)["robot"] == "sia5d"
         seen.append(document.scenario)
-    while document.past:
-        document = document.undo()
-    assert document.scenario == HAND
     while document.future:
         document = document.redo()
-    assert document.scenario in seen
+    steps = [document.scenario]
+    while document.past:
+        document = document.undo()
+        steps.append(document.scenario)
+    assert document.scenario == HAND
+    assert all(step in seen for step in steps)
+    # Forward again through the same scenarios.
+    for step in reversed(steps[:-1]):
+        document = document.redo()
+        assert document.scenario == step
+    assert not document.future
 
 
 def test_a_slider_that_moves_is_one_step() -> None:

@@ -13,12 +13,14 @@ if TYPE_CHECKING:
 
 
 def files_of(scenario: Scenario) -> dict[str, Path]:
-    """Files that a scenario names, by their dotted keys: URDF, limit table, residuals, stopping table, trajectory."""
+    """Files that a scenario names, by their keys: robot, limits, drive train, residuals, stopping table, trajectory."""
     contact, files = scenario.contact, {}
     if scenario.robot_path is not None:
         files["robot"] = scenario.robot_path
     if contact.body is not None and (contact.limits.endswith(".toml") or "/" in contact.limits):
         files["contact.limits"] = scenario.folder / contact.limits
+    if scenario.arm.file is not None:
+        files["arm.file"] = scenario.folder / scenario.arm.file
     if scenario.detector.residuals is not None:
         files["detector.residuals"] = scenario.folder / scenario.detector.residuals
     if scenario.reaction.stopping_table is not None:
