@@ -5,10 +5,8 @@ from __future__ import annotations
 import io
 import os
 import subprocess
-import threading
 import time
 import tomllib
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -22,36 +20,11 @@ from bumpstop.shards import code_digest
 from bumpstop.study import Study, run
 from bumpstop.text_files import shell_command
 from collision.cases import control_group
+from study.run_cases import Squares
 
 
 class BrokenError(Exception):
     """What interrupts a study in the middle."""
-
-
-@dataclass(frozen=True)
-class Squares(Study):
-    """Squares of drawn numbers; cheap, and random in a way that shows any disorder."""
-
-    name: ClassVar[str] = "squares"
-    title: ClassVar[str] = "squares"
-    seed: int = 0
-    count: int = 7
-    factors: tuple[float, ...] = (1.0, 2.0)
-
-    @property
-    def shards(self) -> int:
-        return self.count
-
-    def shard(self, number: int) -> pl.DataFrame:
-        rng = np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, number]))
-        x = rng.normal(size=5)
-        return pl.DataFrame({"shard": np.full(5, number), "x": x, "square": x**2})
-
-    def summary(self, rows: pl.DataFrame) -> dict[str, Any]:
-        return {"sum": float(rows["square"].sum()), "nothing": float("nan")}
-
-    def lines(self, summary: Mapping[str, Any]) -> list[str]:
-        return [f"sum {summary['sum']:.6f}", "done"]
 
 
 @dataclass(frozen=True)
@@ -369,46 +342,6 @@ def test_a_line_of_code_is_a_part_of_the_fingerprint(tmp_path: Path, monkeypatch
         assert len(seen) == 6
     finally:
         code_digest.cache_clear()
-
-
-def test_threads_that_cannot_be_started_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def start(self: threading.Thread) -> None:
-        raise RuntimeError("can't start new thread")
-
-    monkeypatch.setattr(threading.Thread, "start", start)
-    with pytest.raises(bs.InputError, match=r"^threads: no more can be started"):
-        run(Squares(control_group()), tmp_path / "out", threads=256)
-    assert not (tmp_path / "out").exists()
-
-
-def test_a_flipped_bit_in_finished_rows_is_refused(tmp_path: Path) -> None:
-    """Wherever it is: in a number it would else be read as another number."""
-    study = Squares(control_group())
-    run(study, tmp_path)
-    file = tmp_path / "rows.parquet"
-    content = file.read_bytes()
-    for share in (0.1, 0.3, 0.5, 0.9):
-        flipped = bytearray(content)
-        flipped[int(share * len(content))] ^= 1
-        file.write_bytes(flipped)
-        with pytest.raises(bs.InputError, match=r"rows\.parquet' is damaged"):
-            run(study, tmp_path)
-    file.write_bytes(content)
-    run(study, tmp_path)
-
-
-def test_a_folder_in_use_is_refused(tmp_path: Path) -> None:
-    study = Squares(control_group())
-    refused: list[str] = []
-
-    def progress(done: int, total: int) -> None:
-        if done == 3:
-            with pytest.raises(bs.InputError, match="is in use") as error:
-                run(study, tmp_path)
-            refused.append(error.value.field)
-
-    run(study, tmp_path, progress=progress)
-    assert refused == ["--out"]
 
 
 def test_a_result_is_two_things_and_a_text() -> None:

@@ -104,7 +104,8 @@ def scheduler_killed(cell: Cell, out: Path, rng: random.Random) -> Outcome:
         scheduler.kill()
         status, printed = finish(process)
     good, _ = _resume(cell, out)
-    return _line(printed, "error"), good and ((status == 2 and "is lost" in printed) or status == 0)
+    told = status == 0 or (status == 2 and "is lost" in printed)
+    return _line(printed, "error: "), good and told and "Traceback" not in printed
 
 
 def cluster_worker_killed(cell: Cell, out: Path, rng: random.Random) -> Outcome:

@@ -168,7 +168,13 @@ class ResultFolder:
             return {}
         except ValueError:
             raise DamagedError(MANIFEST, str(self.storage)) from None
-        if not isinstance(found, dict) or found.get("fingerprint") != self.fingerprint:
+        expected = {SUMMARY, *(self._volume_name(volume) for volume in range(self._volumes))}
+        if (
+            not isinstance(found, dict)
+            or (found.get("fingerprint"), found.get("shards")) != (self.fingerprint, self.count)
+            or not isinstance(found.get("files"), dict)
+            or found["files"].keys() != expected
+        ):
             raise DamagedError(MANIFEST, str(self.storage))
         return found
 
@@ -189,6 +195,8 @@ class ResultFolder:
         try:
             known = dict(self.manifest().get("files", {}))
             files: dict[str, str] = {}
+            if SUMMARY in known and SUMMARY in self.storage.sizes(""):
+                self.read_summary()
 
             def volumes() -> Iterator[pl.DataFrame]:
                 for volume in range(self._volumes):
