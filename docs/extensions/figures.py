@@ -87,10 +87,9 @@ def undetectable_force(figure: Figure) -> None:
     for share, style in ((1.0, "-"), (0.5, "--")):
         found = undetectable_forces(robot, q, share * np.array([40, 40, 25, 12, 12, 12]))
         label = "thresholds 40 40 25 12 12 12 Nm" if share == 1 else "thresholds half as high"
-        panel.semilogy(elbow, found.largest, style, color=LAW, label=label)
-    panel.set(xlabel="elbow, deg", ylabel="force, N")
+        panel.plot(elbow, found.largest, style, color=LAW, label=label)
+    panel.set(xlabel="elbow, deg", ylabel="force, N", ylim=(0, None))
     panel.legend()
-    _logarithmic(panel)
 
 
 def observer(figure: Figure) -> None:
