@@ -68,11 +68,7 @@ class ScenarioKeys(_Written):
 
 
 def _shown(value: Any) -> str:
-    return (
-        {None: "none", True: "true", False: "false"}.get(value, str(value))
-        if not isinstance(value, list)
-        else str(value)
-    )
+    return str(value).lower() if value is None or isinstance(value, bool) else str(value)
 
 
 def _kind(field: Any) -> str:
