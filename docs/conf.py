@@ -42,7 +42,7 @@ html_show_sphinx = False
 html_copy_source = False
 html_theme_options = {
     "footer_icons": [],
-    "announcement": "An engineering tool, not a certified safety function.",
+    "announcement": "Not a certified safety function",
 }
 pygments_style = "friendly"
 

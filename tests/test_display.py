@@ -58,6 +58,14 @@ def test_a_notebook_shows_text_and_figure(shown: dict[str, Any], name: str) -> N
     assert axes.get_xlabel()
 
 
+def test_text_stays_text_in_a_notebook(shown: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """There rich would show what it prints by itself, and the text would be empty."""
+    expected = {name: str(shown[name]) for name in ("result", "run", "uncertain")}
+    monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
+    assert {name: str(shown[name]) for name in expected} == expected
+    assert all(expected.values())
+
+
 def test_a_figure_of_its_own(shown: dict[str, Any]) -> None:
     with mpl.rc_context({"backend": "agg"}):
         axes = shown["result"].plot()

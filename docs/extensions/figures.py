@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import norm
 
@@ -14,6 +15,12 @@ from bumpstop.detection import undetectable_forces
 from bumpstop.report.picture import EVENT, FAINT, LAW, LIMIT, Picture, axes, stack
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+
+def _logarithmic(panel: Axes) -> None:
+    """Plain numbers on a logarithmic scale: the pages' style takes no mathematical text."""
+    panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    panel.yaxis.set_minor_formatter(lambda value, _: "")
 
 
 def stopping_curve(figure: Figure) -> None:
@@ -32,7 +39,7 @@ def stopping_curve(figure: Figure) -> None:
 
 def force_distribution(figure: Figure) -> None:
     """Exceedance of the peak force over 15 decades, with the limit and the accepted probability."""
-    panel = axes(figure)
+    panel = axes(figure, left=0.8)
     for speed, style in ((-50, ":"), (-75, "-"), (-100, "--")):
         scenario = bs.load_scenario(EXAMPLES / "02_lower_arm_downward.toml", {"motion.velocity_mm_s": [0, 0, speed]})
         result = bs.evaluate(scenario)
@@ -43,7 +50,8 @@ def force_distribution(figure: Figure) -> None:
     panel.axvline(limit, color=LIMIT)
     panel.axhline(result.verdict.accepted_probability, color=FAINT, linewidth=1)
     panel.set(xlabel="force, N", ylabel="probability of a larger peak force", ylim=(1e-15, 2), xlim=(0, 320))
-    panel.legend(loc="lower left")
+    panel.legend(loc="upper right")
+    _logarithmic(panel)
 
 
 def elastic_arm(figure: Figure) -> None:
@@ -62,13 +70,14 @@ def elastic_arm(figure: Figure) -> None:
 
 def thresholds(figure: Figure) -> None:
     """False alarms an hour of seven joints at 250 Hz against the threshold in standard deviations of white noise."""
-    panel, level = axes(figure), np.linspace(3, 7.5, 200)
+    panel, level = axes(figure, left=0.8), np.linspace(3, 7.5, 200)
     for rate, style in ((250, "-"), (1000, "--")):
         tick = -np.expm1(7 * np.log1p(-2 * norm.sf(level)))
         panel.semilogy(level, 3600 * rate * tick, style, color=LAW, label=f"seven joints at {rate} Hz")
     panel.axhline(1, color=LIMIT, linewidth=1)
     panel.set(xlabel="threshold over standard deviation of the noise", ylabel="false alarms an hour")
     panel.legend()
+    _logarithmic(panel)
 
 
 def undetectable_force(figure: Figure) -> None:
@@ -78,8 +87,8 @@ def undetectable_force(figure: Figure) -> None:
     for share, style in ((1.0, "-"), (0.5, "--")):
         found = undetectable_forces(robot, q, share * np.array([40, 40, 25, 12, 12, 12]))
         label = "thresholds 40 40 25 12 12 12 Nm" if share == 1 else "thresholds half as high"
-        panel.semilogy(elbow, found.largest, style, color=LAW, label=label)
-    panel.set(xlabel="elbow, deg", ylabel="force, N")
+        panel.plot(elbow, found.largest, style, color=LAW, label=label)
+    panel.set(xlabel="elbow, deg", ylabel="force, N", ylim=(0, None))
     panel.legend()
 
 

@@ -8,7 +8,7 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from types import NoneType
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 from docutils import nodes
 from pygments.lexers.special import TextLexer
@@ -68,11 +68,7 @@ class ScenarioKeys(_Written):
 
 
 def _shown(value: Any) -> str:
-    return (
-        {None: "none", True: "true", False: "false"}.get(value, str(value))
-        if not isinstance(value, list)
-        else str(value)
-    )
+    return str(value).lower() if value is None or isinstance(value, bool) else str(value)
 
 
 def _kind(field: Any) -> str:
@@ -80,12 +76,13 @@ def _kind(field: Any) -> str:
     words = [f"`{word}`" for one in choices for word in get_args(one) if isinstance(word, str)]
     if words:
         return ", ".join(dict.fromkeys(words))
-    kinds = [one for one in get_args(field.annotation) if one is not NoneType] or [field.annotation]
+    kinds = [one for one in get_args(field.annotation) if one is not NoneType]
+    kind = field.annotation if get_origin(field.annotation) in (list, tuple) or not kinds else kinds[0]
+    text = re.sub(r"typing\.|<class '|'>", "", str(kind))
+    if text.startswith(("list", "tuple", "Annotated[list", "Annotated[tuple")):
+        return "list of numbers" if "float" in text else "list of whole numbers" if "int" in text else "list"
     names = {"float": "number", "int": "whole number", "str": "text", "bool": "true or false"}
-    text = re.sub(r"(typing\.|Annotated\[|<class '|'>)", "", str(kinds[0]))
-    if text.startswith(("list", "tuple", "Sequence")) or "list" in text:
-        return "list of numbers" if "float" in text else "list"
-    return names.get(text.split("[")[0].split(",")[0], "value")
+    return names.get(re.split(r"[\[,]", text.removeprefix("Annotated["))[0], "value")
 
 
 def _range(schema: dict[str, Any], key: str) -> str:

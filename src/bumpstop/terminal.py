@@ -63,7 +63,17 @@ def text_of(show: Callable[[Console], None], width: int = _WIDTH, *, wrapped: bo
     from rich.console import Console
 
     file = io.StringIO()
-    show(Console(file=file, width=width, highlight=False, markup=False, color_system=None, soft_wrap=not wrapped))
+    # In a notebook rich would show the text by itself, and write none.
+    console = Console(
+        file=file,
+        width=width,
+        highlight=False,
+        markup=False,
+        color_system=None,
+        soft_wrap=not wrapped,
+        force_jupyter=False,
+    )
+    show(console)
     return "\n".join(line.rstrip() for line in file.getvalue().splitlines())
 
 

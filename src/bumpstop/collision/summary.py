@@ -21,7 +21,9 @@ def summary_text(result: CollisionResult) -> str:
     from rich.console import Console
 
     text = io.StringIO()
-    print_summary(result, Console(file=text, width=80, highlight=False, markup=False, color_system=None))
+    print_summary(
+        result, Console(file=text, force_jupyter=False, width=80, highlight=False, markup=False, color_system=None)
+    )
     return "\n".join(line.rstrip() for line in text.getvalue().splitlines())
 
 

@@ -22,7 +22,9 @@ def summary_text(result: UncertainResult) -> str:
     from rich.console import Console
 
     text = io.StringIO()
-    print_uncertain_summary(result, Console(file=text, width=80, highlight=False, markup=False, color_system=None))
+    print_uncertain_summary(
+        result, Console(file=text, force_jupyter=False, width=80, highlight=False, markup=False, color_system=None)
+    )
     return "\n".join(line.rstrip() for line in text.getvalue().splitlines())
 
 
