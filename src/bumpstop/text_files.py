@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import numbers
 import os
 import shlex
@@ -75,23 +76,20 @@ def parse_toml(text: str, file: str) -> dict[str, Any]:
     import tomllib
 
     try:
-        data = tomllib.loads(text)
-        _check_integers(data)
+        return {key: _held(value) for key, value in tomllib.loads(text).items()}
     except (ValueError, RecursionError) as error:
         raise InputError(file, f"is not valid TOML: {' '.join(str(error).split())[:200]}") from None
-    return data
 
 
-def _check_integers(value: Any) -> None:
-    """Refuse what no TOML integer may be, and no float could hold."""
+def _held(value: Any) -> Any:
+    """The same, integers beyond what TOML allows being infinite: whoever reads a field refuses it by its name."""
     if isinstance(value, dict):
-        for inner in value.values():
-            _check_integers(inner)
-    elif isinstance(value, list):
-        for inner in value:
-            _check_integers(inner)
-    elif isinstance(value, int) and abs(value) > _MAX_INTEGER:
-        raise ValueError("an integer of more than 64 bits")
+        return {key: _held(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_held(inner) for inner in value]
+    if isinstance(value, int) and abs(value) > _MAX_INTEGER:
+        return math.inf if value > 0 else -math.inf
+    return value
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:

@@ -165,6 +165,9 @@ def test_completion_answers() -> None:
         "stopping",
         "measure",
         "benchmark",
+        "campaign",
+        "monitor",
+        "view",
     }
     options = bumpstop(COMP_WORDS="bumpstop evaluate --s", **(asked | {"COMP_CWORD": "2"})).stdout.split()
     assert set(options) == {"--sampled", "--seed", "--set"}

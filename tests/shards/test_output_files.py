@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import resource
@@ -75,17 +76,19 @@ def test_every_module_writes_through_the_one_writer() -> None:
     own = re.compile(
         r"\.(?:write_text|write_bytes|savefig|to_csv)\(|\.write_(?:parquet|csv)\((?!waiting|joined|content)"
     )
-    allowed = {"output_files.py": 1, "picture.py": 1, "storage.py": 0}
+    # Figures go into memory, or under the name that output_files.replacing lends.
+    allowed = {"benchmark.py": 1, "display.py": 2, "output_files.py": 1, "picture.py": 1, "recorder.py": 1}
     for path in SOURCE.rglob("*.py"):
         found = [line for line in path.read_text(encoding="utf-8").splitlines() if own.search(line)]
         found = [line for line in found if "output_files." not in line]
         assert len(found) <= allowed.get(path.name, 0), (path, found)
 
 
-def test_integers_that_no_float_holds_are_refused() -> None:
-    for text in ("a = 1" + "0" * 400, "[[t]]\nb = [1, {c = -1" + "0" * 400 + "}]"):
-        with pytest.raises(bs.InputError, match="an integer of more than 64 bits"):
-            parse_toml(text, "x.toml")
+def test_integers_that_no_float_holds_are_infinite() -> None:
+    """So that whoever reads the field refuses it by its name."""
+    many = "0" * 400
+    assert parse_toml(f"a = 1{many}", "x.toml") == {"a": math.inf}
+    assert parse_toml(f"[[t]]\nb = [1, {{c = -1{many}}}]", "x.toml") == {"t": [{"b": [1, {"c": -math.inf}]}]}
     assert parse_toml("a = 18446744073709551615", "x.toml") == {"a": 2**64 - 1}
 
 

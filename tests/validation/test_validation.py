@@ -38,7 +38,11 @@ def results(folder: Path) -> dict[str, Any]:
     return loaded
 
 
-@pytest.mark.parametrize("name", list(program.COMPARISONS))
+# They race with processes and clocks of this machine: that belongs to `make validate`, on an idle one.
+OF_THE_MACHINE = {"closed_loop", "faults", "live", "scale"}
+
+
+@pytest.mark.parametrize("name", [name for name in program.COMPARISONS if name not in OF_THE_MACHINE])
 def test_quick(name: str, tmp_path: Path) -> None:
     for file in NEEDS.get(name, []):
         if not (facts.folder() / "facts" / f"{file}.toml").is_file():

@@ -13,8 +13,11 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import bumpstop
 from validation.facts import REPOSITORY
 
+# Where the package stands that this process uses: processes that begin use the same.
+PACKAGE = Path(bumpstop.__file__).resolve().parents[1]
 _PROGRAM = "from bumpstop.cli.main import main; main()"
 _TIMEOUT_S = 300.0
 
@@ -39,7 +42,7 @@ class Cell:
         """Begin ``bumpstop campaign``, in a session of its own."""
         return subprocess.Popen(
             [sys.executable, "-c", _PROGRAM, "campaign", *map(str, arguments)],
-            env=os.environ | {"PYTHONPATH": str(REPOSITORY / "src")} | (environment or {}),
+            env=os.environ | {"PYTHONPATH": str(PACKAGE)} | (environment or {}),
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -110,7 +113,7 @@ def flip(file: Path, share: float = 0.5) -> None:
 @contextlib.contextmanager
 def cluster(workers: int, folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes], list[subprocess.Popen[bytes]]]]:
     """A scheduler of dask.distributed and its workers; yields the address, the scheduler and the workers."""
-    environment = os.environ | {"PYTHONPATH": str(REPOSITORY / "src")}
+    environment = os.environ | {"PYTHONPATH": str(PACKAGE)}
 
     def start(module: str, *arguments: str) -> subprocess.Popen[bytes]:
         code = f"from distributed.cli.{module} import main; main()"

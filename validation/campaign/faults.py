@@ -10,7 +10,18 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from validation.campaign.cell import Cell, cluster, finish, flip, is_running, parts, result, wait_for, workers_of
+from validation.campaign.cell import (
+    PACKAGE,
+    Cell,
+    cluster,
+    finish,
+    flip,
+    is_running,
+    parts,
+    result,
+    wait_for,
+    workers_of,
+)
 from validation.findings import Findings
 
 TITLE = "Faults that campaigns survive"
@@ -195,7 +206,7 @@ def clock_jumps(cell: Cell, out: Path, rng: random.Random) -> Outcome:
     place.mkdir(exist_ok=True)
     (place / "sitecustomize.py").write_text(_CLOCK, encoding="utf-8")
     source = os.environ.get("PYTHONPATH", "")
-    clock = {"PYTHONPATH": f"{place}{os.pathsep}{Path(__file__).resolve().parents[2] / 'src'}{os.pathsep}{source}"}
+    clock = {"PYTHONPATH": f"{place}{os.pathsep}{PACKAGE}{os.pathsep}{source}"}
     process = cell.start("run", cell.file, "--out", out, environment=clock)
     wait_for(lambda: len(parts(out)) >= rng.randint(1, 6) or process.poll() is not None, "no shard is done")
     process.kill()

@@ -78,6 +78,7 @@ def detectors(
 def _write(found: object, out: Path) -> None:
     from matplotlib.figure import Figure
 
+    from bumpstop import output_files
     from bumpstop.benchmark import DetectorBenchmark
 
     assert isinstance(found, DetectorBenchmark)
@@ -86,7 +87,9 @@ def _write(found: object, out: Path) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
         for ending in ("svg", "png"):
-            figure.savefig(out / f"curves.{ending}", dpi=120, metadata={"Date": None} if ending == "svg" else None)
-        found.to_frame().write_csv(out / "points.csv")
+            with output_files.replacing(out / f"curves.{ending}") as waiting:
+                metadata = {"Date": None} if ending == "svg" else None
+                figure.savefig(waiting, format=ending, dpi=120, metadata=metadata)
+        output_files.write_csv(out / "points.csv", found.to_frame())
     except OSError as error:
         raise InputError("--out", f"{str(out)!r} cannot be written ({error.strerror})", "give another folder") from None

@@ -8,8 +8,33 @@ from typer.core import TyperGroup
 
 # How hard a collision is, what brings it below the limits, recordings, and what is made of them.
 _ORDER = (
-    *("new", "evaluate", "measure", "report", "require", "sensitivity", "stopping", "study", "robots", "bodies"),
-    *("recording", "plan", "identify", "validate", "tune", "detect", "score", "detector", "benchmark"),
+    *(
+        "new",
+        "evaluate",
+        "view",
+        "measure",
+        "report",
+        "program",
+        "require",
+        "sensitivity",
+        "stopping",
+        "study",
+        "campaign",
+    ),
+    *(
+        "robots",
+        "bodies",
+        "recording",
+        "plan",
+        "identify",
+        "validate",
+        "tune",
+        "detect",
+        "score",
+        "detector",
+        "monitor",
+    ),
+    "benchmark",
     *("plant", "experiment"),
 )
 _WHOLE_SENTENCE = 1000  # characters: longer than any

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from bumpstop.cli import benchmark, bodies, plant, program, robots, view
+from bumpstop.cli import benchmark, bodies, program, robots, view
 from bumpstop.cli.campaign import campaign
 from bumpstop.cli.collision import evaluate, require, speed_limits, stopping, study
 from bumpstop.cli.command_group import CommandGroup
@@ -20,6 +20,7 @@ from bumpstop.cli.detection import detect, score, sensitivity, tune
 from bumpstop.cli.identification import identify, plan, recording
 from bumpstop.cli.live import monitor
 from bumpstop.cli.measure import commands as measure
+from bumpstop.cli.plant import commands as plant
 from bumpstop.cli.register import new, report
 from bumpstop.cli.schroeder2013 import experiment
 from bumpstop.errors import BumpstopError, InputError

@@ -35,7 +35,7 @@ def command(
         str | None, typer.Option(help="Of a recording: joint model or fitted dynamics. Default: the robot's inertia.")
     ] = None,
     thresholds: Annotated[
-        str | None, typer.Option(help="Of a recording: numbers with commas, or a file of bumpstop tune.")
+        str | None, typer.Option(metavar="LIST|FILE", help="Thresholds [Nm], of a recording.")
     ] = None,
     record: Annotated[
         Path | None, typer.Option(help="Write view.png and view.gif into this folder and serve nothing.")

@@ -10,10 +10,10 @@ import numpy as np
 
 from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_float_array
-from bumpstop.detection.events import FAULTS, DetectionRun, Event, check_rearm, frozen_notes
+from bumpstop.detection.events import FAULTS, DetectionRun, Event, frozen_notes
 from bumpstop.detection.loop_detector import LoopDetector
 from bumpstop.detection.rate import period_of
-from bumpstop.detection.settings import DetectorSettings
+from bumpstop.detection.settings import DetectorSettings, check_rearm
 from bumpstop.errors import InputError
 from bumpstop.model import unit_of
 from bumpstop.recording.checks.stamps import stamped_by_a_pc

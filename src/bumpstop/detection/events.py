@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop import _native
-from bumpstop.arrays import FloatArray, as_number
+from bumpstop.arrays import FloatArray
+from bumpstop.detection.settings import settings_text
 from bumpstop.display import EVENT, LIMIT, Displayed
 from bumpstop.errors import InputError
 from bumpstop.terminal import table, text_of
@@ -379,17 +380,6 @@ class DetectionRun(Displayed):
         write_residuals(path, self.t[seen], self.residual[seen])
 
 
-def settings_text(settings: Mapping[str, Any]) -> str:
-    """Settings of a detector, by name."""
-
-    def said(value: object) -> str:
-        if value is None:
-            return "never"
-        return f"{value:g}" if isinstance(value, float) else str(value).lower()
-
-    return ", ".join(f"{name} {said(value)}" for name, value in settings.items())
-
-
 def frozen_notes(t: FloatArray, frozen: npt.NDArray[np.bool_]) -> list[str]:
     """A sentence on rows (N,) in which feedback was frozen, if there are any."""
     if not frozen.any():
@@ -405,9 +395,3 @@ def frozen_notes(t: FloatArray, frozen: npt.NDArray[np.bool_]) -> list[str]:
 def bits(mask: int) -> tuple[int, ...]:
     """Numbers of the bits that are set."""
     return tuple(j for j in range(_native.max_joints) if mask >> j & 1)
-
-
-def check_rearm(rearm_s: float) -> None:
-    """Refuse a time without alarms that is none; an infinite one never ends an alarm."""
-    if not as_number(rearm_s, "rearm_s", finite=False) >= 0:
-        raise InputError("rearm_s", f"is {rearm_s}", "wanted zero or more")

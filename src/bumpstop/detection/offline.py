@@ -10,9 +10,9 @@ import numpy as np
 
 from bumpstop import _native
 from bumpstop.detection.detector import Detector
-from bumpstop.detection.events import FAULTS, NO_DATA, STATES, DetectionRun, Event, check_rearm, frozen_notes
+from bumpstop.detection.events import FAULTS, NO_DATA, STATES, DetectionRun, Event, frozen_notes
 from bumpstop.detection.rate import period_of
-from bumpstop.detection.settings import DetectorSettings
+from bumpstop.detection.settings import DetectorSettings, check_rearm
 from bumpstop.detection.standing import hidden_torques
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.detection.tuning.residual_record import ResidualRecord

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from bumpstop import _native
 from bumpstop.arrays import as_float_array, as_number
@@ -135,3 +136,20 @@ class DetectorSettings:
         value = getattr(self, name)
         if not (as_number(value, name).is_integer() and low <= value <= high):
             raise InputError(name, f"is {value!r}", f"wanted a whole number from {low} to {high}")
+
+
+def settings_text(settings: Mapping[str, Any]) -> str:
+    """Settings of a detector, by name."""
+
+    def said(value: object) -> str:
+        if value is None:
+            return "never"
+        return f"{value:g}" if isinstance(value, float) else str(value).lower()
+
+    return ", ".join(f"{name} {said(value)}" for name, value in settings.items())
+
+
+def check_rearm(rearm_s: float) -> None:
+    """Refuse a time without alarms that is none; an infinite one never ends an alarm."""
+    if not as_number(rearm_s, "rearm_s", finite=False) >= 0:
+        raise InputError("rearm_s", f"is {rearm_s}", "wanted zero or more")

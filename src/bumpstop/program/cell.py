@@ -19,6 +19,7 @@ from bumpstop.program.onset_force import worst_onset
 from bumpstop.study.prediction import predicted_speed_limit, stopping_time_per_speed, undetected_force
 from bumpstop.study.requirement.risk import allowed_force
 from bumpstop.study.speed.speed_limit import MIN_SPEED
+from bumpstop.text_files import write_text
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -219,4 +220,4 @@ def write_trajectory(path: Path, trajectory: Trajectory) -> None:
         columns.append(trajectory.velocity)
         names += [f"qd_{j + 1}" for j in range(dof)]
     lines = [",".join(names), *(",".join(map(repr, row)) for row in np.hstack(columns).tolist())]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_text(path, "\n".join(lines) + "\n")

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from bumpstop.errors import InputError
+from bumpstop.output_files import write_bytes
 from bumpstop.program.interpreter import Interpreter
 from bumpstop.program.languages.syntax import edited
 from bumpstop.program.segment import MoveSegment, Segment
@@ -87,7 +88,7 @@ class TextProgram:
         return not (getattr(place, "setting", False) and self.not_understood)
 
     def write(self, factors: Mapping[Segment, float], target: Path) -> None:  # noqa: D102
-        target.write_bytes(self.written(factors))
+        write_bytes(target, self.written(factors))
 
     def written(self, factors: Mapping[Segment, float]) -> bytes:
         """The program with other speeds."""

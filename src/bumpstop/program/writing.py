@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from bumpstop.collision.scenario.settings_file import scenario_data
 from bumpstop.errors import InputError
 from bumpstop.program.cell import write_trajectory
-from bumpstop.text_files import to_toml
+from bumpstop.text_files import to_toml, write_text
 
 if TYPE_CHECKING:
     from bumpstop.program.evaluation import ProgramResult
@@ -52,10 +52,10 @@ def write_program(result: ProgramResult, path: Path, folder: Path) -> list[Path]
             scenario = result.cell.of(file, one.written.worst_s)
             data = scenario_data(scenario)
             data["motion"]["file"] = file.name
-            (segments / f"{number}.toml").write_text(to_toml(data), encoding="utf-8")
+            write_text(segments / f"{number}.toml", to_toml(data))
             files.append(segments / f"{number}.toml")
         summary = json.dumps(result.to_json(), allow_nan=False, indent=2)
-        (folder / "summary.json").write_text(summary + "\n", encoding="utf-8")
+        write_text(folder / "summary.json", summary + "\n")
     except OSError as error:
         problem = f"{str(folder)!r} cannot be written ({error.filename or folder}: {error.strerror or error})"
         raise InputError("--out", problem, "give another folder") from None

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.errors import InputError
+from bumpstop.output_files import write_bytes
 from bumpstop.report.colours import AREA, EVENT, FAINT, INK, LAW, LIMIT
 from bumpstop.terminal import number
 from bumpstop.view.answer import Answer
@@ -59,7 +60,7 @@ def record(scenario: Scenario, folder: Path) -> list[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         files = [folder / "view.png"]
-        files[0].write_bytes(picture(answer))
+        write_bytes(files[0], picture(answer))
         if scenario.motion.kind == "line":
             files.append(folder / "view.gif")
             _animate(scenario.without_uncertainty(), files[-1])

@@ -143,7 +143,7 @@ def detector(
     """Write robot, joint model and thresholds as one file for the control loop (detector_description.hpp)."""
     from bumpstop.detection import Detector, save_detector
     from bumpstop.detection.detector import window_notes
-    from bumpstop.detection.events import settings_text
+    from bumpstop.detection.settings import settings_text
     from bumpstop.identification import DynamicsModel
 
     given, arm = residual_source.parts

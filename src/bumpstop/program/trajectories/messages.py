@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.errors import InputError
+from bumpstop.output_files import write_bytes
 from bumpstop.program.languages.message_syntax import Value, parse_json, parse_yaml
 from bumpstop.program.languages.syntax import Edit, edited
 from bumpstop.program.trajectories.retimed_message import MessageRows, retimed_rows, segments_of
@@ -49,7 +50,7 @@ class MessageProgram:
         return True
 
     def write(self, factors: Mapping[Segment, float], target: Path) -> None:  # noqa: D102
-        target.write_bytes(self.written(factors))
+        write_bytes(target, self.written(factors))
 
     def written(self, factors: Mapping[Segment, float]) -> bytes:
         """The file with other times, velocities and accelerations."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.errors import InputError
+from bumpstop.output_files import write_bytes
 from bumpstop.program.trajectories.trajectory_segment import TrajectorySegment, find_segments
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ class RecordedProgram:
         return True
 
     def write(self, factors: Mapping[Segment, float], target: Path) -> None:  # noqa: D102
-        target.write_bytes(self.written(factors))
+        write_bytes(target, self.written(factors))
 
     def written(self, factors: Mapping[Segment, float]) -> bytes:
         """Columns t, q_1.., qd_1..: segments with their new times, and the rests between them as long as they were."""

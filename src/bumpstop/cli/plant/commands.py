@@ -12,7 +12,7 @@ import typer
 from bumpstop.cli.command_group import CommandGroup
 from bumpstop.cli.folders import check_folder
 from bumpstop.cli.option_names import as_options
-from bumpstop.cli.plant_serve import serve
+from bumpstop.cli.plant.serve import serve
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
