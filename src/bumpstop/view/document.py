@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from bumpstop.collision.scenario.keys import set_key, set_keys
+from bumpstop.collision.scenario.keys import set_keys
 from bumpstop.collision.scenario.scenario import Scenario
-from bumpstop.collision.scenario.settings_file import files_of
-from bumpstop.collision.scenario.uncertainty_table import uncertain_inputs
+from bumpstop.collision.scenario.settings_file import with_absolute_paths
 from bumpstop.text_files import to_toml
 
 if TYPE_CHECKING:
@@ -41,14 +40,7 @@ def with_keys(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
 
 def scenario_text(scenario: Scenario) -> str:
     """A scenario as TOML, the keys that were given and paths absolute: the file may stand in any folder."""
-    data = scenario.as_given()
-    for key, path in files_of(scenario).items():
-        set_key(data, key, str(path.resolve()))
-    for each in uncertain_inputs(scenario):
-        if each.file is not None:
-            name = "relative_file" if each.relative else "file"
-            path = (scenario.folder / each.file).resolve()
-            data["uncertainty"][each.key] = {**data["uncertainty"][each.key], name: str(path)}
+    data = with_absolute_paths(scenario, scenario.as_given())
     return to_toml({key: value for key, value in data.items() if value != {}})
 
 

@@ -32,7 +32,11 @@ def files_of(scenario: Scenario) -> dict[str, Path]:
 
 def scenario_data(scenario: Scenario) -> dict[str, Any]:
     """The keys of a scenario, defaults spelt out and paths absolute: a copy of it may stand in any folder."""
-    data = scenario.to_dict()
+    return with_absolute_paths(scenario, scenario.to_dict())
+
+
+def with_absolute_paths(scenario: Scenario, data: dict[str, Any]) -> dict[str, Any]:
+    """Keys of a scenario, the paths among them made absolute in place."""
     # Relative paths start at the scenario's folder, which the copy has left.
     for key, path in files_of(scenario).items():
         set_key(data, key, str(path.resolve()))

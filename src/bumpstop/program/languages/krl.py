@@ -10,7 +10,7 @@ from bumpstop.program.languages.blocks import Assignments, Blocks
 from bumpstop.program.languages.expression import Expression, Reader, number_of, read_expression, resolved
 from bumpstop.program.languages.rotation import from_euler_zyx
 from bumpstop.program.languages.statements import Call, Frames, Move, ReadProgram, Setting, SpeedSlot, Target
-from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token, statement_of, tokenize
+from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token, parse_lines
 
 _TOKENS = re.compile(
     r"(?P<comment>;[^\n\r]*|(?<![^\n])&[^\n\r]*)|(?P<newline>\r?\n)|(?P<space>[ \t\r\f\v]+)"
@@ -55,16 +55,7 @@ _UNKNOWN_BLEND = 1e3
 
 def parse_krl(source: bytes) -> SyntaxTree:
     """The syntax tree of any bytes; a line is a statement."""
-    statements: list[Statement] = []
-    begin, line = 0, 1
-    tokens = tokenize(source, _TOKENS)
-    for i, token in enumerate(tokens):
-        if token.kind == "newline":
-            statements.append(statement_of(tokens[begin : i + 1], line))
-            begin, line = i + 1, line + 1
-    if begin < len(tokens):
-        statements.append(statement_of(tokens[begin:], line))
-    return SyntaxTree(source, tuple(statements))
+    return parse_lines(source, _TOKENS)
 
 
 def read_krl(source: bytes, data: bytes = b"") -> ReadProgram:

@@ -136,3 +136,17 @@ def statement_of(tokens: Sequence[Token], line: int) -> Statement:
             break
         line += token.text.count("\n")
     return Statement(tuple(tokens), line)
+
+
+def parse_lines(source: bytes, pattern: re.Pattern[str]) -> SyntaxTree:
+    """The syntax tree of a language in which a line is a statement; of any bytes."""
+    statements: list[Statement] = []
+    begin, line = 0, 1
+    tokens = tokenize(source, pattern)
+    for i, token in enumerate(tokens):
+        if token.kind == "newline":
+            statements.append(statement_of(tokens[begin : i + 1], line))
+            begin, line = i + 1, line + 1
+    if begin < len(tokens):
+        statements.append(statement_of(tokens[begin:], line))
+    return SyntaxTree(source, tuple(statements))

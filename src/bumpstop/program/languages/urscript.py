@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from bumpstop.program.languages.blocks import Assignments, Blocks
 from bumpstop.program.languages.expression import Expression, number_of, numbers_of, read_expression, resolved
 from bumpstop.program.languages.statements import Call, Frames, Move, ReadProgram, SpeedSlot, Target
-from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token, statement_of, tokenize
+from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token, parse_lines
 
 _TOKENS = re.compile(
     r"(?P<comment>\#[^\n\r]*)|(?P<newline>\r?\n)|(?P<space>[ \t\r\f\v]+)"
@@ -37,16 +37,7 @@ _MAX_SPEED = {"movej": 6.28, "movel": 3.0, "movep": 3.0}
 
 def parse_urscript(source: bytes) -> SyntaxTree:
     """The syntax tree of any bytes; a line is a statement."""
-    statements: list[Statement] = []
-    begin, line = 0, 1
-    tokens = tokenize(source, _TOKENS)
-    for i, token in enumerate(tokens):
-        if token.kind == "newline":
-            statements.append(statement_of(tokens[begin : i + 1], line))
-            begin, line = i + 1, line + 1
-    if begin < len(tokens):
-        statements.append(statement_of(tokens[begin:], line))
-    return SyntaxTree(source, tuple(statements))
+    return parse_lines(source, _TOKENS)
 
 
 def read_urscript(source: bytes) -> ReadProgram:
