@@ -49,7 +49,7 @@ pygments_style = "friendly"
 myst_enable_extensions = ["dollarmath", "deflist"]
 myst_heading_anchors = 4
 myst_number_code_blocks: list[str] = []
-suppress_warnings = ["myst.header", "toc.not_included"]
+suppress_warnings = ["myst.header"]
 # Formulas are MathML, which browsers draw themselves: no script, no fonts.
 html_math_renderer = "mathml"
 

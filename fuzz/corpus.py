@@ -67,7 +67,7 @@ def urdfs() -> Files:
 
 def drive_trains() -> Files:
     """Of the page on models."""
-    return {"drive.toml": _from_page("model.md").encode()}
+    return {"drive.toml": _from_page("reference/robot/model.md").encode()}
 
 
 def limit_tables() -> Files:
@@ -112,7 +112,7 @@ def thresholds() -> Files:
         "per_speed_Nm_s": [1, 1, 1, 1, 1, 1, 1],
         "period_s": 0.004,
     }
-    return {"t.toml": _from_page("detection.md").encode(), "t.json": json.dumps(values).encode()}
+    return {"t.toml": _from_page("reference/robot/detection.md").encode(), "t.json": json.dumps(values).encode()}
 
 
 def labels() -> Files:
@@ -122,7 +122,7 @@ def labels() -> Files:
 
 def column_files() -> Files:
     """Of the page on recordings, and one for a MATLAB file."""
-    return {"columns.toml": _from_page("recording.md").encode(), "mat.toml": _MATLAB_COLUMNS}
+    return {"columns.toml": _from_page("reference/robot/recording.md").encode(), "mat.toml": _MATLAB_COLUMNS}
 
 
 _MATLAB_COLUMNS = b'time = { variable = "t", unit = "s" }\nposition = { variable = "rec.q", unit = "rad" }\n'

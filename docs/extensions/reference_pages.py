@@ -18,20 +18,6 @@ import bumpstop as bs
 from bumpstop.cli.completion import scenario_keys
 
 ROOT = Path(__file__).resolve().parents[2]
-# Pages beside the index that its own table or those of other chapters name.
-PLACED = (
-    "index",
-    "gallery",
-    "faq",
-    "cheat_sheet",
-    "glossary",
-    "packages",
-    "live",
-    "program",
-    "view",
-    "scale",
-    "reliability",
-)
 CPP_NAMES = ("CollisionSetup", "GaussianThresholds", "Contact", "Detector", "DetectorOutput", "DetectorEvent")
 
 
@@ -179,20 +165,6 @@ class Headers(_Written):
         return [*text, "```"]
 
 
-class RoomPages(_Written):
-    """A table of contents of pages beside the index: those that are named and exist, or all that are not placed."""
-
-    optional_arguments = 20
-
-    def lines(self) -> list[str]:
-        """The table; nothing where no page exists."""
-        there = sorted(path.stem for path in (ROOT / "docs").glob("*.md"))
-        pages = [page for page in self.arguments if page in there] or [p for p in there if p not in PLACED]
-        if self.arguments and not set(self.arguments) & set(there):
-            return []
-        return ["```{toctree}", ":maxdepth: 1", *(f"/{page}" for page in pages), "```"]
-
-
 def run_doxygen(app: Any) -> None:
     """Read the headers, before breathe asks for them."""
     if not shutil.which("doxygen"):
@@ -249,7 +221,6 @@ def setup(app: Any) -> dict[str, bool]:
     app.add_directive("command-line", CommandLine)
     app.add_directive("public-names", PublicNames)
     app.add_directive("headers", Headers)
-    app.add_directive("room-pages", RoomPages)
     app.connect("builder-inited", run_doxygen, priority=100)
     app.connect("autodoc-process-docstring", keep_bars)
     app.connect("source-read", unlink_what_is_outside)

@@ -292,7 +292,7 @@ def test_unknown_kind() -> None:
 
 # The page about all this.
 
-PAGE = Path(__file__).parents[2] / "docs" / "contact.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "contact.md"
 
 
 def test_the_page_tells_the_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

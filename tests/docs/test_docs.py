@@ -41,11 +41,22 @@ def test_complete_scenario_runs(text: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["collision.md", "measure.md", "recording.md", "register.md", "stopping.md", "uncertainty.md", "view.md"]
+    "name",
+    [
+        "how_to/measure.md",
+        "how_to/register.md",
+        "how_to/uncertainty.md",
+        "how_to/view.md",
+        "reference/collision.md",
+        "reference/robot/recording.md",
+        "reference/stopping.md",
+    ],
 )
 def test_python_session(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = ROOT / "docs" / name
-    scenario = blocks(page if name == "uncertainty.md" else ROOT / "docs" / "collision.md", "toml")[0]
+    scenario = blocks(
+        page if name == "how_to/uncertainty.md" else ROOT / "docs" / "reference" / "collision.md", "toml"
+    )[0]
     (tmp_path / "scenario.toml").write_text(scenario, encoding="utf-8")
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     monkeypatch.chdir(tmp_path)
@@ -60,7 +71,7 @@ def test_python_session(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 def documented_keys() -> dict[str, list[str]]:
     """Dotted key to unit, default, valid values and meaning."""
-    text = section(read("docs/collision.md"), "## Every key")
+    text = section(read("docs/reference/collision.md"), "## Every key")
     found: dict[str, list[str]] = {}
     for heading in re.findall(r"^### (top level|`\[\w+\]`)$", text, re.MULTILINE):
         table = "" if heading == "top level" else heading.strip("`[]") + "."
@@ -138,7 +149,7 @@ def test_limits_of_thresholds() -> None:
 
 def test_what_is_not_available_is_refused_by_name() -> None:
     data = bs.load_scenario(ROOT / "examples" / "06_pick_and_place_trajectory.toml").to_dict()
-    asked = [text for row in rows(read("docs/collision.md"), "key") if len(row) == 2 for text in code(row[0])]
+    asked = [text for row in rows(read("docs/reference/collision.md"), "key") if len(row) == 2 for text in code(row[0])]
     assert asked == ['contact.arm = "two_mass"', "reaction.stop_category = 0"]
     for text in asked:
         key, _, value = text.partition(" = ")
@@ -232,3 +243,8 @@ def test_links(page: Path) -> None:
         assert target.is_relative_to(ROOT), link
         if anchor:
             assert anchor in anchors(target), link
+
+
+@pytest.mark.parametrize("room", sorted({page.parent for page in PAGES} - {ROOT}), ids=lambda path: str(path.relative_to(ROOT)))
+def test_a_room_has_at_most_fifteen_files(room: Path) -> None:
+    assert len([path for path in room.iterdir() if path.is_file()]) <= 15

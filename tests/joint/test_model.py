@@ -340,7 +340,7 @@ def test_files_are_read_strictly(old: str, new: str, message: str, tmp_path: Pat
 
 
 def test_the_file_of_the_documentation(tmp_path: Path) -> None:
-    page = (Path(__file__).parents[2] / "docs" / "joint.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "robot" / "joint.md").read_text(encoding="utf-8")
     (example,) = re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
     path = tmp_path / "model.toml"
     path.write_text(re.sub(r"^# (note|friction_sd)", r"\1", example, flags=re.MULTILINE))

@@ -16,7 +16,7 @@ from bumpstop.live.rtde.source import ANSWER_FIELDS, output_fields
 from bumpstop.live.sources.names import source_of
 from docs.pages import ROOT, code, read, rows, section
 
-PAGE = read("docs/live_sources.md")
+PAGE = read("docs/how_to/live_sources.md")
 DETECTOR: Any = SimpleNamespace(dof=8, joints=tuple("abcdefgh"), signal="current", takes_current=True, period_s=0.004)
 
 
@@ -50,7 +50,7 @@ def test_answers() -> None:
 
 def test_topics_of_the_monitor() -> None:
     source = (ROOT / "src" / "bumpstop" / "live" / "dds" / "output.py").read_text()
-    topics = [code(topic)[0] for topic, *_ in rows(section(read("docs/live.md"), "## Topics of ROS 2"), "topic")]
+    topics = [code(topic)[0] for topic, *_ in rows(section(read("docs/how_to/live.md"), "## Topics of ROS 2"), "topic")]
     names = re.findall(r'^            "(\w+)": types\.', source, re.MULTILINE)
     assert topics == [f"/bumpstop/{name}" for name in names]
 

@@ -25,7 +25,7 @@ def test_the_sessions_run_and_use_every_option(
     monkeypatch.setenv("COLUMNS", WIDTH)
     shell = Shell(tmp_path, capsys)
     asked = ""
-    for text in blocks(ROOT / "docs" / "live.md", "console"):
+    for text in blocks(ROOT / "docs" / "how_to" / "live.md", "console"):
         parts = re.split(r"^\$ (.*)\n", text, flags=re.MULTILINE)
         for command, wanted in zip(parts[1::2], parts[2::2], strict=True):
             asked += command + " "
@@ -33,12 +33,12 @@ def test_the_sessions_run_and_use_every_option(
             assert doctest.OutputChecker().check_output(wanted, printed, AS_DOCTEST), f"$ {command}\n{printed}"
             assert shell.status == (2 if "error:" in wanted else shell.status)
             if "--json " in f"{command} ":
-                table = section(read("docs/live.md"), "## The end")
+                table = section(read("docs/how_to/live.md"), "## The end")
                 keys = {key for name, *_ in rows(table, "key") for key in code(name)}
                 assert set(json.loads(printed)) == keys
             if "--jsonl" in command:
                 lines = [json.loads(line) for line in Path("watch.jsonl").read_text().splitlines()]
-                kinds = rows(section(read("docs/live.md"), "## JSON lines"), "`kind`")
+                kinds = rows(section(read("docs/how_to/live.md"), "## JSON lines"), "`kind`")
                 assert {line["kind"] for line in lines} == {code(kind)[0] for kind, _ in kinds}
     options = {p.opts[0] for p in COMMANDS["monitor"].params if p.param_type_name == "option" and p.name != "help"}
     without_example = {option for option in options if f"{option} " not in asked}
@@ -46,7 +46,7 @@ def test_the_sessions_run_and_use_every_option(
 
 
 def test_the_tables_are_those_of_the_code() -> None:
-    page = read("docs/live.md")
+    page = read("docs/how_to/live.md")
     events = [code(name)[0] for name, *_ in rows(page, "event")]
     assert sorted(events) == sorted(str(kind) for kind in SourceEventKind)
     topics = {code(topic)[0]: code(kind)[0] for topic, kind, _ in rows(section(page, "## MCAP"), "topic")}

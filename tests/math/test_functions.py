@@ -1,6 +1,6 @@
 """Elementary functions of the kernels against mpmath at 50 digits, for every instruction set that runs here.
 
-``python -m pytest tests/math/test_functions.py -s -k table`` prints the error table of docs/math.md.
+``python -m pytest tests/math/test_functions.py -s -k table`` prints the error table of docs/reference/math.md.
 """
 
 from __future__ import annotations

@@ -51,7 +51,7 @@ def philox(counter: tuple[int, ...], seed: int) -> tuple[int, ...]:
 
 
 def signed_probability(seed: int, run: int, tick: int, joint: int) -> tuple[float, int]:
-    """The probability in (0, 1/2) and the sign behind one number, by docs/math.md."""
+    """The probability in (0, 1/2) and the sign behind one number, by docs/reference/math.md."""
     block = philox((run & 0xFFFFFFFF, run >> 32, tick, joint // 2), seed)
     low, high = block[2 * (joint % 2) : 2 * (joint % 2) + 2]
     bits = ((high & 0xFFFFF) << 32) | low

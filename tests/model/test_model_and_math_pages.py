@@ -1,4 +1,4 @@
-"""The Python sessions of the pages of the rooms, run; the C++ example of docs/model.md, compiled and run."""
+"""The Python sessions of the pages of the rooms, run; the C++ example of the page on models, compiled and run."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ ROOT = Path(__file__).parents[2]
 
 
 def blocks(page: str, language: str) -> list[str]:
-    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "reference" / page).read_text(encoding="utf-8")
     return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.parametrize("page", ["model.md", "math.md", "signal.md", "joint.md"])
+@pytest.mark.parametrize("page", ["robot/model.md", "math.md", "robot/signal.md", "robot/joint.md"])
 def test_sessions(page: str) -> None:
     session = doctest.DocTestParser().get_doctest("\n".join(blocks(page, "pycon")), {}, page, page, 0)
     assert session.examples
@@ -31,7 +31,7 @@ def test_cpp_example(tmp_path: Path) -> None:
     compiler = shlex.split(os.environ.get("CXX", "c++"))
     if not shutil.which(compiler[0]):
         pytest.skip(f"no compiler {compiler[0]} here")
-    (example,) = blocks("model.md", "cpp")
+    (example,) = blocks("robot/model.md", "cpp")
     include, rest = example.split("\n\n", 1)
     check = "    return std::fabs(tip.x - 0.8) + std::fabs(tip.y) + std::fabs(tip.z - 0.5) < 1e-12 ? 0 : 1;\n"
     source = tmp_path / "example.cpp"

@@ -17,7 +17,7 @@ from bumpstop.plant.experiment_tables import TABLES
 from bumpstop.plant.objects import rubber_modulus
 from docs.pages import AS_DOCTEST, blocks, code, read, rows, section
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "plant.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "robot" / "plant.md"
 
 
 def test_session() -> None:
@@ -36,7 +36,7 @@ def test_experiment() -> None:
 @pytest.mark.parametrize("table", ["", *TABLES])
 def test_every_key_and_its_default(table: str) -> None:
     heading = "### top level" if not table else f"### `[{table}]`" if table != "object" else "### `[[object]]`"
-    text = section("\n" + section(read("docs/plant.md"), "## Every key"), heading)
+    text = section("\n" + section(read("docs/reference/robot/plant.md"), "## Every key"), heading)
     documented = {code(row[0])[0]: row[1] for row in rows(text, "key")}
     model: Any = Experiment if not table else TABLES[table]
     fields = {name: field for name, field in model.model_fields.items() if name != "folder"}
@@ -52,7 +52,7 @@ def test_every_key_and_its_default(table: str) -> None:
 
 
 def test_objects_of_the_table() -> None:
-    listed = {code(row[0])[0]: row[1:] for row in rows(read("docs/plant.md"), "object")}
+    listed = {code(row[0])[0]: row[1:] for row in rows(read("docs/reference/robot/plant.md"), "object")}
     assert set(object_kinds()) <= set(listed)
     for kind, (stiffness, status) in listed.items():
         if kind == "a body region":
@@ -64,7 +64,7 @@ def test_objects_of_the_table() -> None:
 
 
 def test_gauges_of_the_table() -> None:
-    listed = {code(row[0])[0]: row[1:] for row in rows(read("docs/plant.md"), "gauge")}
+    listed = {code(row[0])[0]: row[1:] for row in rows(read("docs/reference/robot/plant.md"), "gauge")}
     assert list(listed) == [f"gauge_{region}" for region in gauge_regions()]
     for kind, (spring, shore) in listed.items():
         gauge = PlantObject.of(kind, position=[0, 0, 0], normal=[0, 0, 1])

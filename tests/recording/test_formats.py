@@ -264,7 +264,7 @@ def test_column_file_on_disk(tmp_path: Path) -> None:
 
 
 def test_column_file_of_the_documentation(tmp_path: Path) -> None:
-    page = (Path(__file__).parents[2] / "docs" / "recording.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "robot" / "recording.md").read_text(encoding="utf-8")
     (tmp_path / "c.toml").write_text(re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)[0])
     path = written(tmp_path, [f"{i},90,45,1,1,2,3" for i in range(10)])
     found = Recording.load(path, columns=tmp_path / "c.toml")

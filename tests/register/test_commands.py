@@ -40,7 +40,7 @@ def test_the_worst_decides_the_status(tmp_path: Path, situations: list[dict[str,
 
 
 def test_json_keys_are_documented() -> None:
-    text = section(read("docs/cli.md"), "### Many situations")
+    text = section(read("docs/reference/cli.md"), "### Many situations")
     found = strict_json(run("evaluate", EXAMPLE, EXAMPLES / "sia5d_downward.csv", "--json").out)
     assert {key for name, *_ in rows(text, "key of a register") for key in code(name)} == set(found)
     keys = {key for name, *_ in rows(text, "key of a situation") for key in code(name)}
@@ -53,7 +53,7 @@ def test_keys_of_rows_and_inputs_are_documented() -> None:
     from bumpstop.register.shots import COLUMNS
     from bumpstop.register.statements import STATUSES
 
-    page = read("docs/register.md")
+    page = read("docs/how_to/register.md")
     keys = {key for name, *_ in rows(page, "key of a row") for key in code(name)}
     assert keys == {*OWN, *WORDS}
     (status,) = [meaning for name, meaning in rows(page, "key of `[[input]]`") if name == "`status`"]

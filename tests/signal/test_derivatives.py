@@ -271,7 +271,7 @@ def test_noise_gain_of_local_polynomials(window_s: float) -> None:
     position, rate, acceleration = noise_gain(lambda t, q: derivatives(t, q, window_s=window_s))
     h = window_s / 2
     samples = h / DT
-    # Of docs/signal.md: integrals of the squared weights of a cubic, for many samples.
+    # Of docs/reference/robot/signal.md: integrals of the squared weights of a cubic, for many samples.
     assert position == pytest.approx(np.sqrt(5) / 2 / np.sqrt(samples), rel=MONTE_CARLO)
     assert rate == pytest.approx(3.454 / (h * np.sqrt(samples)), rel=MONTE_CARLO)
     assert acceleration == pytest.approx(np.sqrt(35) / (h**2 * np.sqrt(samples)), rel=MONTE_CARLO)

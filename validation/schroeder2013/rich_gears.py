@@ -47,7 +47,8 @@ QUICK = ProtocolSettings(
 )
 # The planted model's error and a fifth: a bound set when the figures were seen, to detect when they become worse.
 AS_GOOD = 1.2
-# Joint 2 stands for half of pick and place under a load, with hysteresis that no hold has kept, see docs/plant.md.
+# Joint 2 stands for half of pick and place under a load, with hysteresis that no hold has kept:
+# docs/reference/robot/plant.md.
 STANDING, AS_GOOD_STANDING = ("pick_and_place", 1), 1.6
 
 Floats = npt.NDArray[np.float64]

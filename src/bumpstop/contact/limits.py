@@ -1,6 +1,6 @@
 """Limit tables: body regions and the force and pressure they may take.
 
-A table is a TOML file (see ``docs/contact.md``). Two come with the package, ``bgia2011`` and ``ts15066``;
+A table is a TOML file (see ``docs/reference/contact.md``). Two come with the package, ``bgia2011`` and ``ts15066``;
 users bring their own in the same format. Files are checked once, in :meth:`LimitTable.load`, and trusted
 afterwards.
 """

@@ -24,7 +24,7 @@ _OPTIONAL = ("friction", "rest_speed", "friction_sd")
 
 
 def model_from_toml(text: str, file: str, make: Callable[..., Model]) -> Model:
-    """Build a model from a file (see docs/joint.md for its keys); ``make`` takes what is in it.
+    """Build a model from a file (see docs/reference/robot/joint.md for its keys); ``make`` takes what is in it.
 
     Raises:
         InputError: damaged TOML; a key that is unknown, missing or has a value that cannot be used. Names file and key.

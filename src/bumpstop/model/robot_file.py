@@ -27,7 +27,7 @@ _PLACE = ("name", "link", "kind", "origin_m", "rpy_deg", "axis")
 
 
 def robot_from_dict(data: Mapping[str, Any]) -> Robot:
-    """Build a robot from the contents of a robot file (see docs/model.md for its keys).
+    """Build a robot from the contents of a robot file (see docs/reference/robot/model.md for its keys).
 
     Raises:
         InputError: a key is unknown, missing or has a value that cannot be used.

@@ -42,7 +42,10 @@ _MAX_BYTES = 1_000_000
 
 
 class Experiment(ExperimentTable):
-    """One experiment on the plant. The attributes are the keys of the file, in the file's units (docs/plant.md)."""
+    """One experiment on the plant. The attributes are the keys of the file, in the file's units.
+
+    The page docs/reference/robot/plant.md lists them.
+    """
 
     robot: str
     base: str | None = None

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 TIP = "tip"
 TOOL = "tool"
 _LINK_COLOURS = ("0.35 0.45 0.55 1", "0.62 0.66 0.70 1")
-# Contacts as stiff as the step lets them be: what gives is the spring of the object (docs/plant.md).
+# Contacts as stiff as the step lets them be: what gives is the spring of the object (docs/reference/robot/plant.md).
 _CONTACT = 'condim="1" solref="0.001 {damping}" solimp="0.9999 0.9999 0.001 0.5 2"'
 # Of the critical. The face of a free body has next to no damping of its own and would bounce.
 _CLAMPED, _FREE = 1, 2

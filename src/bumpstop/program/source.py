@@ -137,7 +137,7 @@ def _text_program(path: Path, ending: str, cell: Cell, max_speed: float) -> Text
     chains = Interpreter(read, cell.robot, cell.start, str(path)).chains()
     every = [MoveSegment(chain, cell.robot, cell.joint_acceleration, max_speed) for chain in chains]
     if not every:
-        raise InputError(str(path), f"has no move that is understood as {read.language}", "see docs/program.md")
+        raise InputError(str(path), f"has no move that is understood as {read.language}", "see docs/how_to/program.md")
     still = sorted({segment.lines[0] for segment in every if segment.still})
     moving = sorted((segment for segment in every if not segment.still), key=lambda segment: segment.lines)
     return TextProgram(read, moving, still)

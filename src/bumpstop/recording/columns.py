@@ -83,7 +83,7 @@ class Coupling:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Columns:
-    """A column file; see docs/recording.md for every key.
+    """A column file; see docs/reference/robot/recording.md for every key.
 
     Attributes:
         format: of the file, or empty: by its name.

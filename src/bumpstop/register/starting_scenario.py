@@ -23,7 +23,7 @@ _TEXT = """\
 # It runs as it is: bumpstop evaluate FILE
 #
 # REPLACE marks what stands for figures of your cell. Until they are measured the verdict is about another arm.
-# Every key is explained in docs/collision.md, and where its figure comes from in docs/inputs.md.
+# Every key is explained in docs/reference/collision.md, and where its figure comes from in docs/how_to/inputs.md.
 
 robot = {robot}                # bumpstop robots lists the built-in ones; or the path of a URDF
 pose_deg = {pose}  # REPLACE: joint positions where contact is most likely to be hard

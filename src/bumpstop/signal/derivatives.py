@@ -1,8 +1,8 @@
 """Rates and accelerations by differences, by local polynomials on both sides, and by those of the past alone.
 
 Times ``t`` have the shape (N,) and increase [s]; positions ``q`` have the shape (N, n), a column for each joint [rad,
-or m]. The delay and the noise gain of each are in ``docs/signal.md``. Noise gain is the standard deviation of the
-result for noise of standard deviation 1 in ``q``, independent from sample to sample.
+or m]. The delay and the noise gain of each are in ``docs/reference/robot/signal.md``. Noise gain is the standard
+deviation of the result for noise of standard deviation 1 in ``q``, independent from sample to sample.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-// Paths along lines against the controller's sub-steps as docs/collision.md writes them down.
+// Paths along lines against the controller's sub-steps as docs/reference/collision.md writes them down.
 #include "bumpstop/collision/motion/line_tracer.hpp"
 
 #include "collision/random_arm.hpp"

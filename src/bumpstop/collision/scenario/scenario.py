@@ -193,8 +193,8 @@ class VerdictTable(Table):
 class Scenario(Table):
     """One collision: robot, pose, motion, contact, detector, reaction.
 
-    The attributes are the keys of the scenario file, in the file's units (docs/collision.md lists them). ``folder`` is
-    where relative paths start.
+    The attributes are the keys of the scenario file, in the file's units (docs/reference/collision.md lists them).
+    ``folder`` is where relative paths start.
     """
 
     robot: Annotated[str, Field(description="the name of a robot (bumpstop robots lists them), or the path of a URDF")]

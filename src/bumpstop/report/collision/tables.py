@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from bumpstop.collision import CollisionResult, Distribution, Scenario
 
-# How docs/contact.md explains the words of the limit tables.
+# How docs/reference/contact.md explains the words of the limit tables.
 _STATUS = {
     "multi": "two or more transcriptions give this figure",
     "single": "one transcription gives this figure",
