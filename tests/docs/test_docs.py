@@ -245,6 +245,8 @@ def test_links(page: Path) -> None:
             assert anchor in anchors(target), link
 
 
-@pytest.mark.parametrize("room", sorted({page.parent for page in PAGES} - {ROOT}), ids=lambda path: str(path.relative_to(ROOT)))
+@pytest.mark.parametrize(
+    "room", sorted({page.parent for page in PAGES} - {ROOT}), ids=lambda path: str(path.relative_to(ROOT))
+)
 def test_a_room_has_at_most_fifteen_files(room: Path) -> None:
     assert len([path for path in room.iterdir() if path.is_file()]) <= 15
