@@ -24,7 +24,7 @@ $(VENV)/.built: $(VENV)/.created $(SOURCES)
 	@rm -rf build/wheels && mkdir -p build/wheels
 	@{ $(BIN)/pip wheel --verbose --no-deps --wheel-dir build/wheels \
 	    --config-settings=cmake.define.BUMPSTOP_INSTRUCTION_SETS=$(INSTRUCTION_SETS) . 2>&1 || touch build/failed; } \
-	    | tee build/build.log | awk '/^ *\[ *[0-9]+[%\/]/ { print; fflush() }'
+	    | tee build/build.log | { grep --line-buffered -E '^ *\[ *[0-9]+[%/]' || true; }
 	@if [ -e build/failed ]; then rm build/failed; tail -n 40 build/build.log; echo "The whole log: build/build.log"; exit 1; fi
 	@echo "Installing bumpstop and what it needs into $(VENV)."
 	$(BIN)/pip install --quiet --force-reinstall --no-deps build/wheels/bumpstop-*.whl
