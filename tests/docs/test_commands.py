@@ -133,28 +133,6 @@ def test_python_of_the_page_on_studies(monkeypatch: pytest.MonkeyPatch, capsys: 
     assert doctest.DocTestRunner(optionflags=AS_DOCTEST).run(test).failed == 0
 
 
-@pytest.mark.parametrize("page", ["tutorials/identification.md", "tutorials/plant.md"])
-def test_tutorial(
-    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Every console of a tutorial, one after the other in one folder."""
-    shutil.copytree(ROOT / "examples", tmp_path / "examples")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", WIDTH)
-    shell = Shell(tmp_path, capsys)
-    for text in blocks(ROOT / "docs" / page, "console"):
-        parts = re.split(r"^\$ (.*)\n", text, flags=re.MULTILINE)
-        for command, wanted in zip(parts[1::2], parts[2::2], strict=True):
-            if command.startswith("python "):
-                arguments = [sys.executable, *shlex.split(command)[1:]]
-                done = subprocess.run(arguments, capture_output=True, text=True, check=False)
-                printed, shell.status = done.stdout + done.stderr, done.returncode
-            else:
-                printed = shell.run(command)
-            assert shell.status == 0, printed
-            assert doctest.OutputChecker().check_output(wanted, printed, AS_DOCTEST), f"$ {command}\n{printed}"
-
-
 def commands(group: Any, above: str = "") -> dict[str, Any]:
     """Every command below a group by its words; a group that does something by itself is one, too."""
     found = {above: group} if above and group.invoke_without_command else {}
