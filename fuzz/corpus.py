@@ -66,8 +66,8 @@ def urdfs() -> Files:
 
 
 def drive_trains() -> Files:
-    """Of the page on models."""
-    return {"drive.toml": _from_page("reference/robot/model.md").encode()}
+    """Of the page on drive trains."""
+    return {"drive.toml": _from_page("reference/robot/drive_train.md").encode()}
 
 
 def limit_tables() -> Files:

@@ -20,7 +20,10 @@ def blocks(page: str, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.parametrize("page", ["robot/model.md", "math.md", "robot/signal.md", "robot/joint.md"])
+@pytest.mark.parametrize(
+    "page",
+    ["robot/model.md", "robot/dynamics.md", "robot/drive_train.md", "math.md", "robot/signal.md", "robot/joint.md"],
+)
 def test_sessions(page: str) -> None:
     session = doctest.DocTestParser().get_doctest("\n".join(blocks(page, "pycon")), {}, page, page, 0)
     assert session.examples

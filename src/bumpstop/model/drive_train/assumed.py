@@ -13,7 +13,8 @@ from bumpstop.model.drive_train.drive_train import DriveTrain
 if TYPE_CHECKING:
     from bumpstop.model.robot import Robot
 
-# Figures of the class; each is a round number about the middle of what is published, see docs/reference/robot/model.md.
+# Figures of the class; each is a round number about the middle of what is published:
+# docs/reference/robot/drive_train.md.
 ROTOR_INERTIA_PER_TORQUE = 0.01  # [kg m2 per Nm]
 TWIST_AT_TORQUE = 0.01  # of the gear at the joint's torque [rad]
 GEAR_DAMPING = 0.05
@@ -76,7 +77,7 @@ def holding_torque(robot: Robot) -> FloatArray:
 
     It does not depend on the pose: every mass is as far from a joint as the offsets in between are long together, and
     the payload at least 0.3 m. Torque limits that makers publish are 0.8 to 2.5 times as much
-    (docs/reference/robot/model.md).
+    (docs/reference/robot/drive_train.md).
 
     Returns:
         [Nm], of joints that slide the weight they carry [N]; at least 2.

@@ -28,7 +28,7 @@ _VALUES = {
 
 
 def load_drive_train(path: str | os.PathLike[str], robot: Robot) -> DriveTrain:
-    """Read the drive train of a robot from a file (see docs/reference/robot/model.md for its keys).
+    """Read the drive train of a robot from a file (see docs/reference/robot/drive_train.md for its keys).
 
     Args:
         path: of the file.
