@@ -24,6 +24,7 @@ extensions = [
     "mathml",
     "reference_pages",
     "made_pictures",
+    "comparisons",
 ]
 # The headers are documented where Doxygen is installed; the site says so where it is not.
 doxygen = shutil.which("doxygen")

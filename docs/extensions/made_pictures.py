@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import os
 import shlex
 import shutil
@@ -16,16 +17,28 @@ from figures import PICTURES
 from sphinx.util.docutils import SphinxDirective
 
 ROOT = Path(__file__).resolve().parents[2]
+PROGRAM = "from bumpstop.cli.main import main; main()"
 _HAND, _SIGNED = "examples/01_hand_downward.toml", '--cell Press --author "A. Smith" --revision A'
-# Name of the page, the command that makes it, its first page, what it shows.
+_PROGRAM = "program examples/programs/place.mod --scenario examples/programs/cell.toml"
+# Name of the page, the command that makes it, the picture on it that stands for it, what it shows.
 GALLERY = (
-    ("hand", f"evaluate {_HAND}", "report.html", "A collision that is acceptable"),
-    ("lower_arm", "evaluate examples/02_lower_arm_downward.toml", "report.html", "A collision that is not"),
-    ("uncertain", "evaluate examples/07_hand_uncertain.toml", "report.html", "A verdict with an interval"),
-    ("cell", "evaluate examples/register/sia5d_downward.csv", "report.html", "All contact situations of a cell"),
-    ("dossier", f"report examples/register/sia5d_downward.csv {_SIGNED}", "report.html", "A dossier to print and sign"),
-    ("parameters", f"study parameters {_HAND} --vary motion.speed=10:100", "report.html", "What lowers the force"),
-    ("gauge", "measure read examples/measure/hand.csv", "report.html", "A recording of a force gauge"),
+    ("hand", f"evaluate {_HAND}", "peak_force", "A collision that is acceptable"),
+    ("lower_arm", "evaluate examples/02_lower_arm_downward.toml", "limits_over_area", "A collision that is not"),
+    ("uncertain", "evaluate examples/07_hand_uncertain.toml", "exceedance_band", "A verdict with an interval"),
+    ("cell", "evaluate examples/register/sia5d_downward.csv", "use_of_limits", "All contact situations of a cell"),
+    ("dossier", f"report examples/register/sia5d_downward.csv {_SIGNED}", "use_of_limits", "A dossier to sign"),
+    ("parameters", f"study parameters {_HAND} --vary motion.speed=10:100", "parameter_1", "What lowers the force"),
+    ("effectiveness", f"study effectiveness {_HAND}", "effectiveness", "Who may be hit, and how fast"),
+    (
+        "speed_limits",
+        "study speed-limits examples/06_pick_and_place_trajectory.toml",
+        "speed_limits",
+        "The highest safe speed along a trajectory",
+    ),
+    ("program", _PROGRAM, "segments", "A robot program, move by move"),
+    ("stopping", "stopping examples/stopping/tm5_700.toml", "stopping_1", "How an arm slows down"),
+    ("plan", f"measure plan {_HAND}", "expected_forces", "What to measure with a gauge"),
+    ("gauge", "measure read examples/measure/hand.csv", "recording_1", "A recording of a force gauge"),
 )
 
 
@@ -47,15 +60,16 @@ class MadeFigure(SphinxDirective):
 
 
 class Gallery(SphinxDirective):
-    """Links to pages that commands make, each with its command."""
+    """Pictures that commands draw, each a link to its page, with its command."""
 
     def run(self) -> list[nodes.Node]:
         """An entry for each page."""
-        text = []
-        for name, command, page, title in GALLERY:
-            text += [f"### {title}", "", f'<a href="made/{name}/{page}">Open the page</a>', ""]
-            text += ["```sh", f"bumpstop {command} --out out/{name}", "```", ""]
-        return self.parse_text_to_nodes("\n".join(text), allow_section_headings=True)
+        text = ['<div class="gallery">']
+        for name, command, picture, title in GALLERY:
+            image = f'<img src="made/{name}/{picture}.svg" alt="">'
+            shown = html.escape(f"bumpstop {command} --out out/{name}", quote=False)
+            text.append(f'<figure><a href="made/{name}/report.html">{image}{title}</a><code>{shown}</code></figure>')
+        return [nodes.raw("", "\n".join([*text, "</div>"]), format="html")]
 
 
 def draw(app: Any) -> None:
@@ -71,13 +85,12 @@ def make_pages(app: Any, failure: Exception | None) -> None:
     """Run the commands of the gallery into the built site."""
     if failure is not None or app.builder.name != "html":
         return
-    program = "from bumpstop.cli.main import main; main()"
-    for name, command, page, _ in GALLERY:
+    for name, command, _, _ in GALLERY:
         out = Path(app.outdir) / "made" / name
         shutil.rmtree(out, ignore_errors=True)
-        words = [sys.executable, "-c", program, *shlex.split(command), "--out", str(out)]
+        words = [sys.executable, "-c", PROGRAM, *shlex.split(command), "--out", str(out)]
         done = subprocess.run(words, cwd=ROOT, env=os.environ, capture_output=True, text=True, check=False)
-        if done.returncode not in (0, 3, 4) or not (out / page).exists():
+        if done.returncode not in (0, 3, 4) or not (out / "report.html").exists():
             raise RuntimeError(f"bumpstop {command}: exit status {done.returncode}\n{done.stdout}{done.stderr}")
 
 

@@ -18,6 +18,8 @@ import bumpstop as bs
 from bumpstop.cli.completion import scenario_keys
 
 ROOT = Path(__file__).resolve().parents[2]
+# A field of a docstring that documents several names.
+_SEVERAL = r":(ivar|param) (\w+(?:, \w+)+):(.*)"
 CPP_NAMES = ("CollisionSetup", "GaussianThresholds", "Contact", "Detector", "DetectorOutput", "DetectorEvent")
 
 
@@ -105,7 +107,7 @@ class CommandLine(_Written):
         text = []
         for words, command in _commands(typer.main.get_command(app)):
             context = typer.Context(command, info_name=f"bumpstop {words}", terminal_width=200, max_content_width=200)
-            text += [f"## `bumpstop {words}`", "", command.help or "", ""]
+            text += [f"## `bumpstop {words}`", "", _options_as_code(command.help or ""), ""]
             text += ["```text", command.get_usage(context).removeprefix("Usage: "), "```", ""]
             options = [p for p in command.params if p.param_type_name == "option" and p.name != "help"]
             if options:
@@ -113,10 +115,15 @@ class CommandLine(_Written):
             for option in options:
                 names = ", ".join(f"`{name}`" for name in option.opts)
                 plain = option.default in (None, False, []) or callable(option.default)
-                help_text = (option.help or "").replace("|", "\\|")
+                help_text = _options_as_code(option.help or "").replace("|", "\\|")
                 text.append(f"| {names} | {'' if plain else f'`{option.default}`'} | {help_text} |")
             text.append("")
         return text
+
+
+def _options_as_code(text: str) -> str:
+    """Text with its options marked: two hyphens of prose become a dash."""
+    return re.sub(r"(?<![\w`-])(--[a-z][\w-]*)", r"`\1`", text)
 
 
 def _commands(group: Any, above: str = "") -> Iterator[tuple[str, Any]]:
@@ -215,6 +222,22 @@ def keep_bars(app: Any, what: str, name: str, obj: Any, options: Any, lines: lis
         lines[number] = "``".join(part if k % 2 else part.replace("|", r"\|") for k, part in enumerate(parts))
 
 
+def name_one_by_one(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Give names that share an entry a field each: Sphinx takes all but the last of them for a type."""
+    found: list[str] = []
+    entry: list[str] = []
+    for line in [*lines, ""]:
+        if entry and line.startswith("   "):
+            entry.append(line)
+            continue
+        if entry:
+            kind, names, text = re.fullmatch(_SEVERAL, entry[0]).groups()  # type: ignore[union-attr]
+            found += [one for each in names.split(", ") for one in (f":{kind} {each}:{text}", *entry[1:])]
+        entry = [line] if re.fullmatch(_SEVERAL, line) else []
+        found += [] if entry else [line]
+    lines[:] = found[:-1]
+
+
 def setup(app: Any) -> dict[str, bool]:
     """Register the directives."""
     app.add_directive("scenario-keys", ScenarioKeys)
@@ -223,6 +246,7 @@ def setup(app: Any) -> dict[str, bool]:
     app.add_directive("headers", Headers)
     app.connect("builder-inited", run_doxygen, priority=100)
     app.connect("autodoc-process-docstring", keep_bars)
+    app.connect("autodoc-process-docstring", name_one_by_one)
     app.connect("source-read", unlink_what_is_outside)
     app.add_lexer("csv", TextLexer)
     return {"parallel_read_safe": False}
