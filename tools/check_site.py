@@ -30,6 +30,9 @@ LOADED = {
 IN_CSS = re.compile(r"url\(\s*['\"]?([^'\")]+)|@import\s+['\"]([^'\"]+)")
 IN_JS = re.compile(r"(?:fetch|import|importScripts)\s*\(\s*[`'\"](https?:)?//|\.src\s*=\s*[`'\"](https?:)?//")
 
+# Sphinx takes all but the last of several names in one field for a type.
+_AS_TYPE = re.compile(r"\(<em>(\w+)</em><em>,</em>\)")
+
 
 @dataclass
 class Page(HTMLParser):
@@ -140,6 +143,16 @@ def faults_of_search(site: Path, keys: list[str]) -> list[str]:
     ]
 
 
+def faults_of_words(site: Path) -> list[str]:
+    """Options whose two hyphens became a dash, and names of a docstring that were taken for a type."""
+    found = []
+    for path in sorted(site.rglob("*.html")):
+        text = path.read_text(encoding="utf-8")
+        found += [f"{path.relative_to(site)}: {word}" for word in re.findall(r"(?<!\w)[\u2013\u2014][a-z]\w+", text)]
+        found += [f"{path.relative_to(site)}: the name {name} stands as a type" for name in re.findall(_AS_TYPE, text)]
+    return found
+
+
 def main() -> None:
     """Check the site in the folder that is given."""
     root = Path(__file__).resolve().parents[1]
@@ -151,7 +164,7 @@ def main() -> None:
     site, keys = Path(sys.argv[1]), list(scenario_keys())
     figures = [picture.name for picture in PICTURES]
     faults = [*faults_of_links(site), *faults_of_files(site), *faults_of_figures(site, figures)]
-    faults += faults_of_search(site, keys)
+    faults += [*faults_of_search(site, keys), *faults_of_words(site)]
     for fault in faults:
         print(fault)
     pages = len(list(site.rglob("*.html")))

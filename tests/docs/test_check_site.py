@@ -6,7 +6,7 @@ import json
 import re
 from pathlib import Path
 
-from tools.check_site import faults_of_figures, faults_of_files, faults_of_links, faults_of_search
+from tools.check_site import faults_of_figures, faults_of_files, faults_of_links, faults_of_search, faults_of_words
 
 import bumpstop as bs
 from bumpstop.cli.completion import scenario_keys
@@ -53,6 +53,15 @@ def test_a_key_that_search_does_not_find_is_named(tmp_path: Path) -> None:
     index = {"terms": {"contact": 1, "area_cm2": 2}, "titleterms": {}}
     (tmp_path / "searchindex.js").write_text(f"Search.setIndex({json.dumps(index)})")
     assert faults_of_search(tmp_path, ["contact.area_cm2", "contact.body"]) == ["search does not find contact.body"]
+
+
+def test_mangled_words_are_named(tmp_path: Path) -> None:
+    body = (
+        "<p>e.g. \u2013set a=1, --out</p><strong>upper</strong> (<em>lower</em><em>,</em>) \u2013 limits; 3\u2013five"
+    )
+    found = faults_of_words(site(tmp_path, body))
+    assert found == ["index.html: \u2013set", "index.html: the name lower stands as a type"]
+    assert faults_of_words(site(tmp_path, "<p>\u2013 a limit, <code>--set</code> (<em>float</em>)</p>")) == []
 
 
 def test_every_public_name_is_in_the_reference_of_python() -> None:
