@@ -15,6 +15,7 @@ LONGEST = [
     "cpp/test_package.py",
     "study/speed/test_path_speed.py",
     "report/test_report.py",
+    "docs/test_site_pages.py",
     "docs/test_commands.py",
     "cli/test_study.py",
     "collision/distribution/test_exact_law.py",
