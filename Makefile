@@ -46,7 +46,8 @@ test: $(VENV)/.tested
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder \
 	--hypothesis-profile=$(PROFILE)
 
-# The lowest versions that pyproject.toml allows, in an environment of their own.
+# The lowest versions that pyproject.toml allows, in an environment of their own, and of the tests those files that reach
+# every one of these packages.
 $(VENV)/lowest/.made: $(VENV)/.built pyproject.toml
 	rm -rf $(VENV)/lowest
 	$(PYTHON) -m venv $(VENV)/lowest
@@ -55,8 +56,10 @@ $(VENV)/lowest/.made: $(VENV)/.built pyproject.toml
 	touch $@
 
 lower-bounds: $(VENV)/lowest/.made
-	OPENBLAS_NUM_THREADS=1 $(VENV)/lowest/bin/python -m pytest -n auto --dist loadfile -W default tests/cli tests/contact \
-	tests/recording tests/report/test_other_limits.py tests/plant/test_plant.py
+	OPENBLAS_NUM_THREADS=1 $(VENV)/lowest/bin/python -m pytest -n auto --dist loadfile -W default \
+	$(addprefix tests/cli/test_,$(addsuffix .py,command completion identify outputs refusals robots study verdict)) \
+	tests/contact tests/recording tests/report/test_other_limits.py tests/plant/test_plant.py \
+	tests/collision/trajectory/test_trajectory_file.py
 
 validate: $(VENV)/.tested
 	$(BIN)/python -m validation --out out/validation

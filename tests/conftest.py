@@ -9,16 +9,23 @@ import pytest
 TESTS = Path(__file__).parent
 # Those of more than some ten seconds, longest first (`pytest --durations=50`).
 LONGEST = [
-    "collision/test_sanitized.py",
     "math/test_cpp_programs.py",
     "validation/test_validation.py",
-    "cpp/test_package.py",
-    "study/speed/test_path_speed.py",
-    "report/test_report.py",
-    "docs/test_site_pages.py",
+    "collision/test_sanitized.py",
     "docs/test_commands.py",
+    "study/speed/test_path_speed.py",
+    "cpp/test_package.py",
+    "report/test_report.py",
+    "cli/test_command.py",
+    "docs/test_site_pages.py",
+    "study/speed/test_speed_limits.py",
+    "cli/test_identify.py",
+    "cli/test_refusals.py",
     "cli/test_study.py",
-    "collision/distribution/test_exact_law.py",
+    "cli/test_json.py",
+    "cli/test_identify_dynamics.py",
+    "cli/test_sliding_joints.py",
+    "detection/tuning/test_tuning_commands.py",
 ]
 
 

@@ -47,12 +47,13 @@ def test_statuses_and_streams() -> None:
 
 def test_version_and_help() -> None:
     assert bumpstop("--version").stdout == f"bumpstop {version('bumpstop')}\n"
+    help_text, help_of_evaluate = bumpstop("--help").stdout, bumpstop("evaluate", "--help").stdout
     # Without a command there is help, too.
-    assert bumpstop().stdout == bumpstop("--help").stdout
+    assert bumpstop().stdout == help_text
     for command in ("evaluate", "robots", "bodies"):
-        assert command in bumpstop("--help").stdout
+        assert command in help_text
     for option in ("--json", "--out", "--sampled", "--seed", "--threads", "--set"):
-        assert option in bumpstop("evaluate", "--help").stdout
+        assert option in help_of_evaluate
 
 
 def commands(group: Any, name: str = "") -> Iterator[tuple[str, Any]]:

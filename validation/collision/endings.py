@@ -21,7 +21,7 @@ TOGETHER, MAX_DURATION_S = 250, 1800
 
 def compare(findings: Findings, *, quick: bool) -> None:
     """Random scenarios, those with one sub-step on every set of kernels."""
-    count = 100 if quick else 10_000
+    count = 30 if quick else 10_000
     findings.say(
         f"{count} random scenarios: built-in and random arms of six and seven joints, at rest and under way, 1 to 16 "
         "sub-steps, round and other accelerations, either task, joints held, damping, latency, stopping and reversing. "
@@ -41,7 +41,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
         "How their motions end", ["End", "Scenarios"], ["", "d"], [[end, n] for end, n in ends.most_common()]
     )
     targets = _native.available_targets()
-    share = 40 if quick else count // 10
+    share = 12 if quick else count // 10
     first, *others = [_run(count, share, "--one-sub-step", target=target) for target in targets]
     rows: list[list[Cell]] = []
     for target, other in zip(targets[1:], others, strict=True):

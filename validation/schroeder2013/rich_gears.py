@@ -56,6 +56,7 @@ Floats = npt.NDArray[np.float64]
 
 def compare(findings: Findings, *, quick: bool) -> None:
     """Torque errors on other motions, of models found with richer friction and of the planted one."""
+    table = load("dissertation")["validation_free_motion"]
     plan = plan_identification(source_arm(), QUICK if quick else SETTINGS)
     joints = (4,) if quick else ()
     findings.say(
@@ -67,7 +68,6 @@ def compare(findings: Findings, *, quick: bool) -> None:
         "exactly."
     )
     found = {one.joint: _found(plan, one) for one in planned_experiments(plan, joints)}
-    table = load("dissertation")["validation_free_motion"]
     robot = source_arm()
     motions = {"pick_and_place": pick_and_place(robot, STANDARD)}
     if not quick:

@@ -136,25 +136,35 @@ def test_undetected_without_bound_has_no_mean_and_counts_as_over() -> None:
     assert result.verdict.p_over_force == pytest.approx(result.undetected_probability)
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=[path.stem for path in EXAMPLES])
-def test_every_instruction_set_gives_the_same_figures(path: Path) -> None:
+@pytest.fixture(scope="module")
+def figures_of_targets() -> list[dict[str, object]]:
+    """Figures of every example by its path, once from each set of kernels: a process for each."""
     script = (
         "import json, sys, bumpstop as bs\n"
-        "law = bs.evaluate(bs.load_scenario(sys.argv[1]))\n"
-        "runs = bs.evaluate(bs.load_scenario(sys.argv[1]), samples=500, seed=4)\n"
-        "print(json.dumps([law.to_json(), runs.to_json()]))"
+        "found = {}\n"
+        "for path in sys.argv[1:]:\n"
+        "    law = bs.evaluate(bs.load_scenario(path))\n"
+        "    runs = bs.evaluate(bs.load_scenario(path), samples=500, seed=4)\n"
+        "    found[path] = [law.to_json(), runs.to_json()]\n"
+        "print(json.dumps(found))"
     )
-    found = {}
-    for target in _native.available_targets():
-        done = subprocess.run(
-            [sys.executable, "-c", script, str(path)],
-            env=os.environ | {"BUMPSTOP_TARGET": target},
-            capture_output=True,
-            text=True,
-            check=True,
+    return [
+        json.loads(
+            subprocess.run(
+                [sys.executable, "-c", script, *map(str, EXAMPLES)],
+                env=os.environ | {"BUMPSTOP_TARGET": target},
+                capture_output=True,
+                text=True,
+                check=True,
+            ).stdout
         )
-        found[target] = list(_numbers(json.loads(done.stdout)))
-    first, *others = found.values()
+        for target in _native.available_targets()
+    ]
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=[path.stem for path in EXAMPLES])
+def test_every_instruction_set_gives_the_same_figures(path: Path, figures_of_targets: list[dict[str, object]]) -> None:
+    first, *others = (list(_numbers(found[str(path)])) for found in figures_of_targets)
     for other in others:
         for (where, scale, value), (there, _, expected) in zip(other, first, strict=True):
             assert where == there
