@@ -1,6 +1,6 @@
 /// One collision by the library's contact dynamics, step by step: numbers in, numbers out.
 ///
-/// In: joints, steps, step [s], offset [m]; K, c, m, ground stiffness of the body; M by rows, then B, Kg, Dg, P, D, f, a and g,
+/// In: joints, steps, step [s], offset [m], 1 in a reaction; K, c, m, ground stiffness of the body; M by rows, then B, Kg, Dg, P, D, f, a and g,
 /// a number for each joint; the path at the ends of steps, the start included.
 /// Out, for every step: force, greatest force so far, time in contact, residual of each joint.
 #include "bumpstop/collision/contact/contact_dynamics.hpp"
@@ -19,7 +19,7 @@ int main() {
     ElasticArm arm;
     arm.dof = int(read());
     const int steps = int(read());
-    const double step = read(), offset = read();
+    const double step = read(), offset = read(), reacts = read();
     ContactBody body;
     for (double* value : {&body.stiffness, &body.damping, &body.mass, &body.ground_stiffness}) *value = read();
     for (int i = 0; i < arm.dof * arm.dof; ++i) arm.mass[std::size_t(i)] = read();
@@ -35,6 +35,7 @@ int main() {
     const ContactDynamics<double> dynamics(propagator);
     auto state = dynamics.begin();
     state.speed = (path[1] - path[0]) / step;  // the arm is on its way already
+    state.reacts = reacts;
     for (int i = 0; i < steps; ++i) {
         dynamics.step(state, path[std::size_t(i)], path[std::size_t(i + 1)], offset, 1.0);
         std::printf("%.17g %.17g %.17g", state.force, state.peak, state.since);

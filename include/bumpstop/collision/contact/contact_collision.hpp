@@ -31,6 +31,7 @@ class ContactReactions {
         int longest = 0;
         for (int lane = 0; lane < lanes; ++lane) {
             path[lane] = PathAfter(*paths_, tick[lane], first[lane]);
+            set_lane(state.ramp, lane, paths_->change(paths_->tick_step(tick[lane])));
             // An arm that stops short of the body need not be followed.
             const bool arrives =
                 paths_->max_distance[std::size_t(tick[lane])] > lane_of(offset, lane) - separation_tolerance;
@@ -45,6 +46,7 @@ class ContactReactions {
         int longest = 0;
         for (int lane = 0; lane < lanes; ++lane) {
             path[lane] = PathAfter::undisturbed(*paths_, step[lane]);
+            set_lane(state.ramp, lane, paths_->change(step[lane]));
             longest = std::max(longest, path[lane].length());
         }
         follow(state, path, longest, offset);
@@ -64,6 +66,7 @@ class ContactReactions {
     /// the reference comes back to it: what the arm's oscillation brings about then is less than before.
     void follow(State& state, const PathAfter* path, int longest, T offset) const {
         const int block = dynamics_.propagator().block_steps;
+        state.reacts = 1.0;
         T from = place(path, 0), active = 1.0;
         int wait = 0;  // steps until a leap is tried
         for (int i = 0;; ++i, --wait) {

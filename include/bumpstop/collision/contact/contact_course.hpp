@@ -19,6 +19,7 @@ struct ContactCourse {
 inline ContactCourse contact_course(const ContactPropagator& by, std::span<const double> path, double offset) {
     const ContactDynamics<double> dynamics(by);
     ContactState<double> state = dynamics.begin();
+    state.reacts = 1;  // whatever the path does is sudden
     ContactCourse course;
     for (std::size_t i = 0; i < path.size(); ++i) {
         allow_interruption();

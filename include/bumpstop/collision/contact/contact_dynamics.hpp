@@ -24,6 +24,8 @@ struct ContactState {
     T since = 0.0;      ///< time in contact [s]
     T begun = 0.0;      ///< 1 after the first step, before which the reference went on as in it
     T speed = 0.0;      ///< of the reference in the step before [m/s]
+    T reacts = 0.0;     ///< 1 in a reaction
+    T ramp = 0.0;       ///< change of its speed in every step before a reaction: gears have wound up for it [m/s]
     std::array<T, ContactSystem::max_states> z;
 
     explicit ContactState(int count = 0) : states(count) { std::fill_n(z.begin(), count, T(0.0)); }
@@ -69,7 +71,7 @@ struct ContactState {
         return std::array{&ContactState::touched, &ContactState::contact, &ContactState::separated,
                           &ContactState::force,   &ContactState::peak,    &ContactState::lasting,
                           &ContactState::elapsed, &ContactState::begun,   &ContactState::since,
-                          &ContactState::speed};
+                          &ContactState::speed,   &ContactState::reacts,  &ContactState::ramp};
     }
 };
 
@@ -90,9 +92,12 @@ class ContactDynamics {
     void step(State& at, T from, T to, T offset, T active) const {
         const T speed = (to - from) * (1 / by_->step);
         const auto moves = (active > T(0.5)) & (at.separated < T(0.5));
-        if (by_->jerks) {
+        if (by_->elastic) {
             const T change = select(moves & (at.begun > T(0.5)), speed - at.speed, T(0.0));
-            for (int i = 0; i < states_; ++i) at.z[std::size_t(i)] += by_->jump[std::size_t(i)] * change;
+            const T sudden = select(moves & (at.begun > T(0.5)) & (at.reacts > T(0.5)), change - at.ramp, T(0.0));
+            for (int i = 0; i < states_; ++i)
+                at.z[std::size_t(i)] +=
+                    by_->jump[std::size_t(i)] * (change - sudden) + by_->reaction_jump[std::size_t(i)] * sudden;
         }
         at.speed = select(moves, speed, at.speed);
         at.begun = select(moves, T(1.0), at.begun);
@@ -100,7 +105,7 @@ class ContactDynamics {
             advance(at, from - offset + speed * (by_->piece * piece), speed, moves & (at.separated < T(0.5)));
     }
 
-    /// Goes on by a block of steps, whose begins and end are `place`, where no active lane meets or parts in it before its
+    /// Goes on by a block of steps of reactions, whose begins and end are `place`, where no active lane meets or parts in it before its
     /// step `until`; the answer is 0 then. Else nothing happens, and the answer is the number of steps up to the first in
     /// which one does.
     int leap(State& at, const T* place, T offset, T active, T until) const {
@@ -112,7 +117,8 @@ class ContactDynamics {
         in[std::size_t(states_)] = place[0] - offset;
         T* speed = &in[std::size_t(states_) + 1];
         for (int i = 0; i < steps; ++i) speed[i + 1] = (place[i + 1] - place[i]) * (1 / by_->step);
-        speed[0] = select(at.begun > T(0.5), at.speed, speed[1]);
+        speed[0] = select(at.begun > T(0.5), at.speed, speed[1] - at.ramp);
+        speed[steps + 1] = at.ramp;
         State next = at;
         T broken = points;
         std::array<T, ContactBlock::max_rows> out;
@@ -136,9 +142,9 @@ class ContactDynamics {
             for (int i = 0; i < points; ++i) {
                 if (i % by_->pieces == 0) {
                     const T change = speed[i / by_->pieces + 1] - speed[i / by_->pieces];
-                    value += by_->by_speed[0] * change;
-                    slope += by_->by_speed[1] * change;
-                    curvature += by_->by_speed[2] * change;
+                    value += by_->by_speed[0] * change + by_->by_ramp[0] * at.ramp;
+                    slope += by_->by_speed[1] * change + by_->by_ramp[1] * at.ramp;
+                    curvature += by_->by_speed[2] * change + by_->by_ramp[2] * at.ramp;
                 }
                 next.meet(in_contact, force[i], T((i + 1) * piece));
                 const auto turns = in_contact & (slope > T(0.0)) & (rate[i] < T(0.0));
@@ -244,9 +250,9 @@ class ContactDynamics {
         }
     }
 
-    /// Lanes in contact, and lanes that drift apart from the body, go on by a share of a piece.
-    void move(State& at, MaskOf<T> in_contact, MaskOf<T> drifts, T r, T speed, T share, bool whole) const {
-        for (const auto& [lanes, by] : {std::pair{in_contact, &by_->in_contact}, std::pair{drifts, &by_->apart}}) {
+    /// Lanes in contact, and lanes that are apart from the body, go on by a share of a piece.
+    void move(State& at, MaskOf<T> in_contact, MaskOf<T> apart, T r, T speed, T share, bool whole) const {
+        for (const auto& [lanes, by] : {std::pair{in_contact, &by_->in_contact}, std::pair{apart, &by_->apart}}) {
             if (!any(lanes)) continue;
             if (all(lanes)) return propagate(*by, at.z.data(), r, speed, share, whole);
             std::array<T, ContactSystem::max_states> z;
@@ -258,15 +264,13 @@ class ContactDynamics {
     }
 
     void advance(State& at, T r, T speed, MaskOf<T> open) const {
-        if (!by_->jerks && !any(open & ((at.touched > T(0.5)) | (r + speed * by_->piece > T(0.0))))) return;
+        if (!by_->elastic && !any(open & ((at.touched > T(0.5)) | (r + speed * by_->piece > T(0.0))))) return;
         T left = 1.0;  // share of the piece
         for (int cut = 0; any(open) && cut < max_cuts; ++cut) {
             const auto in_contact = open & at.in_contact(), loose = open & !at.in_contact();
-            // An arm that has touched nothing yet, and feeds its acceleration forward, is where its reference is.
-            const auto drifts = by_->jerks ? loose : loose & (at.touched > T(0.5));
             const T time = left * by_->piece, end = r + speed * time;
             State next = at;
-            move(next, in_contact, drifts, r, speed, left, cut == 0);
+            move(next, in_contact, loose, r, speed, left, cut == 0);
             T share = 1.0;  // of what is left, when arm and body meet or part
             auto meets = loose, parts = in_contact;
             const T force0 = dot(by_->force[0], at, r, speed), force1 = dot(by_->force[0], next, end, speed);
@@ -300,7 +304,7 @@ class ContactDynamics {
             const auto cuts = meets | parts;
             if (any(cuts)) {
                 State there = at;
-                move(there, parts, drifts & meets, r, speed, left * share, false);
+                move(there, parts, meets, r, speed, left * share, false);
                 for (int i = 0; i < states_; ++i)
                     next.z[std::size_t(i)] = select(cuts, there.z[std::size_t(i)], next.z[std::size_t(i)]);
             }

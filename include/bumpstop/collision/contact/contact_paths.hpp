@@ -27,6 +27,10 @@ struct ContactPaths {
         const std::size_t at = std::size_t(std::clamp(i, 0, last_step())), line = path->s.size();
         return at < line ? path->s[at] : path->braking[at - line];
     }
+    /// By how much the undisturbed speed has changed from the step before to this one [m/s].
+    double change(int i) const {
+        return i < 2 ? 0.0 : (undisturbed(i) - 2 * undisturbed(i - 1) + undisturbed(i - 2)) / step;
+    }
     int tick_step(int k) const { return k * period + 1; }
     int reaction_step(int k) const { return tick_step(k) + latency; }
 

@@ -84,20 +84,22 @@ class Transitions {
 class ContactBlock {
   public:
     static constexpr int points = 8, max_tells = 3;
-    /// State, r, the speed before and those of the steps; state and what is told.
-    static constexpr int max_columns = ContactSystem::max_states + 2 + points,
+    /// State, r, the speed before and those of the steps, the ramp; state and what is told.
+    static constexpr int max_columns = ContactSystem::max_states + 3 + points,
                          max_rows = ContactSystem::max_states + max_tells * points;
 
     ContactBlock() = default;
     /// `by`: transitions, the first of which is one piece of `piece` seconds; `pieces` of a step, at most `points` and a power
-    /// of two. `jump`: what a change of the reference's speed does to the state.
-    ContactBlock(const Transitions& by, int pieces, double piece, int states, const ContactSystem::Row& jump,
+    /// of two.
+    ContactBlock(const Transitions& by, int pieces, double piece, const ContactSystem& system,
                  std::span<const ContactSystem::Row> tells)
-        : rows_(states + int(tells.size()) * points),
-          columns_(states + 2 + points / pieces),
+        : rows_(system.states() + int(tells.size()) * points),
+          columns_(system.states() + 3 + points / pieces),
           stride_((rows_ + 3) / 4 * 4),
           column_(std::size_t(stride_ * columns_), 0.0) {
         using Native = Lanes<native_lanes>;  // a column each
+        const int states = system.states();
+        const ContactSystem::Row jump = system.reaction_jump(), wound = system.jump();
         std::array<Native, ContactSystem::max_size> z, next;
         for (int first = 0; first < columns_; first += native_lanes) {
             std::fill_n(z.begin(), states + 2, Native(0.0));
@@ -108,7 +110,8 @@ class ContactBlock {
                 for (int lane = 0; lane < count; ++lane)
                     column_[std::size_t((first + lane) * stride_ + row)] = value[lane];
             };
-            // Column states + 1 + i is a speed that lasts for step i: before the first step, or a step of the block.
+            // Column states + 1 + i is a speed that lasts for step i: before the first step, or a step of the block. The last
+            // one is the ramp.
             const auto speed_in = [&](int i) {
                 Native speed = 0.0;
                 for (int lane = 0; lane < count; ++lane)
@@ -121,7 +124,9 @@ class ContactBlock {
                     const int step = point / pieces + 1;
                     speed = speed_in(step);
                     const Native change = speed - speed_in(step - 1);
-                    for (int j = 0; j < states; ++j) z[std::size_t(j)] += jump[std::size_t(j)] * change;
+                    const Native ramp = speed_in(points / pieces + 1);
+                    for (int j = 0; j < states; ++j)
+                        z[std::size_t(j)] += jump[std::size_t(j)] * (change - ramp) + wound[std::size_t(j)] * ramp;
                 }
                 next = z;
                 by.add(0, z.data(), next.data(), states);
@@ -137,7 +142,7 @@ class ContactBlock {
         }
     }
 
-    /// in: state, r, speeds (states + 2 + steps); out: state and what the rows tell at every point, zero before.
+    /// in: state, r, speeds, ramp (states + 3 + steps); out: state and what the rows tell at every point, zero before.
     template <class T>
     void operator()(const T* in, T* out) const {
         detail::multiply_add(column_.data(), stride_, rows_, columns_, in, out);
@@ -174,16 +179,19 @@ struct ContactPropagator {
         force[2] = system.rate(force[1], pressed);
         gap[0] = system.gap();
         gap[1] = system.rate(gap[0], alone);
-        jerks = elastic && !system.arm().feeds_all_forward();
-        if (jerks) jump = system.jump();
+        jump = system.jump();
+        reaction_jump = system.reaction_jump();
         for (std::size_t m = 0; m < force.size(); ++m) {
             by_speed[m] = force[m][std::size_t(states) + 1];
-            for (int j = 0; j < states; ++j) by_speed[m] += force[m][std::size_t(j)] * jump[std::size_t(j)];
+            for (int j = 0; j < states; ++j) {
+                by_speed[m] += force[m][std::size_t(j)] * reaction_jump[std::size_t(j)];
+                by_ramp[m] += force[m][std::size_t(j)] * (jump[std::size_t(j)] - reaction_jump[std::size_t(j)]);
+            }
         }
         block_steps = pieces > ContactBlock::points ? 0 : ContactBlock::points / pieces;
         if (block_steps > 0) {
-            block_in_contact = ContactBlock(in_contact, pieces, piece, states, jump, force);
-            block_apart = ContactBlock(apart, pieces, piece, states, jump, {gap.data(), 1});
+            block_in_contact = ContactBlock(in_contact, pieces, piece, system, force);
+            block_apart = ContactBlock(apart, pieces, piece, system, {gap.data(), 1});
         }
         for (int j = 0; j < system.arm().dof; ++j) residual.push_back(system.residual(j));
     }
@@ -200,12 +208,13 @@ struct ContactPropagator {
     double static_stiffness;  ///< ContactSystem::static_stiffness [N/m]
     double half_oscillation;  ///< of contact [s]
     Transitions in_contact, apart;
-    std::array<Row, 3> force;          ///< and its rates in contact
-    std::array<double, 3> by_speed{};  ///< what a change of the reference's speed does to them [N s/m, N/m, N/(m s)]
-    std::array<Row, 2> gap;            ///< and its rate apart
-    bool jerks;                        ///< some acceleration of the reference is not fed forward:
-    Row jump{};                        ///< what a change of its speed does
-    int block_steps;                   ///< of a block; 0: oscillations are too quick for blocks
+    std::array<Row, 3> force;  ///< and its rates in contact
+    /// What a change of the reference's speed in a reaction does to them, and how much less it is where gears have wound up
+    /// for the change [N s/m, N/m, N/(m s)].
+    std::array<double, 3> by_speed{}, by_ramp{};
+    std::array<Row, 2> gap;                      ///< and its rate apart
+    Row jump, reaction_jump;                     ///< as of ContactSystem
+    int block_steps;                             ///< of a block; 0: oscillations are too quick for blocks
     ContactBlock block_in_contact, block_apart;  ///< the force, its rate and bend are told; the gap
     std::vector<Row> residual;                   ///< by joint, of an elastic arm
 

@@ -37,7 +37,12 @@ struct ContactBody {
 ///     M dq''  = Kg (dth - dq) + Dg (dth' - dq') - a F - (1 - f) M q_r''
 ///     B dth'' = -Kg (dth - dq) - Dg (dth' - dq') - P dth - D dth' - (1 - f) B q_r''
 ///
-/// where F is the contact force, a = J' n its torque per newton, and q_r'' = g s'' with s the path along the normal.
+/// where F is the contact force, a = J' n its torque per newton, and q_r'' = g s'' with s the path along the normal. That is
+/// an arm whose gears have wound up for the acceleration q_r''. In a reaction they have not: what the controller feeds
+/// forward, its motors give, and it reaches the links through the gears,
+///
+///     M dq''  = ... - M q_r''
+///     B dth'' = ... - B q_r'' + f (M + B) q_r''
 struct ElasticArm {
     int dof = 0;                                         ///< 0: the arm is rigid and follows its reference
     std::array<double, max_joints * max_joints> mass{};  ///< M of the links, [row][column] with dof columns [kg m2]
@@ -49,10 +54,6 @@ struct ElasticArm {
     std::array<double, max_joints> feedforward{};        ///< f, share of the acceleration fed forward [1]
     std::array<double, max_joints> torque_per_N{};       ///< a [Nm/N]
     std::array<double, max_joints> rate_per_speed{};     ///< g, joint rates per unit of s' [rad/m]
-
-    bool feeds_all_forward() const {
-        return std::all_of(feedforward.begin(), feedforward.begin() + dof, [](double f) { return f == 1; });
-    }
 };
 
 namespace detail {
@@ -242,7 +243,7 @@ class ContactSystem {
         }
         return row;
     }
-    /// What a change of the reference's speed by 1 m/s does to the rates, where the acceleration is not fed forward.
+    /// What a change of the reference's speed by 1 m/s does to the rates, where gears have wound up for it.
     Row jump() const {
         const int n = arm_.dof, m = coordinates();
         Row jump{};
@@ -257,6 +258,22 @@ class ContactSystem {
             jump[std::size_t(m + i)] = -missing / rate_unit_;
             jump[std::size_t(m + n + i)] =
                 -(1 - arm_.feedforward[std::size_t(i)]) * arm_.rate_per_speed[std::size_t(i)] / rate_unit_;
+        }
+        return jump;
+    }
+    /// The same in a reaction: what is fed forward reaches the links through the gears.
+    Row reaction_jump() const {
+        const int n = arm_.dof, m = coordinates();
+        Row jump{};
+        for (int i = 0; i < n; ++i) {
+            const std::size_t j = std::size_t(i);
+            double torque = 0;  // (M g)_i
+            for (int k = 0; k < n; ++k)
+                torque += arm_.mass[std::size_t(i * n + k)] * arm_.rate_per_speed[std::size_t(k)];
+            const double rate = arm_.rate_per_speed[j],
+                         fed = arm_.feedforward[j] * (rate + torque / arm_.rotor_inertia[j]);
+            jump[std::size_t(m + i)] = -rate / rate_unit_;
+            jump[std::size_t(m + n + i)] = (fed - rate) / rate_unit_;
         }
         return jump;
     }
