@@ -7,9 +7,8 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.model import mass_matrix, with_rotors
-from reference.elastic_arm import Body, ElasticArm, collide
-
 from collision.contact.elastic_cases import scenario
+from reference.elastic_arm import Body, ElasticArm, collide
 
 STEP, OFFSET, STIFFNESS = 1e-3, 1e-3, 1e4
 DOWN = np.array([0.0, 0.0, -1.0])
