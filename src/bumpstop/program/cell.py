@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,24 +13,21 @@ import numpy as np
 
 from bumpstop.collision import CollisionProblem, evaluate
 from bumpstop.collision.scenario.scenario import Scenario
-from bumpstop.collision.trajectory.trajectory import point_motion, point_places
+from bumpstop.collision.trajectory.trajectory import Trajectory, checked_motion, point_motion, point_places
+from bumpstop.collision.trajectory.trajectory_file import Rows
 from bumpstop.errors import InputError
-from bumpstop.program.onset_force import worst_onset
-from bumpstop.study.prediction import predicted_speed_limit, stopping_time_per_speed, undetected_force
+from bumpstop.program.worst_onset import worst_onset
 from bumpstop.study.requirement.risk import allowed_force
-from bumpstop.study.speed.speed_limit import MIN_SPEED
 from bumpstop.text_files import write_text
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
-    from bumpstop.collision.trajectory.trajectory import Trajectory
     from bumpstop.collision.verdict.verdict import Verdict
     from bumpstop.model import Robot
 
 # Keys that say where the body is on a line; on a trajectory contact begins at any time.
 _OFFSET = ("offset_law", "offset_sd_s", "offset_mm")
 _PLACEHOLDER = "segment.csv"
-_PLACES, _MOVES = 200, 1e-6  # looked at along a motion; [m/s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +38,7 @@ class Judgement:
         verdict: None where there is none.
         why: there is none; else empty.
         force: peak force that is exceeded with the accepted probability [N]; NaN without a verdict.
+        share: that force over the allowed one, as the search for speeds has it; NaN without a verdict.
         worst_s: time of the motion at which contact is hardest [s].
         worst_m: where the contact point is then, base frame (3,) [m].
         tool_speed: greatest of the tip [m/s].
@@ -49,6 +47,7 @@ class Judgement:
     verdict: Verdict | None
     why: str = ""
     force: float = math.nan
+    share: float = math.nan
     worst_s: float = math.nan
     worst_m: tuple[float, ...] = ()
     tool_speed: float = math.nan
@@ -96,19 +95,12 @@ class Cell:
         scenario = self.scenario
         if scenario.contact.body is None:
             raise InputError("contact.body", "is missing", "a verdict needs limits: name a body region")
-        for key, found, wanted in (
-            ("contact.kind", scenario.contact.kind, "clamped"),
-            ("verdict.clamped_limit", scenario.verdict.clamped_limit, "quasi_static"),
-            ("arm.model", scenario.arm.model, "rigid"),
-        ):
-            if found != wanted:
-                raise InputError(key, f"{found!r} has no speed limits", f"wanted {wanted!r}")
         if scenario.detector.residuals is not None:
             raise InputError("detector.residuals", "have no integrated distribution", "give detector.noise_sd_Nm")
-        limits = self.at_rest.limits
-        if limits is None or not limits.permitted:
-            reason = "there is none" if limits is None else limits.reason
-            raise InputError("contact.body", f"no speed is safe: {reason}", "name another body region")
+        for limits in (self.at_rest.limits, self.at_rest.transient_limits or self.at_rest.limits):
+            if limits is None or not limits.permitted:
+                reason = "there is none" if limits is None else limits.reason
+                raise InputError("contact.body", f"no speed is safe: {reason}", "name another body region")
 
     @staticmethod
     def _start(scenario: Scenario) -> FloatArray | None:
@@ -135,8 +127,6 @@ class Cell:
         robot = Robot.load(self.scenario.robot) if path is None else Robot.from_urdf(path)
         q = np.zeros(robot.dof) if self.start is None else self.start
         q = np.clip(q, robot.lower, robot.upper)
-        from bumpstop.collision.trajectory.trajectory import Trajectory
-
         still = Trajectory(np.array([0.0, 1.0]), np.stack([q, q]), np.zeros((2, robot.dof)))
         with tempfile.TemporaryDirectory() as folder:
             write_trajectory(Path(folder) / _PLACEHOLDER, still)
@@ -152,35 +142,13 @@ class Cell:
         at: float | str = "uniform" if onset_s is None else onset_s
         return self.scenario.with_values({"motion.file": str(file), "motion.contact_onset_s": at})
 
-    def force(self, trajectory: Trajectory) -> float:
-        """Peak force at its worst place that is exceeded with the accepted probability [N].
+    def share(self, trajectory: Trajectory) -> float:
+        """Peak force at its worst place that is exceeded with the accepted probability, over the allowed one.
 
         Raises:
             InputError: the motion passes a limit of the robot.
         """
-        with tempfile.TemporaryDirectory() as folder:
-            return worst_onset(self._problem(Path(folder) / _PLACEHOLDER, trajectory))[1]
-
-    def speed_ratio(self, trajectory: Trajectory) -> float:
-        """Greatest speed of the tip over the highest that the formula of ``bumpstop study`` allows at its place.
-
-        Raises:
-            InputError: the motion passes a limit of the robot.
-        """
-        with tempfile.TemporaryDirectory() as folder:
-            problem = self._problem(Path(folder) / _PLACEHOLDER, trajectory)
-        t: FloatArray = (np.arange(_PLACES, dtype=np.float64) + 0.5) * (trajectory.duration / _PLACES)
-        velocity, jacobian = point_motion(trajectory, self.robot, problem.contact_point, t)
-        speed = np.linalg.norm(velocity, axis=1)
-        moving = speed > _MOVES
-        if not moving.any():
-            return 0.0
-        direction = velocity[moving] / speed[moving, None]
-        torque = np.einsum("nij,ni->nj", jacobian[moving], direction)
-        gain = stopping_time_per_speed(problem, trajectory.at(t, 1)[moving]) / speed[moving]
-        undetected = undetected_force(problem, torque, self.scenario.verdict.accepted_probability)
-        allowed = predicted_speed_limit(problem, undetected, gain, self.allowed_force)
-        return float((speed[moving] / np.maximum(allowed, MIN_SPEED)).max())
+        return worst_onset(self.problem(trajectory))[1]
 
     def tool_speed(self, trajectory: Trajectory) -> float:
         """Greatest of the tip [m/s]."""
@@ -188,27 +156,37 @@ class Cell:
         velocity, _ = point_motion(trajectory, self.robot, self.robot.frame(None), t)
         return float(np.linalg.norm(velocity, axis=1).max())
 
-    def _problem(self, file: Path, trajectory: Trajectory) -> CollisionProblem:
-        write_trajectory(file, trajectory)
-        return CollisionProblem.from_scenario(self.of(file))
+    def problem(self, trajectory: Trajectory) -> CollisionProblem:
+        """Of a trajectory, with every check that reading it from a file makes.
+
+        Raises:
+            InputError: the motion passes a limit of the robot.
+        """
+        dof = self.robot.dof
+        names = [[f"{name}_{j + 1}" for j in range(dof)] for name in ("q", "qd")]
+        rows = Rows(trajectory.time, trajectory.position, trajectory.velocity, "row", *names)
+        step = self.scenario.simulation.step_s
+        motion = checked_motion(Path(_PLACEHOLDER), rows, self.robot, step)
+        return replace(self.at_rest, q=motion.position[0].copy(), trajectory=motion)
 
     def judge(self, trajectory: Trajectory) -> Judgement:
         """A contact at the worst place, by the function that ``bumpstop evaluate`` uses, from the file it reads."""
         speed = self.tool_speed(trajectory)
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / _PLACEHOLDER
-            try:
-                problem = self._problem(file, trajectory)
-                worst, force = worst_onset(problem)
-                if force == 0:
-                    return Judgement(None, "the contact point touches nothing on the way", tool_speed=speed)
+        try:
+            problem = self.problem(trajectory)
+            worst, share = worst_onset(problem)
+            if share == 0:
+                return Judgement(None, "the contact point touches nothing on the way", tool_speed=speed)
+            with tempfile.TemporaryDirectory() as folder:
+                file = Path(folder) / _PLACEHOLDER
+                write_trajectory(file, trajectory)
                 result = evaluate(self.of(file, worst))
-            except InputError as error:
-                return Judgement(None, error.problem.replace(f"{file}: ", ""), tool_speed=speed)
+        except InputError as error:
+            return Judgement(None, error.problem.replace(f"{_PLACEHOLDER}: ", ""), tool_speed=speed)
         verdict = result.verdict
         where = point_places(trajectory, self.robot, problem.contact_point, np.array([worst]))[0]
         force = float(result.peak_force.quantile(1 - verdict.accepted_probability))
-        return Judgement(verdict, "", force, worst, tuple(float(x) for x in where), speed)
+        return Judgement(verdict, "", force, share, worst, tuple(float(x) for x in where), speed)
 
 
 def write_trajectory(path: Path, trajectory: Trajectory) -> None:

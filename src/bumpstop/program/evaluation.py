@@ -162,7 +162,8 @@ def _found(source: Source, segment: Segment, cell: Cell, max_speed: float, *, fa
             return SegmentResult(segment, present, duration)
     if not segment.speed_known and not all(source.may_be_raised(place) for place in segment.places()):
         return SegmentResult(segment, Judgement(None, "its speed may be set by what is not understood"))
-    safe = highest_safe(segment, cell, max_speed, faster=faster and segment.speed_known)
+    raised = faster and segment.speed_known
+    safe = highest_safe(segment, cell, segment.max_factor(max_speed) if raised else 1.0, present)
     stays = present.conclusion == "acceptable" and 1.0 <= safe.factor < _WORTH_IT
     return SegmentResult(segment, present, duration, 1.0 if stays else safe.factor, safe.factor, safe.limited_by)
 
