@@ -6,8 +6,14 @@ import random
 from functools import cache
 from pathlib import Path
 
+import numpy as np
+
 import bumpstop as bs
+from bumpstop.arrays import FloatArray
 from bumpstop.program.cell import Cell
+from bumpstop.program.interpreter import Interpreter
+from bumpstop.program.languages.urscript import read_urscript
+from bumpstop.program.segment import MoveSegment
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples" / "programs"
@@ -37,6 +43,17 @@ RAPID = (
 @cache
 def cell() -> Cell:
     return Cell(bs.load_scenario(EXAMPLES / "cell.toml"))
+
+
+def segments(text: str) -> list[MoveSegment]:
+    read = read_urscript(text.encode())
+    found = Interpreter(read, cell().robot, cell().start, "program").chains()
+    return [MoveSegment(chain, cell().robot, cell().joint_acceleration, 1.0) for chain in found]
+
+
+def bell(begin: FloatArray, end: FloatArray, duration: float, t: FloatArray) -> FloatArray:
+    s = np.clip(t / duration, 0, 1)[:, None]
+    return np.asarray(begin + (end - begin) * (10 * s**3 - 15 * s**4 + 6 * s**5))
 
 
 def mutated(sources: tuple[bytes, ...], seed: int) -> bytes:

@@ -12,22 +12,13 @@ import pytest
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.trajectory.trajectory import Trajectory
 from bumpstop.program.cell import write_trajectory
-from bumpstop.program.interpreter import Interpreter
-from bumpstop.program.languages.urscript import read_urscript
 from bumpstop.program.motion.kinematics import tool_line, transform
 from bumpstop.program.motion.timing import RAMP_S, PathMotion
-from bumpstop.program.segment import MoveSegment
 from bumpstop.program.trajectories.recorded import read_recorded
 from bumpstop.program.trajectories.trajectory_segment import TrajectorySegment, find_segments
-from program.corpora import cell
+from program.corpora import bell, cell, segments
 
 FAR, HIGH = "[0.9, -1.57, 1.57, -1.57, -1.57, 0]", "[0.9, -1.2, 1.4, -1.77, -1.57, 0]"
-
-
-def segments(text: str) -> list[MoveSegment]:
-    read = read_urscript(text.encode())
-    found = Interpreter(read, cell().robot, cell().start, "program").chains()
-    return [MoveSegment(chain, cell().robot, cell().joint_acceleration, 1.0) for chain in found]
 
 
 def dense(motion: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -105,11 +96,6 @@ def test_a_motion_has_limited_jerk_and_an_inverse() -> None:
     assert speed.max() <= 1 + 1e-9
     assert np.abs(np.gradient(acceleration, t)).max() <= 1.001 * 3.0 / RAMP_S
     assert np.allclose(motion.times(u[::100])[1:-1], t[::100][1:-1], atol=1e-9)
-
-
-def bell(begin: FloatArray, end: FloatArray, duration: float, t: FloatArray) -> FloatArray:
-    s = np.clip(t / duration, 0, 1)[:, None]
-    return np.asarray(begin + (end - begin) * (10 * s**3 - 15 * s**4 + 6 * s**5))
 
 
 def recorded_moves(t: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from bumpstop.errors import InputError
 from bumpstop.program.cell import Cell, Judgement
 from bumpstop.program.motion.timing import import_ruckig
-from bumpstop.program.safe_speed import highest_safe
+from bumpstop.program.safe_speed import greatest_factor, highest_safe
 from bumpstop.program.source import Source, read_source
 
 if TYPE_CHECKING:
@@ -163,9 +163,12 @@ def _found(source: Source, segment: Segment, cell: Cell, max_speed: float, *, fa
     if not segment.speed_known and not all(source.may_be_raised(place) for place in segment.places()):
         return SegmentResult(segment, Judgement(None, "its speed may be set by what is not understood"))
     raised = faster and segment.speed_known
-    safe = highest_safe(segment, cell, segment.max_factor(max_speed) if raised else 1.0, present)
-    stays = present.conclusion == "acceptable" and 1.0 <= safe.factor < _WORTH_IT
-    return SegmentResult(segment, present, duration, 1.0 if stays else safe.factor, safe.factor, safe.limited_by)
+    safe = highest_safe(segment, cell, greatest_factor(segment, cell, max_speed) if raised else 1.0, present)
+    limited_by = "slower_only" if safe.limited_by == "max_speed" and not raised else safe.limited_by
+    found = SegmentResult(segment, present, duration, safe.factor, safe.factor, limited_by)
+    if present.conclusion == "acceptable" and 1.0 <= safe.factor < _WORTH_IT:
+        return replace(found, factor=1.0, written=present, written_s=duration)
+    return replace(found, written=safe.judged or present, written_s=safe.duration)
 
 
 def _shared(source: Source, found: Sequence[SegmentResult]) -> dict[Segment, float]:
@@ -191,6 +194,8 @@ def _shared(source: Source, found: Sequence[SegmentResult]) -> dict[Segment, flo
 def _written(one: SegmentResult, factor: float, cell: Cell) -> SegmentResult:
     if one.segment.why or (not one.segment.speed_known and not one.safe_factor > 0):
         return replace(one, factor=1.0, written=one.present, written_s=one.present_s)
+    if factor == one.factor and one.safe_factor > 0:
+        return one
     if factor == 1.0 and one.segment.speed_known:
         return replace(one, factor=1.0, written=one.present, written_s=one.present_s)
     try:

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 # How closely the speed is found, as a share. Motions are no longer than this share of the longest that are judged.
 _PRECISION, _LONGEST = 0.004, 0.98
+_NEAR = 1.002  # how closely the greatest factor is found
+# Where the cell's own verdict does not accept what was found, it is lowered by steps.
 _EASE, _EASINGS = 0.98, 8
 
 
@@ -29,10 +31,39 @@ class SafeSpeed:
         factor: of the program's speed; 0 where no speed is safe.
         limited_by: ``"limits"`` of the body, ``"max_speed"`` of the tool, the joints or the language,
             ``"nothing_safe"``, or ``"slower_only"``.
+        judged: the motion at that factor; None where no speed is safe.
+        duration: of that motion [s]; NaN where no speed is safe.
     """
 
     factor: float
     limited_by: str
+    judged: Judgement | None = None
+    duration: float = math.nan
+
+
+def greatest_factor(segment: Segment, cell: Cell, max_speed: float) -> float:
+    """Beyond it nothing gets faster, or a limit of the tool, the language or the joints is passed; 1 at least.
+
+    What bends of the path ask of the joints grows with the square of the speed: it stays within the accelerations of
+    the reaction, or within the program's own where they are greater.
+
+    Args:
+        segment: that can be judged.
+        cell: whose joint acceleration counts.
+        max_speed: of the tool [m/s].
+    """
+
+    def load(factor: float) -> float:
+        return float((segment.bends(factor) / cell.joint_acceleration).max())
+
+    most = segment.max_factor(max_speed)
+    low, high, allowed = 1.0, most, max(1.0, load(1.0))
+    if load(most) <= allowed:
+        return most
+    while high > _NEAR * low:
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if load(middle) <= allowed else (low, middle)
+    return low
 
 
 def highest_safe(segment: Segment, cell: Cell, most: float, present: Judgement) -> SafeSpeed:
@@ -70,15 +101,11 @@ def highest_safe(segment: Segment, cell: Cell, most: float, present: Judgement) 
     factor = float(highest_met(tried, 1.0, within, _PRECISION)[0][0]) / tool
     if factor == 0:
         return SafeSpeed(0.0, "nothing_safe")
-    return SafeSpeed(_eased(segment, cell, factor), "max_speed" if factor >= most * (1 - 1e-12) else "limits")
-
-
-def _eased(segment: Segment, cell: Cell, factor: float) -> float:
-    """The factor, or one that is lower by steps until the cell's own verdict accepts its force."""
-    judged: Judgement
+    limited_by = "max_speed" if factor >= most * (1 - 1e-12) else "limits"
     for _ in range(_EASINGS):
-        judged = cell.judge(segment.at(factor))
+        motion = segment.at(factor)
+        judged = cell.judge(motion)
         if judged.verdict is None or judged.over <= judged.verdict.accepted_probability:
             break
         factor *= _EASE
-    return factor
+    return SafeSpeed(factor, limited_by, judged, motion.duration)

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from bumpstop.program.motion.timing import PathMotion
 
 
+_TIMES = 1000  # at which the speed along a path is looked at
+
+
 class Segment(Protocol):
     """A motion from rest to rest whose speed is one number times that of the program."""
 
@@ -52,6 +55,10 @@ class Segment(Protocol):
 
     def max_factor(self, max_speed: float) -> float:
         """Beyond it nothing gets faster, or the tool faster than ``max_speed`` [m/s]; 1 at least."""
+        ...
+
+    def bends(self, factor: float) -> FloatArray:
+        """Greatest joint accelerations that the shape of the path asks for at a factor (dof,) [rad/s2 or m/s2]."""
         ...
 
     def places(self) -> Sequence[object]:
@@ -172,6 +179,12 @@ class MoveSegment:
         most = max(1.0, min(joints, tool, written))
         # A speed that a short way does not let the arm reach is not written: its ramps may be other ones.
         return max(1.0, most * self._motion(most)[1].top)
+
+    def bends(self, factor: float) -> FloatArray:  # noqa: D102
+        path, motion = self._motion(factor)
+        u, speed, _ = motion.at(np.linspace(0, motion.duration, _TIMES))
+        # Between samples of the path its second derivative is a straight line.
+        return np.asarray((np.abs(path(path.x, 2)) * np.interp(path.x, u, speed)[:, None] ** 2).max(axis=0))
 
     def line_at(self, t: float, motion: Trajectory) -> int:  # noqa: D102
         q = motion.at(min(max(t, 0.0), motion.duration))
