@@ -53,6 +53,19 @@ def test_a_linear_move_stays_on_its_line_at_its_speed() -> None:
     assert speed.max() == pytest.approx(0.2, rel=2e-3)
 
 
+def test_a_move_of_a_given_time_takes_it() -> None:
+    text = f"movej({FAR}, t=3)\nmovel(p[-0.45, -0.45, 0.45, 3.1, 0.2, 0.1], a=9, v=9, t=2.5)"
+    for segment, time in zip(segments(text), (3.0, 2.5), strict=True):
+        for factor in (1.0, 0.5, 1.25):
+            assert segment.at(factor).duration == pytest.approx(time / factor, rel=1e-3)
+    _, _, qd = dense(segments(text)[0].at(1.0))
+    # Nobody says how it speeds up: no motion of that way and time that speeds up evenly gets faster.
+    assert np.abs(qd[:, 0]).max() == pytest.approx(2 * 0.9 / 3.0, rel=2e-2)
+    (slot,) = segments(text)[1].places()
+    assert slot.edit(segments(text)[1].new_value(slot, 0.3)).text == "8.334"
+    assert segments(text)[1].max_factor(100.0) <= 2.5 / 0.2
+
+
 def test_lines_that_the_arm_cannot_follow() -> None:
     q0 = np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])
     found = tool_line(cell().robot, q0, transform((3.0, 0, 0, 0, 0, 0)), np.eye(4))

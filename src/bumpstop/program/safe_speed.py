@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from bumpstop.errors import InputError
 from bumpstop.program.motion.timing import MAX_DURATION_S
-from bumpstop.study.speed.speed_search import MIN_SPEED, SearchRange, highest_met
+from bumpstop.study.speed.speed_search import MIN_SPEED, SearchRange, Tried, highest_met
 
 if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
     from bumpstop.program.cell import Cell, Judgement
     from bumpstop.program.segment import Segment
 
@@ -82,7 +84,7 @@ def highest_safe(segment: Segment, cell: Cell, most: float, present: Judgement) 
     tool = cell.tool_speed(motion)
     known = {1.0: present.share} if present.verdict is not None else {}
 
-    def tried(rows: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[type-arg]
+    def tried(rows: npt.NDArray[np.int64], speed: FloatArray) -> Tried:
         factor = float(speed[0]) / tool
         if factor not in known:
             try:

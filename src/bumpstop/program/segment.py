@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from bumpstop.program.motion.path import SHARE, Path, full_speed_times, join, without_repeats
-from bumpstop.program.motion.timing import motion_along, timed
+from bumpstop.program.motion.timing import RAMP_S, motion_along, timed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -103,6 +103,8 @@ class MoveSegment:
                 return f"line {visit.move.line}: {visit.why}"
         if not any(visit.slots for visit in self.visits):
             return f"line {self.lines[0]}: its speed is set outside the program"
+        if len(self.visits) > 1 and any(slot.time for visit in self.visits for slot in visit.slots):
+            return f"line {self.lines[0]}: a time is given where moves are blended"
         return ""
 
     @property
@@ -126,7 +128,7 @@ class MoveSegment:
     def new_value(self, slot: SpeedSlot, factor: float) -> float:
         """What is written for a factor."""
         base = self.base_value(slot)
-        return base if factor == 1 and slot.value is not None else float(slot.rounded(factor * base))
+        return base if factor == 1 and slot.value is not None else float(slot.rounded(slot.scaled(base, factor)))
 
     @cached_property
     def _moving(self) -> tuple[Visit, ...]:
@@ -138,8 +140,13 @@ class MoveSegment:
 
     def _speeds(self, factor: float) -> list[FloatArray]:
         return [
-            np.array([self.new_value(slot, factor) * slot.factor for slot in visit.slots]) for visit in self._moving
+            np.array([self._speed(i, slot, factor) for slot in visit.slots]) for i, visit in enumerate(self._moving)
         ]
+
+    def _speed(self, number: int, slot: SpeedSlot, factor: float) -> float:
+        """Full speed of a move; where its time is given the most that it allows, twice the mean."""
+        value = self.new_value(slot, factor)
+        return 2 * float(self._path.way[number].sum()) / value if slot.time else value * slot.factor
 
     def at(self, factor: float) -> Trajectory:  # noqa: D102
         return timed(*self._motion(factor))
@@ -155,6 +162,9 @@ class MoveSegment:
         every = full_speed_times(self.robot, path, speeds)
         for i, visit in enumerate(self._moving):
             own = (path.leg == i) & (every > 0)
+            if visit.slots[0].time:
+                # At full speed it would take half of its time. A ramp and what rounds it off are the other half.
+                return 1 / (float((path.way[i].max(axis=1) / speeds[i]).sum()) - RAMP_S)
             if visit.leg is None or visit.leg.acceleration is None or not own.any():
                 return None
             # Where joints are at their limits, less than the program asks for is full speed.
@@ -175,7 +185,7 @@ class MoveSegment:
         moving = least > 1e-12
         joints = float((asked[moving] / least[moving]).max())
         tool = float(max_speed / max((way[moving] / np.maximum(asked[moving], least[moving])).max(), 1e-12))
-        written = min(slot.most / self.base_value(slot) for slot in self.places())
+        written = min(slot.headroom(self.base_value(slot)) for slot in self.places())
         most = max(1.0, min(joints, tool, written))
         # A speed that a short way does not let the arm reach is not written: its ramps may be other ones.
         return max(1.0, most * self._motion(most)[1].top)
