@@ -78,6 +78,11 @@ def test_where_a_move_begins() -> None:
     assert found == ["", "", "where it begins is not known", ""]
 
 
+def test_a_tool_that_is_set_again_is_known_again() -> None:
+    text = f"pick(1)\nmovej({ASIDE})\nset_tcp(p[0,0,0,0,0,0])\nmovel(p[-0.65,-0.38,0.6,3.1,0,0])"
+    assert whys(text) == ["where it begins is not known", ""]
+
+
 def test_loops_begin_where_they_end() -> None:
     text = f"def main():\n movej({ASIDE})\n while True:\n  movej({HOME})\n  turn()\n end\nend\n"
     text += f"def turn():\n movej({ASIDE}, v=0.2)\nend"

@@ -141,7 +141,7 @@ class Interpreter:
     def _call(self, node: Call, state: _State, depth: int) -> None:
         body = self._program.functions.get(node.name)
         if body is None or depth >= _MAX_DEPTH:
-            self._opaque(Opaque(node.line, node.name, resets=True, reframes=True), state)
+            self._opaque(Opaque(node.line, node.name, resets=True, reframes=("tool", "base")), state)
         else:
             self._run(body, state, depth + 1)
 
@@ -151,8 +151,8 @@ class Interpreter:
             self._goes_on = False
         if node.resets:
             state.speeds = dict.fromkeys(("tool", "axes", "acceleration tool", "acceleration axes"))
-        if node.reframes:
-            state.tool = state.base = None
+        for which in node.reframes:
+            setattr(state, which, None)
 
     def _move(self, move: Move, state: _State) -> None:
         self._visits += 1

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from bumpstop.program.languages.expression import Expression
-from bumpstop.program.languages.statements import Branch, Loop, Node, Opaque
+from bumpstop.program.languages.statements import Branch, Frame, Loop, Node, Opaque
 from bumpstop.program.languages.syntax import Statement
 
 Kind = Literal["function", "loop", "branch"]
@@ -37,14 +37,16 @@ class Blocks:
         """A statement of the innermost block."""
         self._open[-1].bodies[-1].append(node)
 
-    def opaque(self, statement: Statement, *, moves: bool = True, resets: bool = False, reframes: bool = False) -> None:
+    def opaque(
+        self, statement: Statement, *, moves: bool = True, resets: bool = False, reframes: tuple[Frame, ...] = ()
+    ) -> None:
         """A statement that is not understood, which is named.
 
         Args:
             statement: the whole of it.
             moves: the arm may be elsewhere afterwards.
             resets: speeds may be others afterwards.
-            reframes: tool and frame may be others afterwards.
+            reframes: what may be another one afterwards, tool or frame.
         """
         text = statement.text
         self.not_understood.append((statement.line, text))
@@ -72,7 +74,7 @@ class Blocks:
     def end(self, statement: Statement, kind: Kind | None = None) -> None:
         """The innermost block closes; of a kind, where the language says which."""
         if len(self._open) == 1 or (kind is not None and self._open[-1].kind != kind):
-            self.opaque(statement, resets=True, reframes=True)
+            self.opaque(statement, resets=True, reframes=("tool", "base"))
             return
         self._close()
 

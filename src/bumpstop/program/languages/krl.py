@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from bumpstop.program.languages.blocks import Assignments, Blocks
 from bumpstop.program.languages.expression import Expression, Reader, number_of, read_expression, resolved
 from bumpstop.program.languages.rotation import from_euler_zyx
-from bumpstop.program.languages.statements import Call, Frames, Move, ReadProgram, Setting, SpeedSlot, Target
+from bumpstop.program.languages.statements import Call, Frame, Frames, Move, ReadProgram, Setting, SpeedSlot, Target
 from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token, parse_lines
 
 _TOKENS = re.compile(
@@ -49,6 +49,7 @@ _SETTINGS = {
     "$vel_axis": ("axes", "%", 100.0),
     "$acc_axis": ("acceleration axes", "%", 100.0),
 }
+_FRAMES: tuple[Frame, ...] = ("tool", "base")
 # Of a blend whose distance is not known: half of the way, which nothing goes beyond [m].
 _UNKNOWN_BLEND = 1e3
 
@@ -117,13 +118,13 @@ def _add(blocks: Blocks, statement: Statement, tree: SyntaxTree, constants: Mapp
         if first.startswith("$") and not first.startswith(("$out", "$anout", "$timer", "$flag", "$cycflag", "$apo")):
             blocks.opaque(statement, moves=False, resets=True)
     elif first == "bas" or first.startswith("$"):
-        blocks.opaque(statement, moves=False, resets=True, reframes=first == "bas")
+        blocks.opaque(statement, moves=False, resets=True, reframes=_FRAMES if first == "bas" else ())
     elif words[0].kind == "name" and [word.text for word in words[1:]] == ["(", ")"]:
         blocks.add(Call(statement.line, first))
     elif first not in _HARMLESS:
         called = len(words) > 1 and words[1].text == "("
         resets = called or first in ("goto", "interrupt", "trigger")
-        blocks.opaque(statement, resets=resets, reframes=resets)
+        blocks.opaque(statement, resets=resets, reframes=_FRAMES if resets else ())
 
 
 def _is_assignment(words: list[Token]) -> bool:

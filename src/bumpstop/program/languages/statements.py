@@ -12,6 +12,7 @@ from bumpstop.program.languages.syntax import Edit
 
 MIN_TIME_S = 0.2  # of a move whose time is given: two ramps of its acceleration leave some
 Measure = Literal["tool", "joint", "axes"]
+Frame = Literal["tool", "base"]
 
 
 @dataclass(frozen=True)
@@ -148,14 +149,14 @@ class Opaque:
         text: of the statement.
         moves: the arm may be elsewhere afterwards.
         resets: speeds may be others afterwards.
-        reframes: tool and frame may be others afterwards.
+        reframes: what may be another one afterwards, tool or frame.
     """
 
     line: int
     text: str
     moves: bool = True
     resets: bool = False
-    reframes: bool = False
+    reframes: tuple[Frame, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -168,7 +169,7 @@ class Frames:
     """
 
     line: int
-    which: Literal["tool", "base"]
+    which: Frame
     pose: tuple[float, ...] | None
 
 

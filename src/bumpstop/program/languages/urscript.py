@@ -125,7 +125,7 @@ def _add_call(
         blocks.add(Call(statement.line, call.name.lower()))
     elif call.name not in _HARMLESS:
         # It may set the tool.
-        blocks.opaque(statement, reframes=True)
+        blocks.opaque(statement, reframes=("tool",))
 
 
 def _move(statement: Statement, call: Expression, constants: Mapping[str, Expression]) -> Move:
