@@ -141,6 +141,32 @@ def test_whatever_gives_way_is_judged_as_evaluate_judges_it(changes: dict[str, o
     assert other.judge(segment.at(1.05 * safe.factor)).conclusion == "not_acceptable"
 
 
+def test_the_hardest_of_several_bodies_counts() -> None:
+    place = EXAMPLES / "place.script"
+    arm, elbow = (bs.load_scenario(EXAMPLES / name) for name in ("cell.toml", "elbow.toml"))
+    both = evaluate_program(place, arm, elbow).to_json()
+    each = [evaluate_program(place, cell).to_json() for cell in (arm, elbow)]
+    assert [body["body"] for body in both["bodies"]] == ["lower_arm_wrist", "upper_arm_elbow"]
+    hit = set()
+    for one, *alone in zip(both["segments"], *(found["segments"] for found in each), strict=True):
+        share = [a["present"]["force_N"] / b["allowed_force_N"] for a, b in zip(alone, both["bodies"], strict=True)]
+        worst = int(np.argmax(share))
+        assert one["present"]["body"] == both["bodies"][worst]["body"]
+        assert one["present"]["force_N"] == pytest.approx(alone[worst]["present"]["force_N"])
+        assert one["factor"] == pytest.approx(min(a["factor"] for a in alone), rel=0.01)
+        hit.add(worst)
+    assert hit == {0, 1}
+
+
+@pytest.mark.parametrize(
+    ("changes", "what"), [({"robot": "ur5e"}, "robot"), ({"pose_deg": [1, -90, 90, -90, -90, 0]}, "start")]
+)
+def test_bodies_stand_beside_one_arm(changes: dict[str, object], what: str) -> None:
+    arm = bs.load_scenario(EXAMPLES / "cell.toml")
+    with pytest.raises(bs.InputError, match=f"two cells have another {what}; give cells of one {what}"):
+        Cell(arm, arm.with_values(changes))
+
+
 def test_two_phases_are_judged_by_both_limits() -> None:
     other = Cell(bs.load_scenario(EXAMPLES / "cell.toml", {"verdict.clamped_limit": "two_phase", **CELLS["reversing"]}))
     segment = across()
@@ -181,6 +207,7 @@ def test_accelerations_stay_within_those_of_the_reaction() -> None:
     [
         ({"contact.kind": "free", "contact.arm": "two_mass"}, "contact.arm"),
         ({"contact.kind": "free", "contact.body": "skull_forehead"}, "contact.body"),
+        ({"contact.link": "elbow"}, "contact.link"),
         ({"reaction.stop_category": 0}, "reaction.stop_category"),
         ({"arm.model": "elastic", "verdict.clamped_limit": "two_phase"}, "verdict.clamped_limit"),
     ],

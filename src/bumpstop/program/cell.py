@@ -1,4 +1,4 @@
-"""The cell that segments are judged in: a scenario whose motion is replaced by theirs."""
+"""The cell that segments are judged in: scenarios whose motion is replaced by theirs."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import tempfile
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 # Keys that say where the body is on a line; on a trajectory contact begins at any time.
 _OFFSET = ("offset_law", "offset_sd_s", "offset_mm")
 _PLACEHOLDER = "segment.csv"
+# What is worse; a body that is not touched counts least.
+_RANK = {"not_acceptable": 3, "inconclusive": 2, "acceptable": 1}
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +44,7 @@ class Judgement:
         worst_s: time of the motion at which contact is hardest [s].
         worst_m: where the contact point is then, base frame (3,) [m].
         tool_speed: greatest of the tip [m/s].
+        cell: whose body is hit; None without a verdict.
     """
 
     verdict: Verdict | None
@@ -51,6 +54,7 @@ class Judgement:
     worst_s: float = math.nan
     worst_m: tuple[float, ...] = ()
     tool_speed: float = math.nan
+    cell: Cell | None = None
 
     @property
     def conclusion(self) -> str:
@@ -65,16 +69,20 @@ class Judgement:
 
 
 class Cell:
-    """A scenario to judge motions in.
+    """A scenario to judge motions in, or several: bodies beside one arm, and places of it that may hit them.
+
+    Attributes:
+        bodies: a cell for every scenario, this one first; a motion is judged by the hardest.
 
     Args:
         scenario: of a line or a trajectory, whose motion, pose and offset are not used, but for the start.
+        others: of the same arm and start.
 
     Raises:
-        InputError: the scenario cannot judge trajectories, or names no body region.
+        InputError: a scenario cannot judge trajectories, names no body region, or is of another arm or start.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, *others: Scenario) -> None:
         if scenario.uncertainty:
             problem = "is not taken into account for programs"
             raise InputError(
@@ -90,6 +98,14 @@ class Cell:
             data["contact"].pop("stiffness_N_mm", None)
         self.scenario = Scenario.from_dict(data, scenario.folder)
         self._check()
+        self.bodies: tuple[Cell, ...] = (self, *(Cell(other) for other in others))
+        for other in self.bodies[1:]:
+            for what, same in (
+                ("robot", _robot(other.scenario) == _robot(scenario)),
+                ("start", np.array_equal(_or_empty(other.start), _or_empty(self.start))),
+            ):
+                if not same:
+                    raise InputError("--scenario", f"two cells have another {what}", f"give cells of one {what}")
 
     def _check(self) -> None:
         scenario = self.scenario
@@ -97,6 +113,9 @@ class Cell:
             raise InputError("contact.body", "is missing", "a verdict needs limits: name a body region")
         if scenario.detector.residuals is not None:
             raise InputError("detector.residuals", "have no integrated distribution", "give detector.noise_sd_Nm")
+        # The link that hits, and what an elastic arm needs to be known of it.
+        for name in ("contact_point", "setup"):
+            getattr(self.at_rest, name)
         for limits in (self.at_rest.limits, self.at_rest.transient_limits or self.at_rest.limits):
             if limits is None or not limits.permitted:
                 reason = "there is none" if limits is None else limits.reason
@@ -115,8 +134,8 @@ class Cell:
 
     @cached_property
     def joint_acceleration(self) -> FloatArray:
-        """Of the reaction (dof,) [rad/s2 or m/s2]."""
-        return self.at_rest.joint_acceleration
+        """Of the reaction, the least of all cells' (dof,) [rad/s2 or m/s2]."""
+        return np.asarray(np.min([body.at_rest.joint_acceleration for body in self.bodies], axis=0))
 
     @cached_property
     def at_rest(self) -> CollisionProblem:
@@ -143,12 +162,12 @@ class Cell:
         return self.scenario.with_values({"motion.file": str(file), "motion.contact_onset_s": at})
 
     def share(self, trajectory: Trajectory) -> float:
-        """Peak force at its worst place that is exceeded with the accepted probability, over the allowed one.
+        """Peak force that is exceeded with the accepted probability, over the allowed one, at the worst place and body.
 
         Raises:
             InputError: the motion passes a limit of the robot.
         """
-        return worst_onset(self.problem(trajectory))[1]
+        return max(worst_onset(body.problem(trajectory))[1] for body in self.bodies)
 
     def tool_speed(self, trajectory: Trajectory) -> float:
         """Greatest of the tip [m/s]."""
@@ -170,13 +189,19 @@ class Cell:
         return replace(self.at_rest, q=motion.position[0].copy(), trajectory=motion)
 
     def judge(self, trajectory: Trajectory) -> Judgement:
-        """A contact at the worst place, by the function that ``bumpstop evaluate`` uses, from the file it reads."""
+        """A contact at the worst place with the worst body."""
+        judged = [body._judge(trajectory) for body in self.bodies]
+        worst = max(judged, key=lambda one: (_RANK[one.conclusion] if one.share != 0 else 0, one.share))
+        return replace(worst, share=max((one.share for one in judged if one.share > 0), default=worst.share))
+
+    def _judge(self, trajectory: Trajectory) -> Judgement:
+        """Of this body alone, by the function that ``bumpstop evaluate`` uses, from the file it reads."""
         speed = self.tool_speed(trajectory)
         try:
             problem = self.problem(trajectory)
             worst, share = worst_onset(problem)
             if share == 0:
-                return Judgement(None, "the contact point touches nothing on the way", tool_speed=speed)
+                return Judgement(None, "the contact point touches nothing on the way", share=0.0, tool_speed=speed)
             with tempfile.TemporaryDirectory() as folder:
                 file = Path(folder) / _PLACEHOLDER
                 write_trajectory(file, trajectory)
@@ -186,7 +211,20 @@ class Cell:
         verdict = result.verdict
         where = point_places(trajectory, self.robot, problem.contact_point, np.array([worst]))[0]
         force = float(result.peak_force.quantile(1 - verdict.accepted_probability))
-        return Judgement(verdict, "", force, share, worst, tuple(float(x) for x in where), speed)
+        return Judgement(verdict, "", force, share, worst, tuple(float(x) for x in where), speed, self)
+
+    def to_json(self) -> dict[str, Any]:
+        """Of this body alone, as ``--json`` prints it."""
+        contact = self.scenario.contact
+        return {"body": contact.body, "link": contact.link, "allowed_force_N": self.allowed_force}
+
+
+def _robot(scenario: Scenario) -> str:
+    return str(scenario.robot_path or scenario.robot)
+
+
+def _or_empty(q: FloatArray | None) -> FloatArray:
+    return np.zeros(0) if q is None else q
 
 
 def write_trajectory(path: Path, trajectory: Trajectory) -> None:

@@ -105,8 +105,7 @@ class ProgramResult:
             "language": self.source.language,
             "present": self.present,
             "written": self.written_outcome,
-            "body": self.cell.scenario.contact.body,
-            "allowed_force_N": self.cell.allowed_force,
+            "bodies": [body.to_json() for body in self.cell.bodies],
             "won_s": sum(one.won_s for one in known),
             "segments": [one.to_json() for one in self.segments],
             "not_understood": [{"line": line, "text": text} for line, text in self.source.not_understood],
@@ -117,7 +116,7 @@ class ProgramResult:
 def evaluate_program(
     path: Path | str,
     scenario: Scenario,
-    *,
+    *others: Scenario,
     max_speed_mm_s: float = 1000.0,
     faster: bool = True,
     progress: Callable[[float], None] = lambda share: None,
@@ -127,6 +126,7 @@ def evaluate_program(
     Args:
         path: of a program, a trajectory or a recording.
         scenario: the cell: robot, body, detector, reaction and limits. Of a line, its pose is where the program starts.
+        others: of the same arm, against other bodies or with other places of it; the hardest contact counts.
         max_speed_mm_s: no speed of the tip is raised above it.
         faster: raise speeds that are lower than safe; else they are only lowered.
         progress: is told the share that is done.
@@ -138,7 +138,7 @@ def evaluate_program(
     if not low <= max_speed_mm_s <= high:
         raise InputError("--max-speed", f"{max_speed_mm_s:g} mm/s cannot be used", f"wanted {low:g} to {high:g}")
     import_ruckig()
-    cell = Cell(scenario)
+    cell = Cell(scenario, *others)
     source = read_source(Path(path), cell, max_speed_mm_s / 1e3)
     found: list[SegmentResult] = []
     for number, segment in enumerate(source.segments):
@@ -224,6 +224,7 @@ def _judgement_json(judgement: Judgement, segment: Segment, factor: float, durat
     return {
         "outcome": outcome_word(judgement),
         "reason": judgement.verdict.reason if judgement.verdict is not None else judgement.why,
+        "body": None if judgement.cell is None else judgement.cell.scenario.contact.body,
         "force_N": _finite(judgement.force),
         "worst_line": worst_line(judgement, segment, factor),
         "worst_s": _finite(judgement.worst_s),
