@@ -59,11 +59,11 @@ def bell(begin: FloatArray, end: FloatArray, duration: float, t: FloatArray) -> 
     return np.asarray(begin + (end - begin) * (10 * s**3 - 15 * s**4 + 6 * s**5))
 
 
-def mutated(sources: tuple[bytes, ...], seed: int) -> bytes:
-    """Bytes of two programs with some swapped, dropped, doubled or thrown in."""
+def mutated(sources: tuple[bytes, ...], seed: int, *, whole: bool = False) -> bytes:
+    """Bytes of two programs, or of one as a ``whole``, with some swapped, dropped, doubled or thrown in."""
     draw = random.Random(seed)
     one, other = draw.choice(sources), draw.choice(sources)
-    text = bytearray(one[: draw.randint(0, len(one))] + other[draw.randint(0, len(other)) :])
+    text = bytearray(one if whole else one[: draw.randint(0, len(one))] + other[draw.randint(0, len(other)) :])
     for _ in range(draw.randint(0, 12)):
         at = draw.randint(0, len(text))
         what = draw.randint(0, 3)
