@@ -202,6 +202,17 @@ def test_accelerations_stay_within_those_of_the_reaction() -> None:
     assert 9 < greatest(greatest_factor(segment, cell(), 100.0)) < 11.4
 
 
+def test_a_speed_that_nobody_said_keeps_to_them_too(tmp_path: Path) -> None:
+    text = "DEF p()\nLIN {X -600,Y -174,Z 690,A 0,B 0,C 180} C_DIS\nLIN {X -600,Y -300,Z 690,A 0,B 0,C 180}\nEND\n"
+    (tmp_path / "p.src").write_text(text.replace("LIN", "$APO.CDIS=5\nLIN", 1))
+    # A body that feels next to nothing: the joints decide.
+    soft = bs.load_scenario(EXAMPLES / "cell.toml", {"contact.stiffness_N_m": 200.0})
+    (one,) = evaluate_program(tmp_path / "p.src", soft).segments
+    assert one.segment.bends(1.0).max() > 20
+    assert 9.8 < one.segment.bends(one.factor).max() < 10.2
+    assert one.limited_by == "slower_only"
+
+
 @pytest.mark.parametrize(
     ("changes", "field"),
     [

@@ -163,7 +163,8 @@ def _found(source: Source, segment: Segment, cell: Cell, max_speed: float, *, fa
     if not segment.speed_known and not all(source.may_be_raised(place) for place in segment.places()):
         return SegmentResult(segment, Judgement(None, "its speed may be set by what is not understood"))
     raised = faster and segment.speed_known
-    safe = highest_safe(segment, cell, greatest_factor(segment, cell, max_speed) if raised else 1.0, present)
+    most = greatest_factor(segment, cell, max_speed) if faster or not segment.speed_known else 1.0
+    safe = highest_safe(segment, cell, most, present)
     limited_by = "slower_only" if safe.limited_by == "max_speed" and not raised else safe.limited_by
     found = SegmentResult(segment, present, duration, safe.factor, safe.factor, limited_by)
     if present.conclusion == "acceptable" and 1.0 <= safe.factor < _WORTH_IT:

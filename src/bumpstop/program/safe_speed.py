@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 # How closely the speed is found, as a share. Motions are no longer than this share of the longest that are judged.
 _PRECISION, _LONGEST = 0.004, 0.98
-_NEAR = 1.002  # how closely the greatest factor is found
+# How closely the greatest factor is found, and how low it may be of a speed that is only tried.
+_NEAR, _LEAST = 1.002, 1e-3
 # Where the cell's own verdict does not accept what was found, it is lowered by steps.
 _EASE, _EASINGS = 0.98, 8
 
@@ -44,8 +45,9 @@ class SafeSpeed:
 
 
 def greatest_factor(segment: Segment, cell: Cell, max_speed: float) -> float:
-    """Beyond it nothing gets faster, or a limit of the tool, the language or the joints is passed; 1 at least.
+    """Beyond it nothing gets faster, or a limit of the tool, the language or the joints is passed.
 
+    It is 1 at least of the program's speed, and 1 at most of a speed that is only tried, as the program says none.
     What bends of the path ask of the joints grows with the square of the speed: it stays within the accelerations of
     the reaction, or within the program's own where they are greater.
 
@@ -58,8 +60,9 @@ def greatest_factor(segment: Segment, cell: Cell, max_speed: float) -> float:
     def load(factor: float) -> float:
         return float((segment.bends(factor) / cell.joint_acceleration).max())
 
-    most = segment.max_factor(max_speed)
-    low, high, allowed = 1.0, most, max(1.0, load(1.0))
+    known = segment.speed_known
+    most = segment.max_factor(max_speed) if known else 1.0
+    low, high, allowed = 1.0 if known else _LEAST, most, max(1.0, load(1.0)) if known else 1.0
     if load(most) <= allowed:
         return most
     while high > _NEAR * low:
@@ -95,7 +98,7 @@ def highest_safe(segment: Segment, cell: Cell, most: float, present: Judgement) 
 
     slowest = max(MIN_SPEED, tool * motion.duration / (_LONGEST * MAX_DURATION_S))
     within = SearchRange(
-        first=np.array([tool]),
+        first=np.array([min(most, 1.0) * tool]),
         undetected=np.zeros(1),
         min_speed=np.array([min(slowest, tool)]),
         max_speed=np.array([most * tool]),
