@@ -36,33 +36,6 @@ class SearchRange:
     min_speed: FloatArray
     max_speed: FloatArray
 
-    def of(self, rows: npt.NDArray[np.int64]) -> SearchRange:
-        """The same of some rows."""
-        first, undetected = self.first[rows], self.undetected[rows]
-        return SearchRange(
-            first=first, undetected=undetected, min_speed=self.min_speed[rows], max_speed=self.max_speed[rows]
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class _Bracket:
-    """Between which speeds the highest is.
-
-    Attributes:
-        met: fastest speed known to be safe, or 0 (N,) [m/s].
-        fails: slowest known not to be, or infinite (N,) [m/s].
-        low: force at the former (N,) [N].
-        high: force at the latter (N,) [N].
-    """
-
-    met: FloatArray
-    fails: FloatArray
-    low: FloatArray
-    high: FloatArray
-
-    def of(self, rows: npt.NDArray[np.int64]) -> _Bracket:
-        return _Bracket(self.met[rows], self.fails[rows], self.low[rows], self.high[rows])
-
 
 def highest_met(
     tried: Callable[[npt.NDArray[np.int64], FloatArray], Tried], limit: float, within: SearchRange, close: float = CLOSE
@@ -77,51 +50,38 @@ def highest_met(
         within: what is known before.
         close: how near to each other, as a share, a speed that is met and one that is not are in the end.
     """
-    max_speed, min_speed, count = within.max_speed, within.min_speed, len(within.first)
-    nothing, unknown = np.zeros(count), np.full(count, np.inf)
-    found = _Bracket(nothing, unknown, nothing.copy(), unknown.copy())
-    met, fails = found.met, found.fails
-    trial = within.first.copy()
-    open_ = np.flatnonzero(max_speed >= min_speed)
-    evaluations = 0
+    max_speed, min_speed, undetected = within.max_speed, within.min_speed, within.undetected
+    # Fastest speed known to be safe and slowest known not to be [m/s], and the forces there [N].
+    met, low = np.zeros_like(max_speed), np.zeros_like(max_speed)
+    fails, high = np.full_like(max_speed, np.inf), np.full_like(max_speed, np.inf)
+
+    def following(number: int) -> FloatArray:
+        """Where a straight line through the logarithms reaches the limit, or steps where there is none yet."""
+        # Where even what is missed passes the limit, nothing tells how far it is up: steps of 1 % would never arrive.
+        least = min(2.0, (1 + CLOSE) ** (2 ** min(number, 7)))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.log(limit / low) / np.log(high / low)
+            between = met * (fails / met) ** np.clip(share, 0.1, 0.9) * (1 - 0.2 * close)
+            if number > 8 and number % 3 == 2:
+                between = np.sqrt(met * fails)
+            between = np.where(np.isfinite(between) & (between > met), between, np.sqrt(met * fails))
+            left = (limit - undetected) / (low - undetected)
+            up = met * np.clip(np.where(left > 0, left**0.8, 3.0), least, 3.0)
+            down = fails * np.clip(limit / np.where(np.isfinite(high), high, 4 * limit), 0.2, 0.6)
+        trial = np.where(met > 0, np.where(np.isfinite(fails), between, up), np.maximum(down, min_speed))
+        return np.asarray(np.minimum(trial, max_speed))
+
+    trial, open_, evaluations = within.first, np.flatnonzero(max_speed >= min_speed), 0
     for number in range(_ROUNDS):
         if not open_.size:
             break
         v = trial[open_]
         good, force = tried(open_, v)
         evaluations += open_.size
-        for rows, at, forces, chosen in (
-            (open_[good], met, found.low, good),
-            (open_[~good], fails, found.high, ~good),
-        ):
-            at[rows], forces[rows] = v[chosen], np.nan_to_num(force[chosen], nan=np.inf, posinf=np.inf)
+        for speeds, forces, chosen in ((met, low, good), (fails, high, ~good)):
+            rows = open_[chosen]
+            speeds[rows], forces[rows] = v[chosen], np.nan_to_num(force[chosen], nan=np.inf, posinf=np.inf)
         done = (met >= max_speed * (1 - 1e-12)) | (fails <= met * (1 + close)) | (fails <= min_speed * (1 + 1e-9))
         open_ = open_[~done[open_]]
-        trial[open_] = _next(found.of(open_), limit, within.of(open_), number, close)
+        trial = following(number)
     return met, evaluations
-
-
-def _next(found: _Bracket, limit: float, within: SearchRange, number: int, close: float) -> FloatArray:
-    """Speeds to try: where a straight line through the logarithms reaches the limit, or steps where there is none yet.
-
-    Args:
-        found: so far.
-        limit: force to reach [N].
-        within: what is known before.
-        number: of the round, from 0.
-        close: see :func:`highest_met`.
-    """
-    # Where even what is missed passes the limit, nothing tells how far it is up: steps of 1 % would never arrive.
-    least = min(2.0, (1 + CLOSE) ** (2 ** min(number, 7)))
-    met, fails, low, high, undetected = found.met, found.fails, found.low, found.high, within.undetected
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.log(limit / low) / np.log(high / low)
-        between = met * (fails / met) ** np.clip(share, 0.1, 0.9) * (1 - 0.2 * close)
-        if number > 8 and number % 3 == 2:
-            between = np.sqrt(met * fails)
-        between = np.where(np.isfinite(between) & (between > met), between, np.sqrt(met * fails))
-        left = (limit - undetected) / (low - undetected)
-        up = met * np.clip(np.where(left > 0, left**0.8, 3.0), least, 3.0)
-        down = fails * np.clip(limit / np.where(np.isfinite(high), high, 4 * limit), 0.2, 0.6)
-    trial = np.where(met > 0, np.where(np.isfinite(fails), between, up), np.maximum(down, within.min_speed))
-    return np.asarray(np.minimum(trial, within.max_speed))
