@@ -202,6 +202,14 @@ def test_accelerations_stay_within_those_of_the_reaction() -> None:
     assert 9 < greatest(greatest_factor(segment, cell(), 100.0)) < 11.4
 
 
+def test_a_time_is_not_shortened_beyond_the_accelerations() -> None:
+    (segment,) = segments("movej([0.3, -1.57, 1.57, -1.57, -1.57, 0], t=4)")
+    most = greatest_factor(segment, cell(), 100.0)
+    # Up and down in half of the time each, less what rounds the ramp off: 2 d / t over t / 2 - 0.05 s.
+    time = 4 / most
+    assert 4 * 0.3 / time / (time - 0.1) == pytest.approx(10, rel=0.02)
+
+
 def test_a_speed_that_nobody_said_keeps_to_them_too(tmp_path: Path) -> None:
     text = "DEF p()\nLIN {X -600,Y -174,Z 690,A 0,B 0,C 180} C_DIS\nLIN {X -600,Y -300,Z 690,A 0,B 0,C 180}\nEND\n"
     (tmp_path / "p.src").write_text(text.replace("LIN", "$APO.CDIS=5\nLIN", 1))

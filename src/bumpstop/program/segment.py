@@ -58,7 +58,10 @@ class Segment(Protocol):
         ...
 
     def bends(self, factor: float) -> FloatArray:
-        """Greatest joint accelerations that the shape of the path asks for at a factor (dof,) [rad/s2 or m/s2]."""
+        """Greatest joint accelerations that a factor changes (dof,) [rad/s2 or m/s2]: those of the path's bends.
+
+        Of a move whose time is given those of its ramps, too, or more.
+        """
         ...
 
     def places(self) -> Sequence[object]:
@@ -192,9 +195,13 @@ class MoveSegment:
 
     def bends(self, factor: float) -> FloatArray:  # noqa: D102
         path, motion = self._motion(factor)
-        u, speed, _ = motion.at(np.linspace(0, motion.duration, _TIMES))
+        u, speed, change = motion.at(np.linspace(0, motion.duration, _TIMES))
         # Between samples of the path its second derivative is a straight line.
-        return np.asarray((np.abs(path(path.x, 2)) * np.interp(path.x, u, speed)[:, None] ** 2).max(axis=0))
+        found = np.abs(path(path.x, 2)) * np.interp(path.x, u, speed)[:, None] ** 2
+        if any(slot.time for slot in self.places()):
+            # In less time the arm also speeds up more.
+            found += np.abs(path(path.x, 1)) * np.abs(change).max()
+        return np.asarray(found.max(axis=0))
 
     def line_at(self, t: float, motion: Trajectory) -> int:  # noqa: D102
         q = motion.at(min(max(t, 0.0), motion.duration))
