@@ -24,7 +24,7 @@ from docs.pages import AS_DOCTEST, ROOT, WIDTH, blocks, code, read, rows, sectio
 def consoles() -> list[Any]:
     """Each console of the pages as commands with what they print."""
     found = []
-    for page in ("reference/cli.md", "reference/study.md"):
+    for page in ("reference/cli.md", "reference/study.md", "how_to/program.md"):
         for number, text in enumerate(blocks(ROOT / "docs" / page, "console"), start=1):
             parts = re.split(r"^\$ (.*)\n", text, flags=re.MULTILINE)
             assert parts[0] == ""

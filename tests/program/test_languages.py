@@ -54,7 +54,11 @@ def test_urscript_defaults_and_arguments() -> None:
         ("x = 0.1\nx = 0.2\nmovej({A}, v=x)", "speed is not known"),
         ("movej(get_target())", "target is not known"),
         ("q = {A}\nq[0] = 1\nmovej(q)", "target is not known"),
-        ("movej({A}, t=2)", "time t is given"),
+        ("movej({A}, t=2, r=0.1)", "time t is given with a blend"),
+        ("movel({A}, t=0.1)", "below 0.2 s"),
+        ("movec(p[-0.7,-0.1,0.6,0,0,0], p[-0.7,0,0.6,3.1,0,0], mode=1)", "its mode turns the tool"),
+        ("movec(x(), p[-0.7,0,0.6,3.1,0,0])", "target is not known"),
+        ("pick(1)\nmovej({A})\nmovel(p[-0.7,-0.17,0.6,3.1,0,0])", "tool or frame"),
         ("movej([0, 1, 2])", "has 3 joints"),
         ("set_tcp(tool())\nmovel(p[-0.7,-0.17,0.6,3.1,0,0])", "tool or frame"),
         ("movel(p[5,0,0,0,0,0])", "cannot follow"),
@@ -74,11 +78,83 @@ def test_where_a_move_begins() -> None:
     assert found == ["", "", "where it begins is not known", ""]
 
 
+def test_a_tool_that_is_set_again_is_known_again() -> None:
+    text = f"pick(1)\nmovej({ASIDE})\nset_tcp(p[0,0,0,0,0,0])\nmovel(p[-0.65,-0.38,0.6,3.1,0,0])"
+    assert whys(text) == ["where it begins is not known", ""]
+
+
 def test_loops_begin_where_they_end() -> None:
     text = f"def main():\n movej({ASIDE})\n while True:\n  movej({HOME})\n  turn()\n end\nend\n"
     text += f"def turn():\n movej({ASIDE}, v=0.2)\nend"
     found = [visit for chain in chains(read_urscript(text.encode()), start=False) for visit in chain]
     assert [(visit.move.line, visit.why) for visit in found] == [(2, "where it begins is not known"), (4, ""), (9, "")]
+
+
+ARC = {
+    "URScript": b"movec(p[-0.75,-0.1,0.65,1,2,3], p[-0.7,0,0.7,3.1,0,0.2], a=2, v=0.2)",
+    "KRL": b"$VEL.CP=0.2\nCIRC {X -750,Y -100,Z 650},{X -700,Y 0,Z 700,A %f,B %f,C %f}",
+    "RAPID": b"PROC a()\n MoveC [[-750,-100,650],[1,0,0,0],[0,0,0,0],[9E9]],[[-700,0,700],[%f,%f,%f,%f],"
+    b"[0,0,0,0],[9E9]],v200,fine,tool0;\nENDPROC",
+}
+
+
+def test_arcs_go_through_three_points_in_every_language() -> None:
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_rotvec((3.1, 0, 0.2))
+    x, y, z, w = turn.as_quat()
+    a, b, c = turn.as_euler("ZYX", degrees=True)
+    texts = ARC["URScript"], ARC["KRL"] % (a, b, c), ARC["RAPID"] % (w, x, y, z)
+    paths = []
+    for text, read in zip(texts, (read_urscript, read_krl, read_rapid), strict=True):
+        ((visit,),) = chains(read(text))
+        assert visit.why == ""
+        assert visit.leg is not None
+        assert [slot.value for slot in visit.slots] == [200 if read is read_rapid else 0.2]
+        paths.append(visit.leg.q)
+    poses = cell().robot.pose(paths[0])
+    place, via, end = poses[:, :3, 3], np.array([-0.75, -0.1, 0.65]), np.array([-0.7, 0, 0.7])
+    begin = place[0]
+    # As far from one point as from the other two, in their plane.
+    normal = np.cross(via - begin, end - begin)
+    equations = np.stack([via - begin, end - begin, normal])
+    centre = np.linalg.solve(equations, [((p - begin) @ (p + begin)) / 2 for p in (via, end)] + [normal @ begin])
+    radius = np.linalg.norm(begin - centre)
+    assert np.abs(np.linalg.norm(place - centre, axis=1) - radius).max() < 1e-7
+    assert np.abs((place - begin) @ normal).max() < 1e-8
+    step = np.linalg.norm(np.diff(place, axis=0), axis=1)
+    assert step.max() == pytest.approx(step.min(), rel=1e-5)
+    nearest = np.linalg.norm(place - via, axis=1)
+    assert nearest.min() <= step.max() / 2
+    assert 0.2 < nearest.argmin() / len(place) < 0.8
+    assert np.allclose(poses[-1], transform((*end, 3.1, 0, 0.2)), atol=1e-8)
+    for other in paths[1:]:
+        assert np.allclose(other, paths[0], atol=1e-5)
+
+
+def test_arcs_that_cannot_be_followed() -> None:
+    begin = cell().robot.pose(cell().start)[:3, 3]
+    near, far = (", ".join(map(repr, (begin + np.array([0, 0, -d])).tolist())) for d in (0.05, 0.1))
+    assert whys(f"movec(p[{near}, 3.1, 0, 0], p[{far}, 3.1, 0, 0])") == ["the three points of its arc lie on a line"]
+    krl = b"$VEL.CP=0.2\nCIRC {X -750,Y -100,Z 650},{X -700,Y 0,Z 700,A 0,B 0,C 180},CA 90\n"
+    ((visit,),) = chains(read_krl(krl))
+    assert visit.why == "it is not understood"
+
+
+def test_what_a_subprogram_may_set_is_not_known_after_it() -> None:
+    move = b"LIN {X -690,Y -174,Z 600,A 0,B 0,C 180}\nPTP {A1 10,A2 -90,A3 90,A4 -90,A5 -90,A6 0}\n"
+    ptp = b"PTP {A1 17,A2 -90,A3 90,A4 -90,A5 -90,A6 0}\n"
+    known = [visit for chain in chains(read_krl(b"$VEL.CP=0.2\n$VEL_AXIS=10\n" + move)) for visit in chain]
+    assert [visit.why for visit in known] == ["", ""]
+    text = b"$VEL.CP=0.2\n$VEL_AXIS=10\nGRIP(1)\n" + ptp + move
+    after = [visit for chain in chains(read_krl(text)) for visit in chain]
+    assert {visit.why for visit in after} == {"its speed may be one of several"}
+    text = b"GRIP(1)\n$VEL.CP=0.2\n$VEL_AXIS=10\n" + ptp + move
+    after = [visit for chain in chains(read_krl(text)) for visit in chain]
+    assert [visit.why for visit in after[:2]] == [
+        "where it begins is not known",
+        "the tool or frame of its target is not known",
+    ]
 
 
 def test_tools_and_rotations() -> None:
@@ -139,6 +215,12 @@ def test_rapid_speeds_and_zones() -> None:
         *["\\V:=12.34"] * 3,
         *["12.34"] * 2,
     ]
+    text = b"PROC a()\n MoveAbsJ [[17,-85,88,-93,-90,0],[9E9]],v100\\T:=4,fine,tool0;\n"
+    read = read_rapid(text + b" MoveL [[-600,-350,550],[0,1,0,0],[0,0,0,0],[9E9]],v9\\T:=2,z10,tool0;\nENDPROC")
+    (timed,), (blended,) = chains(read)
+    assert (timed.slots[0].value, timed.slots[0].unit, timed.why) == (4, "s", "")
+    assert "time T is given with a zone" in blended.why
+    assert "line 2: its time says nothing of its ramps" in read.notes[0]
     assert every[2].leg is not None
     assert np.allclose(cell().robot.pose(every[2].leg.q[-1])[:3, 3], (-0.6, -0.35, 0.47), atol=1e-8)
 
@@ -170,5 +252,5 @@ def test_what_is_not_understood_is_named_by_line() -> None:
     assert read.not_understood == ((2, "servoj(q, t=0.002)"), (4, "for i in y"))
     rapid = read_rapid(b"PROC a()\n  SearchL \\Stop, di1, p, p10, v100, tool0;\nENDPROC\nENDIF\n")
     assert [line for line, _ in rapid.not_understood] == [2, 4]
-    krl = read_krl(b"DEF a()\n  CIRC P1, P2\n  $OV_PRO=50\nEND\nEND\n")
+    krl = read_krl(b"DEF a()\n  SPTP P1\n  $OV_PRO=50\nEND\nEND\n")
     assert [line for line, _ in krl.not_understood] == [2, 3, 5]

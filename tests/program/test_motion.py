@@ -12,22 +12,13 @@ import pytest
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.trajectory.trajectory import Trajectory
 from bumpstop.program.cell import write_trajectory
-from bumpstop.program.interpreter import Interpreter
-from bumpstop.program.languages.urscript import read_urscript
 from bumpstop.program.motion.kinematics import tool_line, transform
 from bumpstop.program.motion.timing import RAMP_S, PathMotion
-from bumpstop.program.segment import MoveSegment
 from bumpstop.program.trajectories.recorded import read_recorded
 from bumpstop.program.trajectories.trajectory_segment import TrajectorySegment, find_segments
-from program.corpora import cell
+from program.corpora import bell, cell, segments
 
 FAR, HIGH = "[0.9, -1.57, 1.57, -1.57, -1.57, 0]", "[0.9, -1.2, 1.4, -1.77, -1.57, 0]"
-
-
-def segments(text: str) -> list[MoveSegment]:
-    read = read_urscript(text.encode())
-    found = Interpreter(read, cell().robot, cell().start, "program").chains()
-    return [MoveSegment(chain, cell().robot, cell().joint_acceleration, 1.0) for chain in found]
 
 
 def dense(motion: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -60,6 +51,19 @@ def test_a_linear_move_stays_on_its_line_at_its_speed() -> None:
     assert np.allclose(poses[-1], transform((-0.45, -0.45, 0.45, 3.1, 0.2, 0.1)), atol=1e-8)
     speed = np.gradient(along, t)
     assert speed.max() == pytest.approx(0.2, rel=2e-3)
+
+
+def test_a_move_of_a_given_time_takes_it() -> None:
+    text = f"movej({FAR}, t=3)\nmovel(p[-0.45, -0.45, 0.45, 3.1, 0.2, 0.1], a=9, v=9, t=2.5)"
+    for segment, time in zip(segments(text), (3.0, 2.5), strict=True):
+        for factor in (1.0, 0.5, 1.25):
+            assert segment.at(factor).duration == pytest.approx(time / factor, rel=1e-3)
+    _, _, qd = dense(segments(text)[0].at(1.0))
+    # Nobody says how it speeds up: no motion of that way and time that speeds up evenly gets faster.
+    assert np.abs(qd[:, 0]).max() == pytest.approx(2 * 0.9 / 3.0, rel=2e-2)
+    (slot,) = segments(text)[1].places()
+    assert slot.edit(segments(text)[1].new_value(slot, 0.3)).text == "8.334"
+    assert segments(text)[1].max_factor(100.0) <= 2.5 / 0.2
 
 
 def test_lines_that_the_arm_cannot_follow() -> None:
@@ -105,11 +109,6 @@ def test_a_motion_has_limited_jerk_and_an_inverse() -> None:
     assert speed.max() <= 1 + 1e-9
     assert np.abs(np.gradient(acceleration, t)).max() <= 1.001 * 3.0 / RAMP_S
     assert np.allclose(motion.times(u[::100])[1:-1], t[::100][1:-1], atol=1e-9)
-
-
-def bell(begin: FloatArray, end: FloatArray, duration: float, t: FloatArray) -> FloatArray:
-    s = np.clip(t / duration, 0, 1)[:, None]
-    return np.asarray(begin + (end - begin) * (10 * s**3 - 15 * s**4 + 6 * s**5))
 
 
 def recorded_moves(t: FloatArray) -> FloatArray:

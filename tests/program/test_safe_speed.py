@@ -13,8 +13,11 @@ import bumpstop as bs
 from bumpstop.cli.main import main
 from bumpstop.program.cell import Cell, write_trajectory
 from bumpstop.program.evaluation import ProgramResult, evaluate_program
-from bumpstop.program.onset_force import onset_forces
-from program.corpora import EXAMPLES, cell
+from bumpstop.program.safe_speed import greatest_factor, highest_safe
+from bumpstop.program.segment import MoveSegment
+from bumpstop.program.trajectories.trajectory_segment import TrajectorySegment
+from bumpstop.study.speed.onset_shares import onset_shares
+from program.corpora import EXAMPLES, bell, cell, segments
 
 SHORT = "[0.12, -1.57, 1.57, -1.57, -1.57, 0]"
 BACK = "[0, -1.57, 1.57, -1.57, -1.57, 0]"
@@ -72,7 +75,7 @@ def test_no_place_is_worse_than_the_worst(tmp_path: Path) -> None:
     write_trajectory(file, one.segment.at(1.0))
     problem = bs.CollisionProblem.from_scenario(result.cell.of(file))
     t = np.sort(np.random.default_rng(3).uniform(0, one.present_s, 60))
-    force = onset_forces(problem, t)
+    force = 160 * onset_shares(problem, t).exceeded_with(1e-3)
     assert force.max() <= one.present.force * (1 + 2e-3)
     # Two routes: the distribution of a whole evaluation of a contact there.
     for k in (20, 40):
@@ -107,11 +110,125 @@ END
     assert {one.written.conclusion for one in result.segments[:2]} == {"acceptable"}
 
 
+CELLS: dict[str, dict[str, object]] = {
+    "rigid": {},
+    "elastic": {"arm.model": "elastic"},
+    "free": {"contact.kind": "free", "contact.body_mass_kg": 3.0},
+    "elastic and free": {"arm.model": "elastic", "contact.kind": "free", "contact.body_mass_kg": 12.0},
+    "gauge": {"contact.gauge_spring_N_m": 75e3, "contact.gauge_mass_kg": 2.0},
+    "damping": {"contact.damping_Ns_m": 500.0},
+    "observer": {"detector.residual": "observer"},
+    "reversing": {"reaction.kind": "reverse"},
+}
+
+
+def across() -> MoveSegment:
+    (segment,) = segments("movej([0.4, -1.5, 1.5, -1.5, -1.5, 0.3], a=20, v=0.2)")
+    return segment
+
+
+@pytest.mark.parametrize("changes", CELLS.values(), ids=CELLS)
+def test_whatever_gives_way_is_judged_as_evaluate_judges_it(changes: dict[str, object]) -> None:
+    other = Cell(bs.load_scenario(EXAMPLES / "cell.toml", changes))
+    segment = across()
+    judged = other.judge(segment.at(1.0))
+    # The search's own force is that of a whole evaluation of a contact at the worst place.
+    assert judged.share * other.allowed_force == pytest.approx(judged.force, rel=1e-9)
+    safe = highest_safe(segment, other, 8.0, judged)
+    assert safe.judged is not None
+    assert safe.judged.conclusion == "acceptable"
+    assert safe.limited_by == "limits"
+    assert other.judge(segment.at(1.05 * safe.factor)).conclusion == "not_acceptable"
+
+
+def test_the_hardest_of_several_bodies_counts() -> None:
+    place = EXAMPLES / "place.script"
+    arm, elbow = (bs.load_scenario(EXAMPLES / name) for name in ("cell.toml", "elbow.toml"))
+    both = evaluate_program(place, arm, elbow).to_json()
+    each = [evaluate_program(place, cell).to_json() for cell in (arm, elbow)]
+    assert [body["body"] for body in both["bodies"]] == ["lower_arm_wrist", "upper_arm_elbow"]
+    hit = set()
+    for one, *alone in zip(both["segments"], *(found["segments"] for found in each), strict=True):
+        share = [a["present"]["force_N"] / b["allowed_force_N"] for a, b in zip(alone, both["bodies"], strict=True)]
+        worst = int(np.argmax(share))
+        assert one["present"]["body"] == both["bodies"][worst]["body"]
+        assert one["present"]["force_N"] == pytest.approx(alone[worst]["present"]["force_N"])
+        assert one["factor"] == pytest.approx(min(a["factor"] for a in alone), rel=0.01)
+        hit.add(worst)
+    assert hit == {0, 1}
+
+
+@pytest.mark.parametrize(
+    ("changes", "what"), [({"robot": "ur5e"}, "robot"), ({"pose_deg": [1, -90, 90, -90, -90, 0]}, "start")]
+)
+def test_bodies_stand_beside_one_arm(changes: dict[str, object], what: str) -> None:
+    arm = bs.load_scenario(EXAMPLES / "cell.toml")
+    with pytest.raises(bs.InputError, match=f"two cells have another {what}; give cells of one {what}"):
+        Cell(arm, arm.with_values(changes))
+
+
+def test_two_phases_are_judged_by_both_limits() -> None:
+    other = Cell(bs.load_scenario(EXAMPLES / "cell.toml", {"verdict.clamped_limit": "two_phase", **CELLS["reversing"]}))
+    segment = across()
+    safe = highest_safe(segment, other, 8.0, other.judge(segment.at(1.0)))
+    assert safe.judged is not None
+    assert safe.judged.conclusion == "acceptable"
+    assert safe.judged.force > 1.2 * other.allowed_force  # of the quasi-static limit, which does not count at first
+    assert other.judge(segment.at(1.05 * safe.factor)).conclusion == "not_acceptable"
+
+
+def test_slow_motions_that_a_formula_finds_too_fast_have_a_safe_speed() -> None:
+    begin = np.array([-0.077, -1.435, 2.036, -1.39, -1.675, -0.311])
+    end = np.array([0.01, -1.181, 1.847, -1.749, -1.149, -0.031])
+    t = np.linspace(0, 7.0, 351)
+    robot, acceleration, q = cell().robot, cell().joint_acceleration, bell(begin, end, 7.0, t)
+    segment = TrajectorySegment("s", (1, 351), (0, 350), robot, t, q, None, acceleration, dense=True)
+    present = cell().judge(segment.at(1.0))
+    safe = highest_safe(segment, cell(), 3.0, present)
+    assert present.conclusion == "acceptable"
+    assert safe.factor > 1
+
+
+def test_accelerations_stay_within_those_of_the_reaction() -> None:
+    moves = "movej([0.9, -1.57, 1.57, -1.57, -1.57, 0], v=0.2, r=0.05)\nmovej([0.9, -1.2, 1.4, -1.77, -1.57, 0], v=0.2)"
+    (segment,) = segments(moves)
+
+    def greatest(factor: float) -> float:
+        motion = segment.at(factor)
+        return float(np.abs(motion.at(np.linspace(0, motion.duration, 5001), 2)).max())
+
+    assert greatest(segment.max_factor(100.0)) > 20
+    # The cell's joint acceleration is 10 rad/s2, to which the program's own 1.4 of its ramps may come.
+    assert 9 < greatest(greatest_factor(segment, cell(), 100.0)) < 11.4
+
+
+def test_a_time_is_not_shortened_beyond_the_accelerations() -> None:
+    (segment,) = segments("movej([0.3, -1.57, 1.57, -1.57, -1.57, 0], t=4)")
+    most = greatest_factor(segment, cell(), 100.0)
+    # Up and down in half of the time each, less what rounds the ramp off: 2 d / t over t / 2 - 0.05 s.
+    time = 4 / most
+    assert 4 * 0.3 / time / (time - 0.1) == pytest.approx(10, rel=0.02)
+
+
+def test_a_speed_that_nobody_said_keeps_to_them_too(tmp_path: Path) -> None:
+    text = "DEF p()\nLIN {X -600,Y -174,Z 690,A 0,B 0,C 180} C_DIS\nLIN {X -600,Y -300,Z 690,A 0,B 0,C 180}\nEND\n"
+    (tmp_path / "p.src").write_text(text.replace("LIN", "$APO.CDIS=5\nLIN", 1))
+    # A body that feels next to nothing: the joints decide.
+    soft = bs.load_scenario(EXAMPLES / "cell.toml", {"contact.stiffness_N_m": 200.0})
+    (one,) = evaluate_program(tmp_path / "p.src", soft).segments
+    assert one.segment.bends(1.0).max() > 20
+    assert 9.8 < one.segment.bends(one.factor).max() < 10.2
+    assert one.limited_by == "slower_only"
+
+
 @pytest.mark.parametrize(
     ("changes", "field"),
     [
-        ({"contact.kind": "free", "contact.body_mass_kg": 3.0}, "contact.kind"),
-        ({"verdict.clamped_limit": "two_phase"}, "verdict.clamped_limit"),
+        ({"contact.kind": "free", "contact.arm": "two_mass"}, "contact.arm"),
+        ({"contact.kind": "free", "contact.body": "skull_forehead"}, "contact.body"),
+        ({"contact.link": "elbow"}, "contact.link"),
+        ({"reaction.stop_category": 0}, "reaction.stop_category"),
+        ({"arm.model": "elastic", "verdict.clamped_limit": "two_phase"}, "verdict.clamped_limit"),
     ],
 )
 def test_cells_that_cannot_judge(changes: dict[str, object], field: str) -> None:

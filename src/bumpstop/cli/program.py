@@ -28,7 +28,11 @@ def command(
         ),
     ],
     scenario: Annotated[
-        Path, typer.Option(metavar="SCENARIO", help="The cell: robot, body, detector, reaction, limits (TOML).")
+        list[Path],
+        typer.Option(
+            metavar="SCENARIO",
+            help="The cell: robot, body, detector, reaction, limits (TOML). Several: other bodies, other links.",
+        ),
     ],
     out: Annotated[
         Path | None,
@@ -60,9 +64,9 @@ def command(
         from bumpstop.program.writing import check_target
 
         check_target(program, out)
-    checked = load_scenario(scenario, dict(change(text) for text in changes or []))
+    checked = [load_scenario(file, dict(change(text) for text in changes or [])) for file in scenario]
     with progress("judging segments") as share:
-        result = evaluate_program(program, checked, max_speed_mm_s=max_speed, faster=not only_slower, progress=share)
+        result = evaluate_program(program, *checked, max_speed_mm_s=max_speed, faster=not only_slower, progress=share)
     files = []
     if out is not None:
         from bumpstop.program.writing import write_program
@@ -88,7 +92,9 @@ def _print(result: ProgramResult) -> None:
 
     console = Console(highlight=False, markup=False)
     table = Table(box=None, pad_edge=False)
-    for heading in ("", "line", "segment", "worst at", "force, N", "mm/s", "safe mm/s", "written", "won, s"):
+    bodies = result.cell.bodies
+    several = ["body"] if len(bodies) > 1 else []
+    for heading in ("", "line", "segment", "worst at", *several, "force, N", "mm/s", "safe mm/s", "written", "won, s"):
         right = heading in ("force, N", "mm/s", "safe mm/s", "won, s")
         table.add_column(heading, justify="right" if right else "left", no_wrap=heading != "worst at", overflow="fold")
     for one in result.segments:
@@ -98,6 +104,7 @@ def _print(result: ProgramResult) -> None:
             _lines(one),
             one.segment.name,
             _place(one),
+            *([_body(one)] if several else []),
             _number(one.present.force),
             _number(1e3 * one.present.tool_speed),
             _safe(one),
@@ -113,9 +120,9 @@ def _print(result: ProgramResult) -> None:
     for note in result.source.notes:
         console.print(f"note: {note}", soft_wrap=True)
     won = sum(one.won_s for one in result.segments if math.isfinite(one.won_s))
+    against = " and ".join(f"{body.scenario.contact.body}, {body.allowed_force:.4g} N allowed" for body in bodies)
     console.print(
-        f"{result.source.language} against {result.cell.scenario.contact.body}, "
-        f"{result.cell.allowed_force:.4g} N allowed: {result.present} as given, {result.written_outcome} as written, "
+        f"{result.source.language} against {against}: {result.present} as given, {result.written_outcome} as written, "
         f"{abs(won):.2f} s {'won' if won >= 0 else 'lost'}",
         soft_wrap=True,
     )
@@ -133,6 +140,11 @@ def _lines(one: SegmentResult) -> str:
 
 def _place(one: SegmentResult) -> str:
     return ", ".join(f"{1e3 * x:.0f}" for x in one.present.worst_m) or "-"
+
+
+def _body(one: SegmentResult) -> str:
+    cell = one.present.cell
+    return "-" if cell is None else str(cell.scenario.contact.body)
 
 
 def _number(value: float, form: str = ".4g") -> str:

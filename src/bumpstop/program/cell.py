@@ -1,36 +1,35 @@
-"""The cell that segments are judged in: a scenario whose motion is replaced by theirs."""
+"""The cell that segments are judged in: scenarios whose motion is replaced by theirs."""
 
 from __future__ import annotations
 
 import math
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bumpstop.collision import CollisionProblem, evaluate
 from bumpstop.collision.scenario.scenario import Scenario
-from bumpstop.collision.trajectory.trajectory import point_motion, point_places
+from bumpstop.collision.trajectory.trajectory import Trajectory, checked_motion, point_motion, point_places
+from bumpstop.collision.trajectory.trajectory_file import Rows
 from bumpstop.errors import InputError
-from bumpstop.program.onset_force import worst_onset
-from bumpstop.study.prediction import predicted_speed_limit, stopping_time_per_speed, undetected_force
+from bumpstop.program.worst_onset import worst_onset
 from bumpstop.study.requirement.risk import allowed_force
-from bumpstop.study.speed.speed_limit import MIN_SPEED
 from bumpstop.text_files import write_text
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
-    from bumpstop.collision.trajectory.trajectory import Trajectory
     from bumpstop.collision.verdict.verdict import Verdict
     from bumpstop.model import Robot
 
 # Keys that say where the body is on a line; on a trajectory contact begins at any time.
 _OFFSET = ("offset_law", "offset_sd_s", "offset_mm")
 _PLACEHOLDER = "segment.csv"
-_PLACES, _MOVES = 200, 1e-6  # looked at along a motion; [m/s]
+# What is worse; a body that is not touched counts least.
+_RANK = {"not_acceptable": 3, "inconclusive": 2, "acceptable": 1}
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,17 +40,21 @@ class Judgement:
         verdict: None where there is none.
         why: there is none; else empty.
         force: peak force that is exceeded with the accepted probability [N]; NaN without a verdict.
+        share: that force over the allowed one, as the search for speeds has it; NaN without a verdict.
         worst_s: time of the motion at which contact is hardest [s].
         worst_m: where the contact point is then, base frame (3,) [m].
         tool_speed: greatest of the tip [m/s].
+        cell: whose body is hit; None without a verdict.
     """
 
     verdict: Verdict | None
     why: str = ""
     force: float = math.nan
+    share: float = math.nan
     worst_s: float = math.nan
     worst_m: tuple[float, ...] = ()
     tool_speed: float = math.nan
+    cell: Cell | None = None
 
     @property
     def conclusion(self) -> str:
@@ -66,16 +69,20 @@ class Judgement:
 
 
 class Cell:
-    """A scenario to judge motions in.
+    """A scenario to judge motions in, or several: bodies beside one arm, and places of it that may hit them.
+
+    Attributes:
+        bodies: a cell for every scenario, this one first; a motion is judged by the hardest.
 
     Args:
         scenario: of a line or a trajectory, whose motion, pose and offset are not used, but for the start.
+        others: of the same arm and start.
 
     Raises:
-        InputError: the scenario cannot judge trajectories, or names no body region.
+        InputError: a scenario cannot judge trajectories, names no body region, or is of another arm or start.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, *others: Scenario) -> None:
         if scenario.uncertainty:
             problem = "is not taken into account for programs"
             raise InputError(
@@ -91,24 +98,28 @@ class Cell:
             data["contact"].pop("stiffness_N_mm", None)
         self.scenario = Scenario.from_dict(data, scenario.folder)
         self._check()
+        self.bodies: tuple[Cell, ...] = (self, *(Cell(other) for other in others))
+        for other in self.bodies[1:]:
+            for what, same in (
+                ("robot", _robot(other.scenario) == _robot(scenario)),
+                ("start", np.array_equal(_or_empty(other.start), _or_empty(self.start))),
+            ):
+                if not same:
+                    raise InputError("--scenario", f"two cells have another {what}", f"give cells of one {what}")
 
     def _check(self) -> None:
         scenario = self.scenario
         if scenario.contact.body is None:
             raise InputError("contact.body", "is missing", "a verdict needs limits: name a body region")
-        for key, found, wanted in (
-            ("contact.kind", scenario.contact.kind, "clamped"),
-            ("verdict.clamped_limit", scenario.verdict.clamped_limit, "quasi_static"),
-            ("arm.model", scenario.arm.model, "rigid"),
-        ):
-            if found != wanted:
-                raise InputError(key, f"{found!r} has no speed limits", f"wanted {wanted!r}")
         if scenario.detector.residuals is not None:
             raise InputError("detector.residuals", "have no integrated distribution", "give detector.noise_sd_Nm")
-        limits = self.at_rest.limits
-        if limits is None or not limits.permitted:
-            reason = "there is none" if limits is None else limits.reason
-            raise InputError("contact.body", f"no speed is safe: {reason}", "name another body region")
+        # The link that hits, and what an elastic arm needs to be known of it.
+        for name in ("contact_point", "setup"):
+            getattr(self.at_rest, name)
+        for limits in (self.at_rest.limits, self.at_rest.transient_limits or self.at_rest.limits):
+            if limits is None or not limits.permitted:
+                reason = "there is none" if limits is None else limits.reason
+                raise InputError("contact.body", f"no speed is safe: {reason}", "name another body region")
 
     @staticmethod
     def _start(scenario: Scenario) -> FloatArray | None:
@@ -123,8 +134,8 @@ class Cell:
 
     @cached_property
     def joint_acceleration(self) -> FloatArray:
-        """Of the reaction (dof,) [rad/s2 or m/s2]."""
-        return self.at_rest.joint_acceleration
+        """Of the reaction, the least of all cells' (dof,) [rad/s2 or m/s2]."""
+        return np.asarray(np.min([body.at_rest.joint_acceleration for body in self.bodies], axis=0))
 
     @cached_property
     def at_rest(self) -> CollisionProblem:
@@ -135,8 +146,6 @@ class Cell:
         robot = Robot.load(self.scenario.robot) if path is None else Robot.from_urdf(path)
         q = np.zeros(robot.dof) if self.start is None else self.start
         q = np.clip(q, robot.lower, robot.upper)
-        from bumpstop.collision.trajectory.trajectory import Trajectory
-
         still = Trajectory(np.array([0.0, 1.0]), np.stack([q, q]), np.zeros((2, robot.dof)))
         with tempfile.TemporaryDirectory() as folder:
             write_trajectory(Path(folder) / _PLACEHOLDER, still)
@@ -152,35 +161,13 @@ class Cell:
         at: float | str = "uniform" if onset_s is None else onset_s
         return self.scenario.with_values({"motion.file": str(file), "motion.contact_onset_s": at})
 
-    def force(self, trajectory: Trajectory) -> float:
-        """Peak force at its worst place that is exceeded with the accepted probability [N].
+    def share(self, trajectory: Trajectory) -> float:
+        """Peak force that is exceeded with the accepted probability, over the allowed one, at the worst place and body.
 
         Raises:
             InputError: the motion passes a limit of the robot.
         """
-        with tempfile.TemporaryDirectory() as folder:
-            return worst_onset(self._problem(Path(folder) / _PLACEHOLDER, trajectory))[1]
-
-    def speed_ratio(self, trajectory: Trajectory) -> float:
-        """Greatest speed of the tip over the highest that the formula of ``bumpstop study`` allows at its place.
-
-        Raises:
-            InputError: the motion passes a limit of the robot.
-        """
-        with tempfile.TemporaryDirectory() as folder:
-            problem = self._problem(Path(folder) / _PLACEHOLDER, trajectory)
-        t: FloatArray = (np.arange(_PLACES, dtype=np.float64) + 0.5) * (trajectory.duration / _PLACES)
-        velocity, jacobian = point_motion(trajectory, self.robot, problem.contact_point, t)
-        speed = np.linalg.norm(velocity, axis=1)
-        moving = speed > _MOVES
-        if not moving.any():
-            return 0.0
-        direction = velocity[moving] / speed[moving, None]
-        torque = np.einsum("nij,ni->nj", jacobian[moving], direction)
-        gain = stopping_time_per_speed(problem, trajectory.at(t, 1)[moving]) / speed[moving]
-        undetected = undetected_force(problem, torque, self.scenario.verdict.accepted_probability)
-        allowed = predicted_speed_limit(problem, undetected, gain, self.allowed_force)
-        return float((speed[moving] / np.maximum(allowed, MIN_SPEED)).max())
+        return max(worst_onset(body.problem(trajectory))[1] for body in self.bodies)
 
     def tool_speed(self, trajectory: Trajectory) -> float:
         """Greatest of the tip [m/s]."""
@@ -188,27 +175,56 @@ class Cell:
         velocity, _ = point_motion(trajectory, self.robot, self.robot.frame(None), t)
         return float(np.linalg.norm(velocity, axis=1).max())
 
-    def _problem(self, file: Path, trajectory: Trajectory) -> CollisionProblem:
-        write_trajectory(file, trajectory)
-        return CollisionProblem.from_scenario(self.of(file))
+    def problem(self, trajectory: Trajectory) -> CollisionProblem:
+        """Of a trajectory, with every check that reading it from a file makes.
+
+        Raises:
+            InputError: the motion passes a limit of the robot.
+        """
+        dof = self.robot.dof
+        names = [[f"{name}_{j + 1}" for j in range(dof)] for name in ("q", "qd")]
+        rows = Rows(trajectory.time, trajectory.position, trajectory.velocity, "row", *names)
+        step = self.scenario.simulation.step_s
+        motion = checked_motion(Path(_PLACEHOLDER), rows, self.robot, step)
+        return replace(self.at_rest, q=motion.position[0].copy(), trajectory=motion)
 
     def judge(self, trajectory: Trajectory) -> Judgement:
-        """A contact at the worst place, by the function that ``bumpstop evaluate`` uses, from the file it reads."""
+        """A contact at the worst place with the worst body."""
+        judged = [body._judge(trajectory) for body in self.bodies]
+        worst = max(judged, key=lambda one: (_RANK[one.conclusion] if one.share != 0 else 0, one.share))
+        return replace(worst, share=max((one.share for one in judged if one.share > 0), default=worst.share))
+
+    def _judge(self, trajectory: Trajectory) -> Judgement:
+        """Of this body alone, by the function that ``bumpstop evaluate`` uses, from the file it reads."""
         speed = self.tool_speed(trajectory)
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / _PLACEHOLDER
-            try:
-                problem = self._problem(file, trajectory)
-                worst, force = worst_onset(problem)
-                if force == 0:
-                    return Judgement(None, "the contact point touches nothing on the way", tool_speed=speed)
+        try:
+            problem = self.problem(trajectory)
+            worst, share = worst_onset(problem)
+            if share == 0:
+                return Judgement(None, "the contact point touches nothing on the way", share=0.0, tool_speed=speed)
+            with tempfile.TemporaryDirectory() as folder:
+                file = Path(folder) / _PLACEHOLDER
+                write_trajectory(file, trajectory)
                 result = evaluate(self.of(file, worst))
-            except InputError as error:
-                return Judgement(None, error.problem.replace(f"{file}: ", ""), tool_speed=speed)
+        except InputError as error:
+            return Judgement(None, error.problem.replace(f"{_PLACEHOLDER}: ", ""), tool_speed=speed)
         verdict = result.verdict
         where = point_places(trajectory, self.robot, problem.contact_point, np.array([worst]))[0]
         force = float(result.peak_force.quantile(1 - verdict.accepted_probability))
-        return Judgement(verdict, "", force, worst, tuple(float(x) for x in where), speed)
+        return Judgement(verdict, "", force, share, worst, tuple(float(x) for x in where), speed, self)
+
+    def to_json(self) -> dict[str, Any]:
+        """Of this body alone, as ``--json`` prints it."""
+        contact = self.scenario.contact
+        return {"body": contact.body, "link": contact.link, "allowed_force_N": self.allowed_force}
+
+
+def _robot(scenario: Scenario) -> str:
+    return str(scenario.robot_path or scenario.robot)
+
+
+def _or_empty(q: FloatArray | None) -> FloatArray:
+    return np.zeros(0) if q is None else q
 
 
 def write_trajectory(path: Path, trajectory: Trajectory) -> None:

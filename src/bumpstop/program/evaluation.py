@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from bumpstop.errors import InputError
 from bumpstop.program.cell import Cell, Judgement
 from bumpstop.program.motion.timing import import_ruckig
-from bumpstop.program.safe_speed import highest_safe
+from bumpstop.program.safe_speed import greatest_factor, highest_safe
 from bumpstop.program.source import Source, read_source
 
 if TYPE_CHECKING:
@@ -105,8 +105,7 @@ class ProgramResult:
             "language": self.source.language,
             "present": self.present,
             "written": self.written_outcome,
-            "body": self.cell.scenario.contact.body,
-            "allowed_force_N": self.cell.allowed_force,
+            "bodies": [body.to_json() for body in self.cell.bodies],
             "won_s": sum(one.won_s for one in known),
             "segments": [one.to_json() for one in self.segments],
             "not_understood": [{"line": line, "text": text} for line, text in self.source.not_understood],
@@ -117,7 +116,7 @@ class ProgramResult:
 def evaluate_program(
     path: Path | str,
     scenario: Scenario,
-    *,
+    *others: Scenario,
     max_speed_mm_s: float = 1000.0,
     faster: bool = True,
     progress: Callable[[float], None] = lambda share: None,
@@ -127,6 +126,7 @@ def evaluate_program(
     Args:
         path: of a program, a trajectory or a recording.
         scenario: the cell: robot, body, detector, reaction and limits. Of a line, its pose is where the program starts.
+        others: of the same arm, against other bodies or with other places of it; the hardest contact counts.
         max_speed_mm_s: no speed of the tip is raised above it.
         faster: raise speeds that are lower than safe; else they are only lowered.
         progress: is told the share that is done.
@@ -138,7 +138,7 @@ def evaluate_program(
     if not low <= max_speed_mm_s <= high:
         raise InputError("--max-speed", f"{max_speed_mm_s:g} mm/s cannot be used", f"wanted {low:g} to {high:g}")
     import_ruckig()
-    cell = Cell(scenario)
+    cell = Cell(scenario, *others)
     source = read_source(Path(path), cell, max_speed_mm_s / 1e3)
     found: list[SegmentResult] = []
     for number, segment in enumerate(source.segments):
@@ -162,9 +162,14 @@ def _found(source: Source, segment: Segment, cell: Cell, max_speed: float, *, fa
             return SegmentResult(segment, present, duration)
     if not segment.speed_known and not all(source.may_be_raised(place) for place in segment.places()):
         return SegmentResult(segment, Judgement(None, "its speed may be set by what is not understood"))
-    safe = highest_safe(segment, cell, max_speed, faster=faster and segment.speed_known)
-    stays = present.conclusion == "acceptable" and 1.0 <= safe.factor < _WORTH_IT
-    return SegmentResult(segment, present, duration, 1.0 if stays else safe.factor, safe.factor, safe.limited_by)
+    raised = faster and segment.speed_known
+    most = greatest_factor(segment, cell, max_speed) if faster or not segment.speed_known else 1.0
+    safe = highest_safe(segment, cell, most, present)
+    limited_by = "slower_only" if safe.limited_by == "max_speed" and not raised else safe.limited_by
+    found = SegmentResult(segment, present, duration, safe.factor, safe.factor, limited_by)
+    if present.conclusion == "acceptable" and 1.0 <= safe.factor < _WORTH_IT:
+        return replace(found, factor=1.0, written=present, written_s=duration)
+    return replace(found, written=safe.judged or present, written_s=safe.duration)
 
 
 def _shared(source: Source, found: Sequence[SegmentResult]) -> dict[Segment, float]:
@@ -190,6 +195,8 @@ def _shared(source: Source, found: Sequence[SegmentResult]) -> dict[Segment, flo
 def _written(one: SegmentResult, factor: float, cell: Cell) -> SegmentResult:
     if one.segment.why or (not one.segment.speed_known and not one.safe_factor > 0):
         return replace(one, factor=1.0, written=one.present, written_s=one.present_s)
+    if factor == one.factor and one.safe_factor > 0:
+        return one
     if factor == 1.0 and one.segment.speed_known:
         return replace(one, factor=1.0, written=one.present, written_s=one.present_s)
     try:
@@ -218,6 +225,7 @@ def _judgement_json(judgement: Judgement, segment: Segment, factor: float, durat
     return {
         "outcome": outcome_word(judgement),
         "reason": judgement.verdict.reason if judgement.verdict is not None else judgement.why,
+        "body": None if judgement.cell is None else judgement.cell.scenario.contact.body,
         "force_N": _finite(judgement.force),
         "worst_line": worst_line(judgement, segment, factor),
         "worst_s": _finite(judgement.worst_s),

@@ -20,8 +20,9 @@ from bumpstop.program.languages.statements import (
     ReadProgram,
     Setting,
     SpeedSlot,
+    Target,
 )
-from bumpstop.program.motion.kinematics import joint_line, tool_line, transform
+from bumpstop.program.motion.kinematics import joint_line, tool_arc, tool_line, transform
 from bumpstop.program.motion.path import Leg
 
 if TYPE_CHECKING:
@@ -140,7 +141,7 @@ class Interpreter:
     def _call(self, node: Call, state: _State, depth: int) -> None:
         body = self._program.functions.get(node.name)
         if body is None or depth >= _MAX_DEPTH:
-            self._opaque(Opaque(node.line, node.name, resets=True), state)
+            self._opaque(Opaque(node.line, node.name, resets=True, reframes=("tool", "base")), state)
         else:
             self._run(body, state, depth + 1)
 
@@ -150,6 +151,8 @@ class Interpreter:
             self._goes_on = False
         if node.resets:
             state.speeds = dict.fromkeys(("tool", "axes", "acceleration tool", "acceleration axes"))
+        for which in node.reframes:
+            setattr(state, which, None)
 
     def _move(self, move: Move, state: _State) -> None:
         self._visits += 1
@@ -181,6 +184,9 @@ class Interpreter:
         target, robot = move.target, self._robot
         if target.why:
             return target.why, None
+        if move.via is not None:
+            q = self._arc(move, move.via, state)
+            return q, None if isinstance(q, str) else q[-1]
         begin = "where it begins is not known"
         if target.joints is not None:
             if len(target.joints) != robot.dof:
@@ -202,6 +208,22 @@ class Interpreter:
         if isinstance(q, str):
             return q, None
         return (q, q[-1]) if move.linear else (joint_line(q[0], q[-1]), q[-1])
+
+    def _arc(self, move: Move, via: Target, state: _State) -> FloatArray | str:
+        if via.why:
+            return via.why
+        if state.q is None:
+            return "where it begins is not known"
+        middle, end, tool = self._pose(via, state), self._pose(move.target, state), state.tool
+        if middle is None or end is None or tool is None:
+            return "the tool or frame of its target is not known"
+        return tool_arc(self._robot, state.q, middle[:3, 3], end, tool)
+
+    def _pose(self, target: Target, state: _State) -> FloatArray | None:
+        """Of the tool at a target, in the base (4, 4); None where it is not known."""
+        if target.joints is not None and state.tool is not None and len(target.joints) == self._robot.dof:
+            return np.asarray(self._robot.pose(np.array(target.joints)) @ state.tool)
+        return None if target.pose is None or state.base is None else state.base @ transform(target.pose)
 
 
 def _slots(move: Move, state: _State, dof: int) -> tuple[tuple[SpeedSlot, ...], str]:

@@ -6,15 +6,23 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+import numpy.typing as npt
+
 from bumpstop.errors import InputError
-from bumpstop.study.speed.speed_limit import MIN_SPEED
+from bumpstop.program.motion.timing import MAX_DURATION_S
+from bumpstop.study.speed.speed_search import MIN_SPEED, SearchRange, Tried, highest_met
 
 if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
     from bumpstop.program.cell import Cell, Judgement
     from bumpstop.program.segment import Segment
 
-# How closely the factor is found, how far below the force's own crossing it stays, and what is tried beyond a bracket.
-_PRECISION, _BELOW, _STEP, _ROUNDS = 0.002, 0.002, 1.25, 40
+# How closely the speed is found, as a share. Motions are no longer than this share of the longest that are judged.
+_PRECISION, _LONGEST = 0.004, 0.98
+# How closely the greatest factor is found, and how low it may be of a speed that is only tried.
+_NEAR, _LEAST = 1.002, 1e-3
+# Where the cell's own verdict does not accept what was found, it is lowered by steps.
 _EASE, _EASINGS = 0.98, 8
 
 
@@ -26,98 +34,83 @@ class SafeSpeed:
         factor: of the program's speed; 0 where no speed is safe.
         limited_by: ``"limits"`` of the body, ``"max_speed"`` of the tool, the joints or the language,
             ``"nothing_safe"``, or ``"slower_only"``.
+        judged: the motion at that factor; None where no speed is safe.
+        duration: of that motion [s]; NaN where no speed is safe.
     """
 
     factor: float
     limited_by: str
+    judged: Judgement | None = None
+    duration: float = math.nan
 
 
-def highest_safe(segment: Segment, cell: Cell, max_speed: float, *, faster: bool) -> SafeSpeed:
+def greatest_factor(segment: Segment, cell: Cell, max_speed: float) -> float:
+    """Beyond it nothing gets faster, or a limit of the tool, the language or the joints is passed.
+
+    It is 1 at least of the program's speed, and 1 at most of a speed that is only tried, as the program says none.
+    What bends of the path ask of the joints grows with the square of the speed: it stays within the accelerations of
+    the reaction, or within the program's own where they are greater.
+
+    Args:
+        segment: that can be judged.
+        cell: whose joint acceleration counts.
+        max_speed: of the tool [m/s].
+    """
+
+    def load(factor: float) -> float:
+        return float((segment.bends(factor) / cell.joint_acceleration).max())
+
+    known = segment.speed_known
+    most = segment.max_factor(max_speed) if known else 1.0
+    low, high, allowed = 1.0 if known else _LEAST, most, max(1.0, load(1.0)) if known else 1.0
+    if load(most) <= allowed:
+        return most
+    while high > _NEAR * low:
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if load(middle) <= allowed else (low, middle)
+    return low
+
+
+def highest_safe(segment: Segment, cell: Cell, most: float, present: Judgement) -> SafeSpeed:
     """Find the greatest factor whose motion the cell accepts.
 
-    The search begins where the formula of ``bumpstop study`` sees the limit, and goes on with the force distributions
-    of the motion itself, which is another one at each speed: where it is faster it has less of its way at full speed.
+    The search is that of ``bumpstop study speed-limits``, with the force at the worst place of the motion itself. That
+    is another motion at each speed: where it is faster it has less of its way at full speed.
 
     Args:
         segment: that can be judged.
         cell: to judge it in.
-        max_speed: of the tool, beyond which nothing is looked at [m/s].
-        faster: look above the program's speed.
+        most: no greater factor is looked at.
+        present: the judgement of factor 1; without a verdict where the program does not say its speed.
     """
-    most = segment.max_factor(max_speed) if faster else 1.0
-    excess = _Excess(segment, cell)
-    if excess(most) <= 0:
-        return SafeSpeed(_eased(segment, cell, most), "slower_only" if not faster else "max_speed")
-    fails = most
-    trial = most / max(_ratio(segment, cell, most), 1.02)
-    met: float | None = None
-    for _ in range(_ROUNDS):
-        if segment_speed(segment, cell, trial) < MIN_SPEED:
-            break
-        if excess(trial) <= 0:
-            met = trial
-            if trial * _STEP >= fails or fails / trial < 1 + 0.2 * (_STEP - 1):
-                break
-            trial *= 1 + 0.2 * (_STEP - 1)
-        else:
-            fails = trial
-            if met is not None:
-                break
-            trial /= _STEP
-    if met is None:
-        return SafeSpeed(0.0, "nothing_safe")
-    from scipy.optimize import brentq
+    motion = segment.at(1.0)
+    tool = cell.tool_speed(motion)
+    known = {1.0: present.share} if present.verdict is not None else {}
 
-    if fails / met > 1 + _PRECISION:
-        brentq(lambda x: excess(math.exp(x)), math.log(met), math.log(fails), xtol=_PRECISION / 2)
-        met = excess.highest_met()
-    return SafeSpeed(_eased(segment, cell, met), "limits")
-
-
-def segment_speed(segment: Segment, cell: Cell, factor: float) -> float:
-    """Greatest speed of the tip at a factor [m/s]; 0 where there is no such motion."""
-    try:
-        return cell.tool_speed(segment.at(factor))
-    except InputError:
-        return 0.0
-
-
-class _Excess:
-    """Logarithm of the force at the worst place over the allowed one, by factor."""
-
-    def __init__(self, segment: Segment, cell: Cell) -> None:
-        self._segment, self._cell = segment, cell
-        self._known: dict[float, float] = {}
-
-    def __call__(self, factor: float) -> float:
-        if factor not in self._known:
+    def tried(rows: npt.NDArray[np.int64], speed: FloatArray) -> Tried:
+        factor = float(speed[0]) / tool
+        if factor not in known:
             try:
-                force = self._cell.force(self._segment.at(factor))
+                known[factor] = cell.share(segment.at(factor))
             except InputError:
-                force = math.inf  # a motion that cannot be
-            self._known[factor] = min(math.log(max(force, 1e-9) / self._cell.allowed_force), 20.0) + _BELOW
-        return self._known[factor]
+                known[factor] = math.inf  # a motion that cannot be
+        return np.array([known[factor] <= 1]), np.array([known[factor]])
 
-    def highest_met(self) -> float:
-        """The highest factor looked at that is accepted, below the lowest that is not."""
-        fails = min(factor for factor, value in self._known.items() if value > 0)
-        return max(factor for factor, value in self._known.items() if value <= 0 and factor < fails)
-
-
-def _ratio(segment: Segment, cell: Cell, factor: float) -> float:
-    """Greatest speed over the one that the formula allows along the motion at a factor; 1 where there is none."""
-    try:
-        return cell.speed_ratio(segment.at(factor))
-    except InputError:
-        return 1.0
-
-
-def _eased(segment: Segment, cell: Cell, factor: float) -> float:
-    """The factor, or one that is lower by steps until the cell's own verdict accepts its force."""
-    judged: Judgement
+    slowest = max(MIN_SPEED, tool * motion.duration / (_LONGEST * MAX_DURATION_S))
+    within = SearchRange(
+        first=np.array([min(most, 1.0) * tool]),
+        undetected=np.zeros(1),
+        min_speed=np.array([min(slowest, tool)]),
+        max_speed=np.array([most * tool]),
+    )
+    factor = float(highest_met(tried, 1.0, within, _PRECISION)[0][0]) / tool
+    if factor == 0:
+        return SafeSpeed(0.0, "nothing_safe")
+    limited_by = "max_speed" if factor >= most * (1 - 1e-12) else "limits"
     for _ in range(_EASINGS):
-        judged = cell.judge(segment.at(factor))
+        motion = segment.at(factor)
+        judged = cell.judge(motion)
         if judged.verdict is None or judged.over <= judged.verdict.accepted_probability:
             break
         factor *= _EASE
-    return factor
+    return SafeSpeed(factor, limited_by, judged, motion.duration)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from bumpstop.program.motion.path import SHARE, Path, full_speed_times, join, without_repeats
-from bumpstop.program.motion.timing import motion_along, timed
+from bumpstop.program.motion.timing import RAMP_S, motion_along, timed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from bumpstop.program.interpreter import Visit
     from bumpstop.program.languages.statements import SpeedSlot
     from bumpstop.program.motion.timing import PathMotion
+
+
+_TIMES = 1000  # at which the speed along a path is looked at
 
 
 class Segment(Protocol):
@@ -52,6 +55,13 @@ class Segment(Protocol):
 
     def max_factor(self, max_speed: float) -> float:
         """Beyond it nothing gets faster, or the tool faster than ``max_speed`` [m/s]; 1 at least."""
+        ...
+
+    def bends(self, factor: float) -> FloatArray:
+        """Greatest joint accelerations that a factor changes (dof,) [rad/s2 or m/s2]: those of the path's bends.
+
+        Of a move whose time is given those of its ramps, too, or more.
+        """
         ...
 
     def places(self) -> Sequence[object]:
@@ -96,6 +106,8 @@ class MoveSegment:
                 return f"line {visit.move.line}: {visit.why}"
         if not any(visit.slots for visit in self.visits):
             return f"line {self.lines[0]}: its speed is set outside the program"
+        if len(self.visits) > 1 and any(slot.time for visit in self.visits for slot in visit.slots):
+            return f"line {self.lines[0]}: a time is given where moves are blended"
         return ""
 
     @property
@@ -119,7 +131,7 @@ class MoveSegment:
     def new_value(self, slot: SpeedSlot, factor: float) -> float:
         """What is written for a factor."""
         base = self.base_value(slot)
-        return base if factor == 1 and slot.value is not None else float(slot.rounded(factor * base))
+        return base if factor == 1 and slot.value is not None else float(slot.rounded(slot.scaled(base, factor)))
 
     @cached_property
     def _moving(self) -> tuple[Visit, ...]:
@@ -131,8 +143,13 @@ class MoveSegment:
 
     def _speeds(self, factor: float) -> list[FloatArray]:
         return [
-            np.array([self.new_value(slot, factor) * slot.factor for slot in visit.slots]) for visit in self._moving
+            np.array([self._speed(i, slot, factor) for slot in visit.slots]) for i, visit in enumerate(self._moving)
         ]
+
+    def _speed(self, number: int, slot: SpeedSlot, factor: float) -> float:
+        """Full speed of a move; where its time is given the most that it allows, twice the mean."""
+        value = self.new_value(slot, factor)
+        return 2 * float(self._path.way[number].sum()) / value if slot.time else value * slot.factor
 
     def at(self, factor: float) -> Trajectory:  # noqa: D102
         return timed(*self._motion(factor))
@@ -148,6 +165,9 @@ class MoveSegment:
         every = full_speed_times(self.robot, path, speeds)
         for i, visit in enumerate(self._moving):
             own = (path.leg == i) & (every > 0)
+            if visit.slots[0].time:
+                # At full speed it would take half of its time. A ramp and what rounds it off are the other half.
+                return 1 / (float((path.way[i].max(axis=1) / speeds[i]).sum()) - RAMP_S)
             if visit.leg is None or visit.leg.acceleration is None or not own.any():
                 return None
             # Where joints are at their limits, less than the program asks for is full speed.
@@ -168,10 +188,20 @@ class MoveSegment:
         moving = least > 1e-12
         joints = float((asked[moving] / least[moving]).max())
         tool = float(max_speed / max((way[moving] / np.maximum(asked[moving], least[moving])).max(), 1e-12))
-        written = min(slot.most / self.base_value(slot) for slot in self.places())
+        written = min(slot.headroom(self.base_value(slot)) for slot in self.places())
         most = max(1.0, min(joints, tool, written))
         # A speed that a short way does not let the arm reach is not written: its ramps may be other ones.
         return max(1.0, most * self._motion(most)[1].top)
+
+    def bends(self, factor: float) -> FloatArray:  # noqa: D102
+        path, motion = self._motion(factor)
+        u, speed, change = motion.at(np.linspace(0, motion.duration, _TIMES))
+        # Between samples of the path its second derivative is a straight line.
+        found = np.abs(path(path.x, 2)) * np.interp(path.x, u, speed)[:, None] ** 2
+        if any(slot.time for slot in self.places()):
+            # In less time the arm also speeds up more.
+            found += np.abs(path(path.x, 1)) * np.abs(change).max()
+        return np.asarray(found.max(axis=0))
 
     def line_at(self, t: float, motion: Trajectory) -> int:  # noqa: D102
         q = motion.at(min(max(t, 0.0), motion.duration))

@@ -45,11 +45,11 @@ def write_program(result: ProgramResult, path: Path, folder: Path) -> list[Path]
             old.unlink()  # of another run, they would be taken for this program's
         result.source.write(result.factors, target)
         for number, one in enumerate(result.segments, start=1):
-            if one.written.verdict is None:
+            if one.written.cell is None:
                 continue
             file = segments / f"{number}.csv"
             write_trajectory(file, one.segment.at(one.factor))
-            scenario = result.cell.of(file, one.written.worst_s)
+            scenario = one.written.cell.of(file, one.written.worst_s)
             data = scenario_data(scenario)
             data["motion"]["file"] = file.name
             write_text(segments / f"{number}.toml", to_toml(data))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bumpstop.arrays import FloatArray
-from bumpstop.collision import BatchResult, CollisionProblem, evaluate_batch, load_scenario
+from bumpstop.collision import BatchResult, CollisionProblem, evaluate, evaluate_batch, load_scenario
 from bumpstop.study.pose_batch import PoseBatch
 from bumpstop.study.prediction import stopping_time_per_speed
 from bumpstop.study.requirement.risk import allowed_force
@@ -24,6 +24,9 @@ from study.speed_limit_cases import PICK
 LINE = Path(__file__).resolve().parents[3] / "examples/05_ur10e.toml"
 # Of the probability that is met: a little more of it may be accepted, a little less or 4 % less may not.
 SHARES = [(1 + 1e-9, True), (1 / (1 + 1e-9), False), (1 / 1.04, False)]
+
+
+GAUGE = {"contact.gauge_spring_N_m": 75e3, "contact.gauge_mass_kg": 2.0}
 
 
 def accepting(problem: CollisionProblem, risk: float) -> CollisionProblem:
@@ -43,6 +46,18 @@ def test_of_a_whole_trajectory_at_one_path_speed(share: float, met: bool) -> Non
     found, _ = own_speeds(accepting(problem, float(risk[0]) * share), time, speed, speed)
     assert bool(found[0] == speed[0]) is met
     assert found[0] <= speed[0]
+
+
+def test_of_a_gauge_with_a_mass_along_a_trajectory() -> None:
+    changes: dict[str, Any] = {"verdict.accepted_probability": 0.999999, **GAUGE}
+    problem = CollisionProblem.from_scenario(load_scenario(PICK, changes))
+    times = np.linspace(1.0, 1.9, 61)
+    speed = np.full(times.size, 0.1)
+    found, risk = own_speeds(problem, times, speed, speed)
+    middle = int(np.argmin(np.where(found == speed, np.abs(risk - 0.5), 1.0)))
+    assert 1e-3 < risk[middle] < 0.999
+    alone = evaluate(problem.scenario.with_values({"motion.contact_onset_s": float(times[middle])}))
+    assert risk[middle] == pytest.approx(alone.peak_force.exceedance(allowed_force(problem)), rel=1e-6)
 
 
 @pytest.mark.parametrize(("share", "met"), SHARES)

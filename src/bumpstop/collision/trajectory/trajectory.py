@@ -120,7 +120,11 @@ def load_motion(path: Path, robot: Robot, step: float = 1e-3) -> Trajectory:
     Raises:
         InputError: the file cannot be used, or the motion passes a limit of the robot; names file, row and column.
     """
-    rows = read_rows(path, robot)
+    return checked_motion(path, read_rows(path, robot), robot, step)
+
+
+def checked_motion(path: Path, rows: Rows, robot: Robot, step: float = 1e-3) -> Trajectory:
+    """The trajectory of rows, however they were read; arguments, result and errors as above."""
     _check_rows(path, rows, robot)
     trajectory = Trajectory(rows.time - rows.time[0], rows.position, rows.velocity)
     if not step <= trajectory.duration <= _MAX_STEPS * step:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from bumpstop.program.languages.expression import Expression
-from bumpstop.program.languages.statements import Branch, Loop, Node, Opaque
+from bumpstop.program.languages.statements import Branch, Frame, Loop, Node, Opaque
 from bumpstop.program.languages.syntax import Statement
 
 Kind = Literal["function", "loop", "branch"]
@@ -30,23 +30,35 @@ class Blocks:
     def __init__(self) -> None:
         self.functions: dict[str, tuple[Node, ...]] = {}
         self.not_understood: list[tuple[int, str]] = []
+        self.notes: list[str] = []
         self._open = [_Open("function", 0)]
 
     def add(self, node: Node) -> None:
         """A statement of the innermost block."""
         self._open[-1].bodies[-1].append(node)
 
-    def opaque(self, statement: Statement, *, moves: bool = True, resets: bool = False) -> None:
+    def opaque(
+        self, statement: Statement, *, moves: bool = True, resets: bool = False, reframes: tuple[Frame, ...] = ()
+    ) -> None:
         """A statement that is not understood, which is named.
 
         Args:
             statement: the whole of it.
             moves: the arm may be elsewhere afterwards.
             resets: speeds may be others afterwards.
+            reframes: what may be another one afterwards, tool or frame.
         """
         text = statement.text
         self.not_understood.append((statement.line, text))
-        self.add(Opaque(statement.line, text, moves, resets))
+        self.add(Opaque(statement.line, text, moves, resets, reframes))
+
+    def note(self, line: int, text: str) -> None:
+        """Something that is taken for granted."""
+        self.notes.append(f"line {line}: {text}")
+
+    def note_time(self, line: int) -> None:
+        """A move says its time, and not how it speeds up."""
+        self.note(line, "its time says nothing of its ramps; half of it is taken to speed up, the most speed it allows")
 
     def begin(self, kind: Kind, statement: Statement, name: str = "", *, certain: bool = False) -> None:
         """A block opens; a ``certain`` loop is run once at least."""
@@ -62,7 +74,7 @@ class Blocks:
     def end(self, statement: Statement, kind: Kind | None = None) -> None:
         """The innermost block closes; of a kind, where the language says which."""
         if len(self._open) == 1 or (kind is not None and self._open[-1].kind != kind):
-            self.opaque(statement, resets=True)
+            self.opaque(statement, resets=True, reframes=("tool", "base"))
             return
         self._close()
 

@@ -1,4 +1,4 @@
-"""KRL: PTP and LIN to constants, with the speeds that settings leave them."""
+"""KRL: PTP, LIN and CIRC to constants, with the speeds that settings leave them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from bumpstop.program.languages.blocks import Assignments, Blocks
 from bumpstop.program.languages.expression import Expression, Reader, number_of, read_expression, resolved
 from bumpstop.program.languages.rotation import from_euler_zyx
-from bumpstop.program.languages.statements import Call, Frames, Move, ReadProgram, Setting, SpeedSlot, Target
+from bumpstop.program.languages.statements import Call, Frame, Frames, Move, ReadProgram, Setting, SpeedSlot, Target
 from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token, parse_lines
 
 _TOKENS = re.compile(
@@ -49,6 +49,7 @@ _SETTINGS = {
     "$vel_axis": ("axes", "%", 100.0),
     "$acc_axis": ("acceleration axes", "%", 100.0),
 }
+_FRAMES: tuple[Frame, ...] = ("tool", "base")
 # Of a blend whose distance is not known: half of the way, which nothing goes beyond [m].
 _UNKNOWN_BLEND = 1e3
 
@@ -70,12 +71,12 @@ def read_krl(source: bytes, data: bytes = b"") -> ReadProgram:
         for name, value in _assignments(statement.words):
             assignments.add(name, value)
     constants = assignments.constants()
-    blocks, notes = Blocks(), list[str]()
+    blocks = Blocks()
     for statement in tree.statements:
         if statement.words:
-            _add(blocks, statement, tree, constants, notes)
+            _add(blocks, statement, tree, constants)
     functions = blocks.finish()
-    return ReadProgram("KRL", source, functions, tuple(blocks.not_understood), tuple(notes), constants)
+    return ReadProgram("KRL", source, functions, tuple(blocks.not_understood), tuple(blocks.notes), constants)
 
 
 def _assignments(words: list[Token]) -> list[tuple[str, Expression | None]]:
@@ -96,9 +97,7 @@ def _assignments(words: list[Token]) -> list[tuple[str, Expression | None]]:
     return [(element, read_expression(words[at + 1 :]))]
 
 
-def _add(
-    blocks: Blocks, statement: Statement, tree: SyntaxTree, constants: Mapping[str, Expression], notes: list[str]
-) -> None:
+def _add(blocks: Blocks, statement: Statement, tree: SyntaxTree, constants: Mapping[str, Expression]) -> None:
     words = statement.words
     first = words[0].text.lower()
     if first == "global" and len(words) > 1 and words[1].text.lower() in ("def", "deffct"):
@@ -111,19 +110,21 @@ def _add(
         blocks.end(statement, _CLOSE[first])  # type: ignore[arg-type]
     elif first in ("else", "case", "default"):
         blocks.otherwise(statement)
-    elif first in ("ptp", "lin"):
-        blocks.add(_move(statement, tree, constants, notes))
+    elif first in ("ptp", "lin", "circ"):
+        blocks.add(_move(blocks, statement, tree, constants))
     elif _set(blocks, statement, constants):
         pass
     elif first in ("decl", "global", "const", *_TYPES) or _is_assignment(words):
         if first.startswith("$") and not first.startswith(("$out", "$anout", "$timer", "$flag", "$cycflag", "$apo")):
             blocks.opaque(statement, moves=False, resets=True)
     elif first == "bas" or first.startswith("$"):
-        blocks.opaque(statement, moves=False, resets=True)
+        blocks.opaque(statement, moves=False, resets=True, reframes=_FRAMES if first == "bas" else ())
     elif words[0].kind == "name" and [word.text for word in words[1:]] == ["(", ")"]:
         blocks.add(Call(statement.line, first))
     elif first not in _HARMLESS:
-        blocks.opaque(statement, resets=first in ("goto", "bas", "interrupt", "trigger"))
+        called = len(words) > 1 and words[1].text == "("
+        resets = called or first in ("goto", "interrupt", "trigger")
+        blocks.opaque(statement, resets=resets, reframes=_FRAMES if resets else ())
 
 
 def _is_assignment(words: list[Token]) -> bool:
@@ -164,18 +165,19 @@ def _set(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
     return True
 
 
-def _move(statement: Statement, tree: SyntaxTree, constants: Mapping[str, Expression], notes: list[str]) -> Move:
+def _move(blocks: Blocks, statement: Statement, tree: SyntaxTree, constants: Mapping[str, Expression]) -> Move:
     words = statement.words
-    linear = words[0].text.lower() == "lin"
+    kind = words[0].text.lower()
+    linear = kind != "ptp"
     blend, why, rest = 0.0, "", words[1:]
     while rest and rest[-1].text.lower() in _BLENDS:
         distance = number_of(constants.get("$apo.cdis"), constants) if rest[-1].text.lower() == "c_dis" else None
         if distance is None and not blend:
-            notes.append(f"line {statement.line}: how far it is blended is not known; half of the way is taken")
+            blocks.note(statement.line, "how far it is blended is not known; half of the way is taken")
         blend = max(blend, _UNKNOWN_BLEND if distance is None else distance / 1e3)
         rest = rest[:-1]
-    expression = read_expression(rest)
-    if expression is None:
+    parts = _parts(rest)
+    if len(parts) != 1 + (kind == "circ") or any(read_expression(part) is None for part in parts):
         why = "it is not understood"
     start = tree.line_start(words[0].start)
     lead = tree.source[start : words[0].start].decode("latin-1")
@@ -190,12 +192,34 @@ def _move(statement: Statement, tree: SyntaxTree, constants: Mapping[str, Expres
         line=statement.line,
         word=words[0].text,
         linear=linear,
-        target=_target(expression, constants),
+        target=Target(why=why) if why else _target(read_expression(parts[-1]), constants),
         measure="tool" if linear else "axes",
         default=default,
         blend=blend,
-        why=why,
+        via=_place(read_expression(parts[0]), constants) if kind == "circ" else None,
     )
+
+
+def _parts(words: list[Token]) -> list[list[Token]]:
+    """What stands between commas, outside of all braces."""
+    parts: list[list[Token]] = [[]]
+    level = 0
+    for word in words:
+        level += (word.text in ("{", "[", "(")) - (word.text in ("}", "]", ")"))
+        if word.text == "," and level == 0:
+            parts.append([])
+        else:
+            parts[-1].append(word)
+    return parts
+
+
+def _place(expression: Expression | None, constants: Mapping[str, Expression]) -> Target:
+    """The point that an arc goes through; its orientation does not count, and may be missing."""
+    found = resolved(expression, constants)
+    values = _record(found, constants) if found is not None and found.kind == "record" else None
+    if values is None or not {"X", "Y", "Z"} <= set(values):
+        return Target(why="the point its arc goes through is not known before the program runs")
+    return Target(pose=(*(values[name] / 1e3 for name in "XYZ"), 0.0, 0.0, 0.0))
 
 
 def _target(expression: Expression | None, constants: Mapping[str, Expression]) -> Target:

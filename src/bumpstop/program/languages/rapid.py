@@ -1,4 +1,4 @@
-"""RAPID: MoveAbsJ, MoveJ and MoveL to constants, with speeddata and zonedata."""
+"""RAPID: MoveAbsJ, MoveJ, MoveL and MoveC to constants, with speeddata and zonedata."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from bumpstop.program.languages.blocks import Assignments, Blocks
 from bumpstop.program.languages.expression import Expression, number_of, numbers_of, read_expression, resolved
 from bumpstop.program.languages.rotation import from_quaternion
-from bumpstop.program.languages.statements import Call, Frames, Move, ReadProgram, SpeedSlot, Target
+from bumpstop.program.languages.statements import MIN_TIME_S, Call, Frames, Move, ReadProgram, SpeedSlot, Target
 from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token, statement_of, tokenize
 
 _TOKENS = re.compile(
@@ -48,7 +48,7 @@ _SPEEDS = {
 } | {f"v{v}": float(v) for v in (4000, 5000, 6000, 7000)}
 _ZONES = {"fine": 0.0, "z0": 0.3} | {f"z{z}": float(z) for z in (1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)}
 _MAX_SPEED_MM_S = 7000.0
-_MOVES = {"movel": True, "movej": False, "moveabsj": False}
+_MOVES = {"movel": True, "movej": False, "moveabsj": False, "movec": True}
 _NO_EXTERNAL = 9e8  # an external axis that is none is 9E9
 
 
@@ -93,7 +93,7 @@ def read_rapid(source: bytes) -> ReadProgram:
         if _plain(statement):
             _add(blocks, statement, constants)
     functions = blocks.finish()
-    return ReadProgram("RAPID", source, functions, tuple(blocks.not_understood), (), constants)
+    return ReadProgram("RAPID", source, functions, tuple(blocks.not_understood), tuple(blocks.notes), constants)
 
 
 def _plain(statement: Statement) -> list[Token]:
@@ -150,25 +150,27 @@ def _certain(words: Sequence[Token]) -> bool:
 
 
 def _add_move(blocks: Blocks, statement: Statement, words: list[Token], constants: Mapping[str, Expression]) -> None:
-    arguments = _arguments(words[1:])
+    arguments, kind = _arguments(words[1:]), words[0].text.lower()
+    via = arguments.pop(0) if kind == "movec" and arguments else None
     if len(arguments) < 4 or any(argument.value is None for argument in arguments[:4]):
         blocks.opaque(statement)
         return
     target, speed, zone, tool = arguments[:4]
-    kind = words[0].text.lower()
     why = ""
     frame = _frame_of_tool(tool.value, constants)
     base = _frame_of_object(tool.switches.get("wobj"), constants) if "wobj" in tool.switches else (0.0,) * 6
     blocks.add(Frames(statement.line, "tool", frame))
     blocks.add(Frames(statement.line, "base", base))
-    slot = _speed(speed, constants)
-    if "t" in speed.switches:
-        why = "its time T is given, before which its speed does not count"
-    elif slot is None:
-        why = "its speed is not known before the program runs"
+    slot = _time(speed, constants) if "t" in speed.switches else _speed(speed, constants)
     blend = _zone(zone, constants)
-    if blend is None:
-        why = why or "its zone is not known before the program runs"
+    if slot is None:
+        why = "its speed is not known before the program runs"
+    elif blend is None:
+        why = "its zone is not known before the program runs"
+    elif slot.time and (blend > 0 or (slot.value or 0.0) < MIN_TIME_S):
+        why = f"its time T is given with a zone, or is below {MIN_TIME_S:g} s"
+    if slot is not None and slot.time:
+        blocks.note_time(statement.line)
     blocks.add(
         Move(
             line=statement.line,
@@ -179,6 +181,7 @@ def _add_move(blocks: Blocks, statement: Statement, words: list[Token], constant
             speed=(slot,) if slot is not None else (),
             blend=blend or 0.0,
             why=why,
+            via=None if via is None else _pose_target(via, constants),
         )
     )
 
@@ -234,6 +237,14 @@ def _speed(argument: _Argument, constants: Mapping[str, Expression]) -> SpeedSlo
     if written.kind == "list":
         return _slot(first.start, first.end, value, "{}")
     return _slot(argument.end, argument.end, value, "\\V:={}")
+
+
+def _time(argument: _Argument, constants: Mapping[str, Expression]) -> SpeedSlot | None:
+    own = argument.switches["t"]
+    value = number_of(own, constants)
+    if own is None or not value or value < 0:
+        return None
+    return SpeedSlot(own.start, own.end, value, most=MIN_TIME_S, unit="s", time=True)
 
 
 def _slot(start: int, end: int, value: float, template: str) -> SpeedSlot:

@@ -10,7 +10,9 @@ from typing import Literal
 from bumpstop.program.languages.expression import Expression
 from bumpstop.program.languages.syntax import Edit
 
+MIN_TIME_S = 0.2  # of a move whose time is given: two ramps of its acceleration leave some
 Measure = Literal["tool", "joint", "axes"]
+Frame = Literal["tool", "base"]
 
 
 @dataclass(frozen=True)
@@ -21,11 +23,12 @@ class SpeedSlot:
         start, end: of the bytes of its value; the same where there is none yet.
         value: as the program writes it; None where it is not known before the program runs.
         template: what is written there, with ``{}`` for the number.
-        most: greatest value that the language takes.
+        most: greatest value that the language takes; of a time the least.
         unit: as people read it.
         factor: of the value to SI.
         setting: it holds for all moves that follow, not for one.
         whole: the language takes whole numbers.
+        time: it is the time that the move takes [s], not a speed.
     """
 
     start: int
@@ -37,9 +40,20 @@ class SpeedSlot:
     factor: float = 1.0
     setting: bool = False
     whole: bool = False
+    time: bool = False
+
+    def scaled(self, value: float, factor: float) -> float:
+        """What stands for a value at so many times its speed."""
+        return value / factor if self.time else value * factor
+
+    def headroom(self, value: float) -> float:
+        """The greatest factor of a value that the language takes."""
+        return value / self.most if self.time else self.most / value
 
     def rounded(self, value: float) -> str:
-        """A value as the language takes it, not above it; of whole numbers 1 at least."""
+        """A value as the language takes it, not faster; of whole numbers 1 at least."""
+        if self.time:
+            return short(max(value, self.most), up=True)
         value = min(value, self.most)
         return str(max(1, math.floor(value + 1e-9))) if self.whole else short(value)
 
@@ -48,12 +62,12 @@ class SpeedSlot:
         return Edit(self.start, self.end, self.template.format(self.rounded(value)))
 
 
-def short(value: float) -> str:
-    """A number of four digits, never above the value."""
+def short(value: float, *, up: bool = False) -> str:
+    """A number of four digits, never above the value, or never below it."""
     if value <= 0:
         return "0"
     unit = 10.0 ** (math.floor(math.log10(value)) - 3)
-    steps = math.floor(value / unit + 1e-9)
+    steps = math.ceil(value / unit - 1e-9) if up else math.floor(value / unit + 1e-9)
     return f"{steps * unit:.4g}" if 1e-4 <= value < 1e4 else f"{steps * unit:.0f}" if value >= 1 else f"{value:.9f}"
 
 
@@ -79,8 +93,9 @@ class Move:
     Attributes:
         line: from 1.
         word: the language's own, as the program writes it.
-        linear: the tool goes on a straight line; else the joints do.
+        linear: the tool goes on a straight line, or an arc; else the joints go straight.
         target: where to.
+        via: a place on the arc to the target, whose orientation does not count; None: no arc.
         measure: what the speed is of: the tool [m/s], the leading joint [rad/s], or a share of the joints' own limits.
         speed: where its own speed is written; empty where a setting's is in force.
         default: slot for an own speed where nothing says any.
@@ -101,6 +116,7 @@ class Move:
     acceleration: float | None = None
     blend: float = 0.0
     why: str = ""
+    via: Target | None = None
 
 
 @dataclass(frozen=True)
@@ -133,12 +149,14 @@ class Opaque:
         text: of the statement.
         moves: the arm may be elsewhere afterwards.
         resets: speeds may be others afterwards.
+        reframes: what may be another one afterwards, tool or frame.
     """
 
     line: int
     text: str
     moves: bool = True
     resets: bool = False
+    reframes: tuple[Frame, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -151,7 +169,7 @@ class Frames:
     """
 
     line: int
-    which: Literal["tool", "base"]
+    which: Frame
     pose: tuple[float, ...] | None
 
 

@@ -1,4 +1,4 @@
-"""URScript: movej, movel and movep with constants, in functions, loops and branches."""
+"""URScript: movej, movel, movep and movec with constants, in functions, loops and branches."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from bumpstop.program.languages.blocks import Assignments, Blocks
 from bumpstop.program.languages.expression import Expression, number_of, numbers_of, read_expression, resolved
-from bumpstop.program.languages.statements import Call, Frames, Move, ReadProgram, SpeedSlot, Target
+from bumpstop.program.languages.statements import MIN_TIME_S, Call, Frames, Move, ReadProgram, SpeedSlot, Target
 from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token, parse_lines
 
 _TOKENS = re.compile(
@@ -24,15 +24,16 @@ _HARMLESS_WORDS = (
     "write_output_float_register set_flag enter_critical exit_critical set_safety_mode_transition_hardness"
 )
 _HARMLESS = frozenset(_HARMLESS_WORDS.split())
-# Arguments of the moves in their places; movep has no time.
+# Arguments of the moves in their places; movep and movec have no time.
 _PLACES = {
     "movej": ("q", "a", "v", "t", "r"),
     "movel": ("pose", "a", "v", "t", "r"),
     "movep": ("pose", "a", "v", "r"),
+    "movec": ("pose_via", "pose_to", "a", "v", "r", "mode"),
 }
 # The maker's defaults: acceleration and speed, rad or m.
-_DEFAULTS = {"movej": (1.4, 1.05), "movel": (1.2, 0.25), "movep": (1.2, 0.25)}
-_MAX_SPEED = {"movej": 6.28, "movel": 3.0, "movep": 3.0}
+_DEFAULTS = {"movej": (1.4, 1.05), "movel": (1.2, 0.25), "movep": (1.2, 0.25), "movec": (1.2, 0.25)}
+_MAX_SPEED = {"movej": 6.28, "movel": 3.0, "movep": 3.0, "movec": 3.0}
 
 
 def parse_urscript(source: bytes) -> SyntaxTree:
@@ -58,7 +59,7 @@ def read_urscript(source: bytes) -> ReadProgram:
         if statement.words:
             _add(blocks, statement, constants, names)
     functions = blocks.finish()
-    return ReadProgram("URScript", source, functions, tuple(blocks.not_understood), (), constants)
+    return ReadProgram("URScript", source, functions, tuple(blocks.not_understood), tuple(blocks.notes), constants)
 
 
 def _assignment(words: list[Token]) -> tuple[str, Expression | None] | None:
@@ -110,7 +111,10 @@ def _add_call(
     blocks: Blocks, statement: Statement, call: Expression, constants: Mapping[str, Expression], functions: set[str]
 ) -> None:
     if call.name in _PLACES:
-        blocks.add(_move(statement, call, constants))
+        move = _move(statement, call, constants)
+        blocks.add(move)
+        if move.speed[0].time:
+            blocks.note_time(move.line)
     elif call.name == "set_tcp":
         tool = numbers_of(call.argument("pose", 0), constants)
         known = tool is not None and len(tool) == 6
@@ -120,7 +124,8 @@ def _add_call(
     elif call.name.lower() in functions and not call.items:
         blocks.add(Call(statement.line, call.name.lower()))
     elif call.name not in _HARMLESS:
-        blocks.opaque(statement)
+        # It may set the tool.
+        blocks.opaque(statement, reframes=("tool",))
 
 
 def _move(statement: Statement, call: Expression, constants: Mapping[str, Expression]) -> Move:
@@ -138,12 +143,14 @@ def _move(statement: Statement, call: Expression, constants: Mapping[str, Expres
                 why = why or f"its {meaning} is not known before the program runs"
             else:
                 values[name] = value
-    if values["t"] > 0:
-        why = why or "its time t is given, before which its speed does not count"
+    if 0 < values["t"] < MIN_TIME_S or (values["t"] > 0 and values["r"] > 0):
+        why = why or f"its time t is given with a blend, or is below {MIN_TIME_S:g} s"
     unit, most = ("rad/s", "mm/s")[call.name != "movej"], _MAX_SPEED[call.name]
     given = arguments["v"]
     close = statement.words[-1].start
-    if given is not None:
+    if values["t"] > 0 and (time := arguments["t"]) is not None:
+        slot = SpeedSlot(time.start, time.end, values["t"], most=MIN_TIME_S, unit="s", time=True)
+    elif given is not None:
         slot = SpeedSlot(given.start, given.end, values["v"], most=most, unit="rad/s" if unit == "rad/s" else "m/s")
     else:
         slot = SpeedSlot(close, close, values["v"], ", v={}", most, "rad/s" if unit == "rad/s" else "m/s")
@@ -151,13 +158,21 @@ def _move(statement: Statement, call: Expression, constants: Mapping[str, Expres
         line=statement.line,
         word=call.name,
         linear=call.name != "movej",
-        target=_target(arguments[places[0]], constants),
+        target=_arc_end(arguments, constants) if call.name == "movec" else _target(arguments[places[0]], constants),
         measure="joint" if call.name == "movej" else "tool",
         speed=(slot,),
         acceleration=values["a"],
         blend=values["r"],
         why=why,
+        via=_target(arguments["pose_via"], constants) if call.name == "movec" else None,
     )
+
+
+def _arc_end(arguments: Mapping[str, Expression | None], constants: Mapping[str, Expression]) -> Target:
+    mode = arguments["mode"]
+    if mode is not None and number_of(mode, constants) != 0:
+        return Target(why="its mode turns the tool with the arc, which is not followed")
+    return _target(arguments["pose_to"], constants)
 
 
 def _target(argument: Expression | None, constants: Mapping[str, Expression]) -> Target:

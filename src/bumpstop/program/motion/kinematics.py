@@ -1,4 +1,4 @@
-"""Joint paths to poses: the tool on a straight line, followed from where the arm stands."""
+"""Joint paths to poses: the tool on a straight line or an arc, followed from where the arm stands."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from bumpstop.arrays import FloatArray
     from bumpstop.model import Robot
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 _STEP_M, _STEP_RAD, _MIN_SAMPLES, _MAX_SAMPLES = 0.005, 0.03, 12, 400
 # A sample is found when the pose is this near [m and rad]; joints that turn more from one sample to the next jump.
 _CLOSE, _ITERATIONS, _MAX_JUMP = 1e-9, 30, 0.5
+# Three points lie on a line where their triangle is this flat.
+_FLAT = 1e-6
 # Damping of the least squares as a share of the distance that is left: none at the end.
 _DAMPING = 0.05
 
@@ -54,21 +56,54 @@ def tool_line(robot: Robot, q0: FloatArray, target: FloatArray, tool: FloatArray
         target: pose of the tool in the base (4, 4).
         tool: its pose in the tip (4, 4).
     """
+    begin = robot.pose(q0) @ tool
+    way = target[:3, 3] - begin[:3, 3]
+    return _followed(robot, q0, target, tool, float(np.linalg.norm(way)), lambda s: begin[:3, 3] + s[:, None] * way)
+
+
+def tool_arc(robot: Robot, q0: FloatArray, via: FloatArray, target: FloatArray, tool: FloatArray) -> FloatArray | str:
+    """Joint positions (N, dof) while the tool goes on the circle through three points; or why it cannot.
+
+    Arguments and orientations are as of a line; ``via`` is the second point, in the base (3,) [m].
+    """
+    begin = (robot.pose(q0) @ tool)[:3, 3]
+    first, last = via - begin, target[:3, 3] - begin
+    normal = np.cross(first, last)
+    if not float(np.linalg.norm(normal)) > _FLAT * max(float(first @ first), float(last @ last)):
+        return "the three points of its arc lie on a line"
+    # The centre of the circle through the begin, as the origin, and two points.
+    centre = np.cross((first @ first) * last - (last @ last) * first, normal) / (2 * normal @ normal)
+    normal /= np.linalg.norm(normal)
+    x, radius = -centre, float(np.linalg.norm(centre))
+    y = np.cross(normal, x)
+    angle = math.atan2(float((last - centre) @ y), float((last - centre) @ x)) % (2 * math.pi)
+
+    def place(s: FloatArray) -> FloatArray:
+        return np.asarray(begin + centre + np.outer(np.cos(angle * s), x) + np.outer(np.sin(angle * s), y))
+
+    return _followed(robot, q0, target, tool, radius * angle, place)
+
+
+def _followed(
+    robot: Robot, q0: FloatArray, target: FloatArray, tool: FloatArray, length: float,
+    place: Callable[[FloatArray], FloatArray],
+) -> FloatArray | str:  # fmt: skip
+    """Joint positions along a curve of a length [m], given by its places (N, 3) [m] at shares of it (N,)."""
     from scipy.spatial.transform import Rotation
 
     if robot.dof < 6:
         return f"{robot.name} has {robot.dof} joints, which reach no pose"
-    begin = robot.pose(q0) @ tool
-    turn = Rotation.from_matrix(begin[:3, :3].T @ target[:3, :3]).as_rotvec()
-    way = target[:3, 3] - begin[:3, 3]
-    size = max(float(np.linalg.norm(way)) / _STEP_M, float(np.linalg.norm(turn)) / _STEP_RAD)
+    begin = (robot.pose(q0) @ tool)[:3, :3]
+    turn = Rotation.from_matrix(begin.T @ target[:3, :3]).as_rotvec()
+    size = max(length / _STEP_M, float(np.linalg.norm(turn)) / _STEP_RAD)
     n = int(np.clip(math.ceil(size), _MIN_SAMPLES, _MAX_SAMPLES))
-    turned = Rotation.from_rotvec(np.linspace(0, 1, n + 1)[:, None] * turn).as_matrix()
+    share = np.linspace(0, 1, n + 1)
+    turned, places = Rotation.from_rotvec(share[:, None] * turn).as_matrix(), place(share)
     rows = [q0]
     for i in range(1, n + 1):
         wanted = np.eye(4)
-        wanted[:3, 3] = begin[:3, 3] + way * (i / n)
-        wanted[:3, :3] = begin[:3, :3] @ turned[i]
+        wanted[:3, 3] = places[i]
+        wanted[:3, :3] = begin @ turned[i]
         # Where the joints went they go on first: half the iterations are saved.
         guess = 2 * rows[-1] - rows[-2] if len(rows) > 1 else rows[-1]
         q = _solve(robot, guess, wanted, tool)

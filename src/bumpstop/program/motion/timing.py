@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 RAMP_S = 0.05
 # Rows of a trajectory: so far apart at most [s], and so many at least.
 _ROW_S, _MIN_ROWS = 0.02, 40
-_MAX_DURATION_S = 120.0
+MAX_DURATION_S = 120.0  # of a motion [s]
 
 
 class PathMotion:
@@ -107,8 +107,8 @@ def motion_along(
         with np.errstate(divide="ignore"):
             acceleration = float((joint_acceleration / np.abs(rate).max(axis=0)).min())
     motion = PathMotion(float(u[-1]), acceleration)
-    if motion.duration > _MAX_DURATION_S:
-        raise InputError("program", f"a motion of {motion.duration:.0f} s", f"wanted at most {_MAX_DURATION_S:g} s")
+    if motion.duration > MAX_DURATION_S:
+        raise InputError("program", f"a motion of {motion.duration:.0f} s", f"wanted at most {MAX_DURATION_S:g} s")
     return path, motion
 
 

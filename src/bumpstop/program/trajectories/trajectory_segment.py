@@ -197,6 +197,13 @@ class TrajectorySegment:
         most = max(1.0, min(joints, max_speed / max(tool, 1e-9)))
         return max(1.0, most * self._motion(most).top)
 
+    def bends(self, factor: float) -> FloatArray:  # noqa: D102
+        motion = self.at(factor)
+        t = np.linspace(0, motion.duration, _SAMPLES)
+        rate, change = motion.at(t, 1), motion.at(t, 2)
+        along = np.einsum("nj,nj->n", rate, change) / np.maximum(np.einsum("nj,nj->n", rate, rate), 1e-12)
+        return np.asarray(np.abs(change - along[:, None] * rate).max(axis=0))
+
     def line_at(self, t: float, motion: Trajectory) -> int:  # noqa: D102
         q = motion.at(min(max(t, 0.0), motion.duration))
         return self.lines[0] + int(np.abs(self.position - q).max(axis=1).argmin())

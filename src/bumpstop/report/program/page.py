@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,13 +49,14 @@ class SegmentsPart(Part):
     def content(self) -> list[Html]:
         """Verdicts, places, forces and speeds."""
         result = self._result
-        headings = ("segment", "line", "as given", "worst at, mm", "force, N", "tool, mm/s", "safe, mm/s")
+        headings = ("segment", "line", "as given", "worst at, mm", "body", "force, N", "tool, mm/s", "safe, mm/s")
         rows = [
             (
                 f"{number} {one.segment.name}",
                 _lines(one),
                 outcome_word(one.present),
                 ", ".join(f"{1e3 * x:.0f}" for x in one.present.worst_m) or "-",
+                "-" if one.present.cell is None else str(one.present.cell.scenario.contact.body),
                 _number(one.present.force),
                 _number(1e3 * one.present.tool_speed),
                 "none" if one.safe_factor == 0 else _number(1e3 * one.written.tool_speed),
@@ -91,7 +93,9 @@ class SegmentsPart(Part):
             (0.2, LAW, "as written", [one.written.force for one in result.segments]),
         ):
             plot.bar(place + shift, np.nan_to_num(np.array(forces)), 0.38, color=colour, label=label)
-        plot.axhline(result.cell.allowed_force, color="black", linestyle="--", label="allowed")
+        for body, style in zip(result.cell.bodies, cycle(("--", ":", "-.")), strict=False):
+            label = f"allowed, {body.scenario.contact.body}"
+            plot.axhline(body.allowed_force, color="black", linestyle=style, label=label)
         plot.set(xlabel="segment", ylabel="peak force [N]", xticks=place)
         plot.legend(loc="best")
 
@@ -126,7 +130,7 @@ class LeftAsItIsPart(Part):
 
 
 class CellPart(Part):
-    """The scenario in full."""
+    """The scenarios in full."""
 
     title = "Cell"
     anchor = "cell"
@@ -136,9 +140,12 @@ class CellPart(Part):
 
     def content(self) -> list[Html]:
         """Its keys, but for the motion."""
-        data = {key: value for key, value in self._result.cell.scenario.to_dict().items() if key != "motion"}
-        rows = [(element("code", key), value) for key, value in flat(data)]
-        return [table(("key", "value"), rows, caption="Scenario, defaults included")]
+        tables: list[Html] = []
+        for body in self._result.cell.bodies:
+            data = {key: value for key, value in body.scenario.to_dict().items() if key != "motion"}
+            rows = [(element("code", key), value) for key, value in flat(data)]
+            tables.append(table(("key", "value"), rows, caption="Scenario, defaults included"))
+        return tables
 
 
 def write_program_report(result: ProgramResult, name: str, folder: Path) -> Path:

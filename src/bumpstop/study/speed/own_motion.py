@@ -7,11 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.collision.trajectory.onset import approach
 from bumpstop.collision.trajectory.trajectory import Trajectory
-from bumpstop.collision.trajectory.trajectory_curve import trajectory_kernel
-from bumpstop.study.requirement.risk import allowed_force
-from bumpstop.study.speed.speed_limit import MIN_SPEED
+from bumpstop.study.speed.onset_shares import onset_shares
+from bumpstop.study.speed.speed_search import MIN_SPEED
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -45,7 +43,7 @@ def own_speeds(
     """
     given = problem.trajectory
     assert given is not None
-    limit, accepted = allowed_force(problem), problem.scenario.verdict.accepted_probability
+    accepted = problem.scenario.verdict.accepted_probability
     found, risk = np.zeros(len(time)), np.full(len(time), np.nan)
     # Rows share the steps of the path speed, so that one motion serves all that are tried at it.
     level = np.ceil(np.log(np.maximum(guess, speed) / speed) / np.log(_STEP)).astype(np.int64)
@@ -58,7 +56,7 @@ def own_speeds(
         rows = np.flatnonzero(open_ & (level == now))
         share = _STEP**now
         slower = Trajectory(given.time / share, given.position, share * _velocity(given))
-        over = _risks(replace(problem, trajectory=slower), time[rows] / share, limit)
+        over = onset_shares(replace(problem, trajectory=slower), time[rows] / share).over_limit()
         met = over <= accepted
         found[rows[met]], risk[rows[met]] = share * speed[rows[met]], over[met]
         level[rows] += 1
@@ -68,12 +66,3 @@ def own_speeds(
 
 def _velocity(trajectory: Trajectory) -> FloatArray:
     return trajectory.at(trajectory.time, 1) if trajectory.velocity is None else trajectory.velocity
-
-
-def _risks(problem: CollisionProblem, begin: FloatArray, limit: float) -> FloatArray:
-    """Probability (N,) that a collision that begins at a time (N,) [s] passes the limit [N]."""
-    normal, _ = approach(problem, begin)
-    out = trajectory_kernel(problem).integrate(problem.detector, problem.contact, begin, np.ascontiguousarray(normal))
-    detected = out.probability * (problem.stiffness * out.max_distance > limit)
-    undetected = out.undetected * (problem.stiffness * out.undetected_distance > limit)
-    return np.asarray(np.bincount(out.onset, detected, len(begin)) + undetected)

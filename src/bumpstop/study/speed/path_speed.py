@@ -11,7 +11,7 @@ from bumpstop.study.directions import STANDS
 from bumpstop.study.pose_batch import PoseBatch
 from bumpstop.study.prediction import predicted_speed_limit, stopping_time_per_speed, undetected_force
 from bumpstop.study.requirement.risk import allowed_force
-from bumpstop.study.speed.speed_limit import CLOSE
+from bumpstop.study.speed.speed_search import CLOSE
 
 if TYPE_CHECKING:
     import polars as pl

@@ -14,17 +14,14 @@ from bumpstop.study.pose_batch import PoseBatch
 from bumpstop.study.prediction import predicted_speed_limit, stopping_time_per_speed, undetected_force
 from bumpstop.study.requirement.risk import allowed_force
 from bumpstop.study.requirement.sampling_ripple import RippleScan, has_ripple
+from bumpstop.study.speed.speed_search import CLOSE, MIN_SPEED, SearchRange, highest_met
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
     from bumpstop.collision import Scenario
 
-MIN_SPEED = 1e-3  # m/s; slower arms are not looked at
 _FIRST = 5e-3  # m/s; the first guess is no slower: distributions of slow arms are long
-# The search ends by itself, mostly after five; late ones look at the middle too, so that none can go on for long.
-_ROUNDS = 48
 _BETWEEN = 8  # parts of a step beside a peak of the risk
-CLOSE = 0.01  # between a speed that is met and one that is not
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,35 +73,25 @@ def speed_limits(
     undetected = undetected_force(problem, torque, accepted)
     guess = np.nan_to_num(predicted_speed_limit(problem, undetected, gain, limit))
     count = len(q)
-    met, fails = np.zeros(count), np.full(count, np.inf)
     risk = np.full(count, np.nan)
-    force_met, force_fails = np.zeros(count), np.full(count, np.inf)
-    trial = np.clip(guess, np.minimum(_FIRST, max_speed), max_speed)
-    open_ = np.flatnonzero(max_speed >= MIN_SPEED)
-    evaluations = 0
-    for number in range(_ROUNDS):
-        if not open_.size:
-            break
-        v = trial[open_]
+
+    def tried(rows: npt.NDArray[np.int64], speed: FloatArray) -> tuple[npt.NDArray[np.bool_], FloatArray]:
         found = evaluate_batch(
-            problem, q[open_], direction[open_] * v[:, None], probabilities=[1 - accepted], limits_N=[limit],
+            problem, q[rows], direction[rows] * speed[:, None], probabilities=[1 - accepted], limits_N=[limit],
             threads=threads,
         )  # fmt: skip
-        evaluations += open_.size
-        over, force = found.exceedance[:, 0], found.quantile[:, 0]
+        over = found.exceedance[:, 0]
         good = over <= accepted
-        for rows, at, forces, chosen in (
-            (open_[good], met, force_met, good),
-            (open_[~good], fails, force_fails, ~good),
-        ):
-            at[rows], forces[rows] = v[chosen], np.nan_to_num(force[chosen], nan=np.inf, posinf=np.inf)
-        risk[open_[good]] = over[good]
-        done = (met >= max_speed * (1 - 1e-12)) | (fails <= met * (1 + CLOSE)) | (fails <= MIN_SPEED * (1 + 1e-9))
-        open_ = open_[~done[open_]]
-        trial[open_] = _next(
-            met[open_], fails[open_], force_met[open_], force_fails[open_], limit, 0.8 * undetected[open_],
-            max_speed[open_], number,
-        )  # fmt: skip
+        risk[rows[good]] = over[good]
+        return good, found.quantile[:, 0]
+
+    within = SearchRange(
+        first=np.clip(guess, np.minimum(_FIRST, max_speed), max_speed),
+        undetected=0.8 * undetected,
+        min_speed=np.full(count, MIN_SPEED),
+        max_speed=max_speed,
+    )
+    met, evaluations = highest_met(tried, limit, within)
     limited_by = np.where(met >= max_speed * (1 - 1e-12), "max_speed", np.where(met > 0, "risk", "nothing_safe"))
     if has_ripple(problem.scenario):
         slower, more = _below_all_crests(problem, q, direction, met, risk, gain, threads)
@@ -176,40 +163,3 @@ def _about_peaks(speed: FloatArray, risk: FloatArray) -> FloatArray:
     pieces = np.unique(np.concatenate([np.maximum(peak - 1, 0), np.minimum(peak, speed.size - 2)]))
     share = np.arange(1, _BETWEEN) / _BETWEEN
     return np.asarray((speed[pieces, None] ** (1 - share) * speed[pieces + 1, None] ** share).ravel())
-
-
-def _next(
-    met: FloatArray,
-    fails: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
-    limit: float,
-    undetected: FloatArray,
-    max_speed: FloatArray,
-    number: int,
-) -> FloatArray:
-    """Speeds to try: where a straight line through the logarithms reaches the limit, or steps where there is none yet.
-
-    Args:
-        met: fastest speed known to be safe, or 0 (N,) [m/s].
-        fails: slowest known not to be, or infinite (N,) [m/s].
-        low: force at the former (N,) [N].
-        high: force at the latter (N,) [N].
-        limit: force to reach [N].
-        undetected: force that even a slow arm reaches, about (N,) [N].
-        max_speed: no speed above it (N,) [m/s].
-        number: of the round, from 0.
-    """
-    # Where even what is missed passes the limit, nothing tells how far it is up: steps of 1 % would never arrive.
-    least = min(2.0, (1 + CLOSE) ** (2 ** min(number, 7)))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.log(limit / low) / np.log(high / low)
-        between = met * (fails / met) ** np.clip(share, 0.1, 0.9) * (1 - 0.2 * CLOSE)
-        if number > 8 and number % 3 == 2:
-            between = np.sqrt(met * fails)
-        between = np.where(np.isfinite(between) & (between > met), between, np.sqrt(met * fails))
-        left = (limit - undetected) / (low - undetected)
-        up = met * np.clip(np.where(left > 0, left**0.8, 3.0), least, 3.0)
-        down = np.maximum(fails * np.clip(limit / np.where(np.isfinite(high), high, 4 * limit), 0.2, 0.6), MIN_SPEED)
-    trial = np.where(met > 0, np.where(np.isfinite(fails), between, up), down)
-    return np.asarray(np.minimum(trial, max_speed))

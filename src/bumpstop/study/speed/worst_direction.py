@@ -15,7 +15,8 @@ from bumpstop.study.directions import cone_directions, tilted
 from bumpstop.study.pose_batch import PoseBatch
 from bumpstop.study.prediction import predicted_speed_limit, stopping_time_per_speed, undetected_force
 from bumpstop.study.requirement.risk import allowed_force
-from bumpstop.study.speed.speed_limit import CLOSE, SpeedLimits, speed_limits
+from bumpstop.study.speed.speed_limit import SpeedLimits, speed_limits
+from bumpstop.study.speed.speed_search import CLOSE
 
 if TYPE_CHECKING:
     from bumpstop.collision import CollisionProblem
