@@ -43,6 +43,11 @@ class LatestWins(Generic[Request]):
         with self._changed:
             return self._closed or bool(self._waiting)
 
+    def newer_within(self, seconds: float) -> bool:
+        """Wait until another request waits or nobody wants an answer any more, but not longer than this."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._closed or bool(self._waiting), seconds)
+
     def close(self, wait_s: float = 0.0) -> None:
         """Take no more requests; the thread ends after the one that it works on."""
         with self._changed:

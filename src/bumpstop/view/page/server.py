@@ -75,7 +75,12 @@ class ViewServer:
     def _connect(self, client: viser.ClientHandle) -> None:
         page = Page(client, self._opened)
         with self._lock:
-            self.pages[client.client_id] = page
+            # A browser may be gone before its page is built.
+            if client.client_id in self._server.get_clients():
+                self.pages[client.client_id] = page
+                return
+            page.close()
+            self._ended.append(page)
 
     def _disconnect(self, client: viser.ClientHandle) -> None:
         with self._lock:

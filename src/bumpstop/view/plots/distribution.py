@@ -48,8 +48,7 @@ def distribution_plot(answer: Answer, before: Answer | None = None) -> Html:
     if answer.lowest_limit_N < high:
         chart.beyond(answer.lowest_limit_N)
     x, y = stairs(edges, density)
-    chart.area(x, y, AREA)
-    chart.line(x, y, LAW)
+    chart.area(x, y, AREA, LAW)
     if others.size and before is not None:
         chart.line(*stairs(others, before.result.peak_force.density(others)), LAW, dash="3 3")
     for limit, force in answer.limits_N:
