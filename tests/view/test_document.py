@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 import tomllib
 from pathlib import Path
@@ -15,6 +16,7 @@ from bumpstop.view.answer import Answer
 from bumpstop.view.controls import Control, Shown, controls_of
 from bumpstop.view.document import ViewDocument, scenario_text, with_keys
 from bumpstop.view.latest import LatestWins
+from bumpstop.view.plots.distribution import exceedance_plot
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 HAND = bs.load_scenario(EXAMPLES / "01_hand_downward.toml")
@@ -137,6 +139,21 @@ def _other(control: Control) -> Shown:
     return texts.get(
         control.key, "0.0005" if control.panel == "Verdict" else "1.5" if control.panel != "Arm" else "0.5"
     )
+
+
+def test_the_tail_is_drawn_where_the_command_says_it_is() -> None:
+    """The dot at the limit stands at the probability of the verdict, and on the line."""
+    answer = Answer.of(with_keys(bs.load_scenario(EXAMPLES / "02_lower_arm_downward.toml"), {"contact.area_cm2": 2.2}))
+    drawn = str(exceedance_plot(answer))
+    x, y = (float(re.search(rf'<circle[^>]*{name}="([0-9.]+)"', drawn)[1]) for name in ("cx", "cy"))  # type: ignore[index]
+    p = answer.result.verdict.p_over_pressure
+    assert p is not None
+    assert 1e-5 < p < 1e-2
+    # From 1 at the top to 1e-6 at the bottom, 190 px high with 22 px and 34 px beyond the axes.
+    assert y == pytest.approx(22 + 134 * np.log10(p) / -6, abs=0.1)
+    points = re.search(r'<polyline points="([^"]+)"', drawn)
+    assert points is not None
+    assert f"{x:.1f},{y:.1f}" in points[1].split()
 
 
 def test_only_the_newest_request_is_answered() -> None:

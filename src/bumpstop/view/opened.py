@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -71,6 +72,11 @@ class Opened:
         if path is not None:
             shapes |= {shape.link: shape for shape in urdf_meshes(path, self.robot)[0]}
         return tuple(shapes.values())
+
+    @cached_property
+    def folder(self) -> Path:
+        """For files that the scenarios on screen name, such as slowed trajectories; it outlives the page."""
+        return Path(tempfile.mkdtemp(prefix="bumpstop-view-"))
 
 
 def open_source(source: str | None, *, robot: str | None = None, watch: Watch | None = None) -> Opened:

@@ -14,12 +14,14 @@ from bumpstop.view.answer import Answer, SupersededError
 from bumpstop.view.document import ViewDocument
 from bumpstop.view.latest import LatestWins
 from bumpstop.view.page.control_panel import ControlPanel
+from bumpstop.view.page.overlay import Overlay
 from bumpstop.view.page.playback_panel import PlaybackPanel
 from bumpstop.view.page.point_panel import PointPanel
 from bumpstop.view.page.result_panel import ResultPanel, details_html
 from bumpstop.view.page.scene_view import Clicks, SceneView
 from bumpstop.view.page.tools import Tools
 from bumpstop.view.scene.polytope import force_polytope
+from bumpstop.view.scene.poor_directions import poor_directions
 from bumpstop.view.scene.reaching import reach_for
 
 if TYPE_CHECKING:
@@ -63,6 +65,7 @@ class Page:
         self._further = LatestWins(self._compute_details, "bumpstop-view-details")
         self._hand = LatestWins(self._reach, "bumpstop-view-hand")
         self._scene = SceneView(client, opened, Clicks(self._touched, self._hit, self._hand.submit))
+        self._overlay = Overlay(client, opened.robot, opened.shapes)
         self._tools = Tools(self)
         self._playback = PlaybackPanel(self)
         self._points = PointPanel(self)
@@ -217,10 +220,11 @@ class Page:
         self._scene.show(document.scenario, q, answer, hand=not self._tools.dragging)
         if self._further.newer_within(_PAUSE_S):
             return
+        self._playback.follow(document.scenario)
         self._panel.show(document.scenario, but=self._moved)
         self._file.content = str(_file_html(document.text))
         self._scene.show_force(answer)
-        self._draw_polytope(answer)
+        self._draw_forces(answer)
         self._result.show_tail(answer)
         try:
             if answer.pending:
@@ -239,10 +243,15 @@ class Page:
         self._draw(answer)
         self._result.show_details(details)
 
-    def _draw_polytope(self, answer: Answer) -> None:
+    def _draw_forces(self, answer: Answer) -> None:
+        """Forces that no threshold detects: at the contact point, and all over the arm; and the result kept before."""
         problem, contact = answer.result.problem, answer.scenario.contact
         at = problem.robot.pose(problem.q, contact.link, contact.point_m)[:3, 3]
         self._scene.show_polytope(force_polytope(problem, problem.q) if self._tools.polytope else None, at)
+        self._overlay.show_poor(poor_directions(problem, problem.q) if self._tools.poor else None)
+        with self._lock:
+            before = self._before
+        self._overlay.show_before(before)
 
     def _draw(self, answer: Answer) -> None:
         self._result.show(answer, serial=self._serial, before=self._before)

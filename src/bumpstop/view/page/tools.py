@@ -37,6 +37,11 @@ class Tools:
                 "undetectable forces", False, hint="forces at the contact point that no threshold detects, 1 m: 1000 N"
             )
             self._polytope.on_update(lambda _: page.refresh())
+            self._poor = gui.add_checkbox(
+                "poor sensitivity", False,
+                hint="lines along the forces that no threshold detects, on every link, 1 m: 1000 N; orange: any force",
+            )  # fmt: skip
+            self._poor.on_update(lambda _: page.refresh())
             for note in page.opened.notes:
                 gui.add_html(str(element("div", note, style="font-size:11px;padding:1px 10px", data_note="")))
 
@@ -44,6 +49,11 @@ class Tools:
     def polytope(self) -> bool:
         """The forces that no threshold detects are to be drawn."""
         return bool(self._polytope.value)
+
+    @property
+    def poor(self) -> bool:
+        """The directions of poor sensitivity are to be drawn."""
+        return bool(self._poor.value)
 
     def _save(self, what: str) -> None:
         """Hand a file to the browser."""
