@@ -17,6 +17,7 @@ from bumpstop.view.controls import Control, Shown, controls_of
 from bumpstop.view.document import ViewDocument, scenario_text, with_keys
 from bumpstop.view.latest import LatestWins
 from bumpstop.view.plots.distribution import exceedance_plot
+from bumpstop.view.uncertainty_text import spec_of, text_of
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 HAND = bs.load_scenario(EXAMPLES / "01_hand_downward.toml")
@@ -115,6 +116,7 @@ def _needed(control: Control) -> dict[str, object]:
         "reaction.ramp_time_s": {"reaction.deceleration": "ramp"},
         "reaction.deceleration": {"reaction.ramp_time_s": 0.05},
         "reaction.stop_category": {"reaction.kind": "stop"},
+        "uncertainty.contact.body_mass_kg": {"contact.kind": "free", "contact.body_mass_kg": 2.0},
     }.get(control.key, {"arm.model": "elastic"} if control.key.startswith("arm.") else {})
 
 
@@ -130,7 +132,10 @@ def _other(control: Control) -> Shown:
         return "ramp"
     if control.kind == "choice":
         return next((name for name in control.choices[1:] if name not in (now, "fixed")), str(now))
+    if control.panel == "Uncertainty":
+        return "0.002 to 0.006" if control.key.endswith("latency_s") else "5 %"
     texts = {
+        "verdict.confidence": "0.9",
         "motion.held_joints": "6",
         "contact.normal": "0, 0, -1",
         "detector.thresholds_Nm": "21, 11, 21, 21, 21, 21, 21",
@@ -154,6 +159,31 @@ def test_the_tail_is_drawn_where_the_command_says_it_is() -> None:
     points = re.search(r'<polyline points="([^"]+)"', drawn)
     assert points is not None
     assert f"{x:.1f},{y:.1f}" in points[1].split()
+
+
+@pytest.mark.parametrize(
+    ("text", "spec"),
+    [
+        ("5 %", {"distribution": "normal", "relative_sd": 0.05}),
+        ("1.8 to 2.5", {"interval": [1.8, 2.5]}),
+        ('{ distribution = "lognormal", sigma = 0.1 }', {"distribution": "lognormal", "sigma": 0.1}),
+        ("{ relative = [0.9, 1.2], assumed = true }", {"relative": [0.9, 1.2], "assumed": True}),
+    ],
+)
+def test_what_is_uncertain_is_written_in_a_line(text: str, spec: dict[str, object]) -> None:
+    assert spec_of(text) == spec
+    assert text_of(spec) == text
+
+
+def test_what_is_uncertain_is_undone_and_refused_as_the_command_does() -> None:
+    control = next(each for each in CONTROLS if each.key == "uncertainty.contact.area_cm2")
+    document = ViewDocument(HAND).edit(control.write(HAND, "1.8 to 2.5"))
+    assert document.scenario.uncertainty == {"contact.area_cm2": {"interval": [1.8, 2.5]}}
+    assert Answer.of(document.scenario).word == "COMPUTING"
+    assert "uncertainty" not in tomllib.loads(document.edit(control.write(document.scenario, "")).text)
+    assert document.undo().scenario == HAND
+    with pytest.raises(bs.InputError, match=r'uncertainty\."contact\.area_cm2"'):
+        document.edit(control.write(document.scenario, "about two"))
 
 
 def test_only_the_newest_request_is_answered() -> None:
