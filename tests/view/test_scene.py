@@ -12,7 +12,7 @@ from bumpstop.model import Robot
 from bumpstop.view.colour_scale import colours_of
 from bumpstop.view.page.overlay import poor_lines
 from bumpstop.view.plots.chart import ticks
-from bumpstop.view.point_rows import PointRows
+from bumpstop.view.point_rows import SLICE_M, PointRows
 from bumpstop.view.scene.arm_shapes import arm_shapes
 from bumpstop.view.scene.person import person_parts
 from bumpstop.view.scene.polytope import force_polytope
@@ -115,7 +115,7 @@ def test_every_region_can_be_clicked(table: str) -> None:
 def test_a_click_finds_the_point_under_it() -> None:
     rng = np.random.default_rng(3)
     place = rng.uniform(-1, 1, (61_000, 3))
-    rows = PointRows(place, np.zeros((61_000, 1)), np.zeros((61_000, 3)), place[:, 0], "x")
+    rows = PointRows(place, np.zeros((61_000, 1)), np.zeros((61_000, 3)), place[:, 0], "x", np.arange(61_000))
     eye = np.array([0.0, -6.0, 0.0])
     for row in rng.integers(0, 61_000, 20):
         found = rows.nearest(eye, place[row] - eye, 0.002)
@@ -123,6 +123,18 @@ def test_a_click_finds_the_point_under_it() -> None:
         away = place[found] - eye
         assert np.cross(away, place[row] - eye) / np.linalg.norm(away) == pytest.approx(np.zeros(3), abs=0.1)
     assert rows.nearest(eye, [0.0, -1.0, 0.0], 0.002) is None
+
+
+def test_a_slice_has_the_rows_near_its_plane() -> None:
+    rng = np.random.default_rng(6)
+    place = rng.uniform(-1, 1, (5000, 3))
+    rows = PointRows(place, place[:, :2], place, place[:, 0], "x", np.arange(5000))
+    found = rows.slice(2, 0.3)
+    assert np.flatnonzero(np.abs(place[:, 2] - 0.3) <= SLICE_M).tolist() == found.number.tolist()
+    assert 150 < found.number.size < 350
+    assert (found.place == place[found.number]).all()
+    assert (found.q == place[found.number, :2]).all()
+    assert rows.slice(0, 3.0).number.size == 0
 
 
 def test_colours_keep_the_order_of_numbers() -> None:

@@ -95,6 +95,16 @@ class SceneView:
                 return True
         return False
 
+    def place_of(self, body: str) -> FloatArray:
+        """Where a part of the person stands, middle of its box (3,) [m].
+
+        Args:
+            body: name of the body region.
+        """
+        part = self._parts[body]
+        corners = np.asarray(part.vertices)
+        return np.asarray(rotation_of(part.wxyz) @ (corners.min(axis=0) + corners.max(axis=0)) / 2 + part.position)
+
     def _clicked(self, link: int) -> Callable[[Any], None]:
         def clicked(event: Any) -> None:
             frame = self._frames[link]

@@ -63,13 +63,14 @@ class Tools:
         name = Path(page.opened.title).stem
         try:
             if what == "Scenario":
-                page.client.send_file_download(f"{name}.toml", page.document.text.encode("utf-8"))
+                ending, content = "toml", page.document.text.encode("utf-8")
             elif what == "Picture":
                 from bumpstop.view.recorder import picture
 
-                page.client.send_file_download(f"{name}.png", picture(answer))
+                ending, content = "png", picture(answer)
             else:
-                page.client.send_file_download(f"{name}.html", _report(answer))
+                ending, content = "html", _report(answer)
+            page.client.send_file_download(f"{name}.{ending}", content, save_immediately=True)
         except BumpstopError as error:
             page.client.add_notification(what, str(error), color="red")
 
