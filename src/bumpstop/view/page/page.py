@@ -17,6 +17,7 @@ from bumpstop.view.page.control_panel import ControlPanel
 from bumpstop.view.page.overlay import Overlay
 from bumpstop.view.page.playback_panel import PlaybackPanel
 from bumpstop.view.page.point_panel import PointPanel
+from bumpstop.view.page.program_panel import ProgramPanel
 from bumpstop.view.page.result_panel import ResultPanel, details_html
 from bumpstop.view.page.scene_view import Clicks, SceneView
 from bumpstop.view.page.tools import Tools
@@ -67,6 +68,7 @@ class Page:
         self._scene = SceneView(client, opened, Clicks(self._touched, self._hit, self._hand.submit))
         self._overlay = Overlay(client, opened.robot, opened.shapes)
         self._tools = Tools(self)
+        self._program = ProgramPanel(self)
         self._playback = PlaybackPanel(self)
         self._points = PointPanel(self)
         self._panel = ControlPanel(client, opened.scenario, opened.robot, self._changed)
@@ -221,6 +223,7 @@ class Page:
         if self._further.newer_within(_PAUSE_S):
             return
         self._playback.follow(document.scenario)
+        self._program.follow(document.scenario)
         self._panel.show(document.scenario, but=self._moved)
         self._file.content = str(_file_html(document.text))
         self._scene.show_force(answer)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from bumpstop.view.page.page import Page
 
 _NEAR = 0.012
+_ENDS = (0.02, 0.95)  # shares of the points at which colours end
 _SLICES = ("all points", "slice across x", "slice across y", "slice across z")
 _POSES = 2000
 
@@ -105,15 +106,15 @@ class PointPanel:
             return
         finite = every.value[np.isfinite(every.value)]
         size = 0.02 if len(rows.value) < 5000 else 0.008
-        # A colour means the same in every slice.
-        ends = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
+        # A colour means the same in every slice; a few poses near a singularity must not darken all others.
+        low, high = (float(end) for end in np.quantile(finite, _ENDS)) if finite.size else (0.0, 1.0)
         self._page.client.scene.add_point_cloud(
-            "/points", rows.place.astype(np.float32), colours_of(rows.value, *ends), point_size=size,
+            "/points", rows.place.astype(np.float32), colours_of(rows.value, low, high), point_size=size,
             point_shape="circle",
         )  # fmt: skip
         if finite.size:
-            low, high = number(float(finite.min())), number(float(finite.max()))
-            self._say(f"{len(rows.value)} points: {rows.label}, dark {low} to bright {high}; click one to go there")
+            ends = f"dark {number(low)} or less, bright {number(high)} or more"
+            self._say(f"{len(rows.value)} points: {rows.label}, {ends}; click one to go there")
 
     def _clicked(self, event: Any) -> None:
         rows = self._shown()
