@@ -210,3 +210,43 @@ def test_only_the_newest_request_is_answered() -> None:
     assert worker.dropped == 48
     worker.close(5)
     assert not worker.alive
+
+
+def test_a_fault_loses_one_answer_and_no_other(capsys: pytest.CaptureFixture[str]) -> None:
+    answered: list[int] = []
+
+    def work(request: int) -> None:
+        if request == 0:
+            raise ZeroDivisionError("a fault")
+        answered.append(request)
+
+    worker = LatestWins(work, "test")
+    for request in range(2):
+        worker.submit(request)
+        for _ in range(200):
+            if worker.done > request:
+                break
+            threading.Event().wait(0.01)
+    worker.close(5)
+    assert answered == [1]
+    assert "ZeroDivisionError: a fault" in capsys.readouterr().err
+
+
+def test_waiting_for_a_newer_request_ends_with_it() -> None:
+    found: list[bool] = []
+    begun = threading.Event()
+
+    def work(_: int) -> None:
+        begun.set()
+        found.append(worker.newer_within(5.0 if not found else 0.02))
+
+    worker = LatestWins(work, "test")
+    worker.submit(0)
+    assert begun.wait(5)
+    worker.submit(1)
+    for _ in range(300):
+        if len(found) == 2:
+            break
+        threading.Event().wait(0.01)
+    worker.close(5)
+    assert found == [True, False]

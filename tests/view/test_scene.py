@@ -81,6 +81,11 @@ def test_poor_directions_are_those_of_the_sensitivity(name: str) -> None:
             poses = np.tile(q, (200, 1))
             beside = undetectable_force_along(robot, poses, others, theta, link=link, point=point)
             assert beside.max() <= found.force[row] * (1 + 1e-9)
+    # Long links have three places, the last of them at the next joint.
+    places = np.unique(np.round(found.place[found.link == 2], 9), axis=0)
+    assert len(places) == 3
+    end = robot.pose(q, robot.joints[3].link)[:3, 3]
+    assert np.linalg.norm(places - end, axis=1).min() < 1e-6
     # The first link turns about one axis: two directions of three are not detected there at all.
     assert np.isinf(found.force[found.link == 1]).any()
     lines = poor_lines(found)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import traceback
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 if TYPE_CHECKING:
@@ -14,7 +15,8 @@ Request = TypeVar("Request")
 class LatestWins(Generic[Request]):
     """Runs a function on the newest request, in a thread of its own.
 
-    A request that has not begun when the next one comes is dropped. One that has begun runs to its end.
+    A request that has not begun when the next one comes is dropped. One that has begun runs to its end. What it raises
+    is printed, and the next one is answered all the same.
 
     Attributes:
         dropped: requests that were replaced before they began.
@@ -68,5 +70,8 @@ class LatestWins(Generic[Request]):
                 if self._closed:
                     return
                 request = self._waiting.pop()
-            self._work(request)
+            try:
+                self._work(request)
+            except Exception:  # a fault of ours: one answer is lost, and the page goes on
+                traceback.print_exc()
             self.done += 1
