@@ -14,7 +14,7 @@ from bumpstop.study import WorkspaceStudy
 from bumpstop.view.document import scenario_text
 from bumpstop.view.opened import open_source
 from bumpstop.view.page.server import ViewServer
-from view.cases import LOWER_ARM
+from view.cases import LOWER_ARM, ROOT
 from view.screen import CHROMIUM, WAIT_MS, Screen
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: apt-get install chromium")
@@ -92,6 +92,36 @@ def test_what_a_page_saves(browser: Any, tmp_path: Path) -> None:
         screen.page.context.grant_permissions(["clipboard-read", "clipboard-write"], origin=server.url)
         screen.page.get_by_role("button", name="Copy as TOML").click()
         assert screen.page.evaluate("navigator.clipboard.readText()") == screen.scenario()
+        assert not screen.faults
+    finally:
+        screen.page.close()
+        server.stop()
+
+
+def test_safe_speeds_and_what_was_kept(browser: Any) -> None:
+    """A trajectory slowed down at a click, beside the one before, and back."""
+    opened = open_source(str(ROOT / "examples" / "06_pick_and_place_trajectory.toml"))
+    server = ViewServer(opened)
+    screen = Screen(browser, server, (1280, 800))
+    screen.wait_for_the_picture()
+    try:
+        screen.page.get_by_role("button", name="Keep this").click()
+        screen.page.wait_for_selector("[data-before]", timeout=WAIT_MS)
+        screen.page.get_by_role("button", name="Apply safe speeds").click()
+        screen.page.wait_for_selector("[data-verdict='acceptable']", timeout=WAIT_MS)
+        before, after = map(float, str(screen.page.get_attribute("[data-times]", "data-times")).split())
+        assert before == 3.0
+        assert 3.1 < after < 4.5
+        assert screen.page.text_content("[data-before]").startswith("Kept for comparison: NOT ACCEPTABLE")
+        # Two curves in one chart: what is on screen, and dashed what was kept.
+        assert screen.page.locator("[data-chart='distribution'] polyline").count() == 2
+        screen.until(str(opened.folder))
+        motion = tomllib.loads(screen.scenario())["motion"]
+        slowed = bs.CollisionProblem.from_scenario(opened.scenario.with_values({"motion.file": motion["file"]}))
+        assert slowed.trajectory is not None
+        assert float(slowed.trajectory.time[-1]) == after
+        screen.page.get_by_role("button", name="Undo").click()
+        screen.page.wait_for_selector("[data-verdict='not_acceptable']", timeout=WAIT_MS)
         assert not screen.faults
     finally:
         screen.page.close()

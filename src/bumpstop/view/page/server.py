@@ -23,7 +23,7 @@ LOOPBACK = "127.0.0.1"
 _LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
 _MAX_PORT = 65_535
 # How long what is being computed may take to end.
-_WAIT_S = 5.0
+_WAIT_S = 20.0
 _STARTING = threading.Lock()
 
 
