@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 import tomllib
 from pathlib import Path
@@ -15,6 +16,8 @@ from bumpstop.view.answer import Answer
 from bumpstop.view.controls import Control, Shown, controls_of
 from bumpstop.view.document import ViewDocument, scenario_text, with_keys
 from bumpstop.view.latest import LatestWins
+from bumpstop.view.plots.distribution import exceedance_plot
+from bumpstop.view.uncertainty_text import spec_of, text_of
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 HAND = bs.load_scenario(EXAMPLES / "01_hand_downward.toml")
@@ -113,6 +116,7 @@ def _needed(control: Control) -> dict[str, object]:
         "reaction.ramp_time_s": {"reaction.deceleration": "ramp"},
         "reaction.deceleration": {"reaction.ramp_time_s": 0.05},
         "reaction.stop_category": {"reaction.kind": "stop"},
+        "uncertainty.contact.body_mass_kg": {"contact.kind": "free", "contact.body_mass_kg": 2.0},
     }.get(control.key, {"arm.model": "elastic"} if control.key.startswith("arm.") else {})
 
 
@@ -128,7 +132,10 @@ def _other(control: Control) -> Shown:
         return "ramp"
     if control.kind == "choice":
         return next((name for name in control.choices[1:] if name not in (now, "fixed")), str(now))
+    if control.panel == "Uncertainty":
+        return "0.002 to 0.006" if control.key.endswith("latency_s") else "5 %"
     texts = {
+        "verdict.confidence": "0.9",
         "motion.held_joints": "6",
         "contact.normal": "0, 0, -1",
         "detector.thresholds_Nm": "21, 11, 21, 21, 21, 21, 21",
@@ -137,6 +144,46 @@ def _other(control: Control) -> Shown:
     return texts.get(
         control.key, "0.0005" if control.panel == "Verdict" else "1.5" if control.panel != "Arm" else "0.5"
     )
+
+
+def test_the_tail_is_drawn_where_the_command_says_it_is() -> None:
+    """The dot at the limit stands at the probability of the verdict, and on the line."""
+    answer = Answer.of(with_keys(bs.load_scenario(EXAMPLES / "02_lower_arm_downward.toml"), {"contact.area_cm2": 2.2}))
+    drawn = str(exceedance_plot(answer))
+    x, y = (float(re.search(rf'<circle[^>]*{name}="([0-9.]+)"', drawn)[1]) for name in ("cx", "cy"))  # type: ignore[index]
+    p = answer.result.verdict.p_over_pressure
+    assert p is not None
+    assert 1e-5 < p < 1e-2
+    # From 1 at the top to 1e-6 at the bottom, 190 px high with 22 px and 34 px beyond the axes.
+    assert y == pytest.approx(22 + 134 * np.log10(p) / -6, abs=0.1)
+    points = re.search(r'<polyline points="([^"]+)"', drawn)
+    assert points is not None
+    assert f"{x:.1f},{y:.1f}" in points[1].split()
+
+
+@pytest.mark.parametrize(
+    ("text", "spec"),
+    [
+        ("5 %", {"distribution": "normal", "relative_sd": 0.05}),
+        ("1.8 to 2.5", {"interval": [1.8, 2.5]}),
+        ('{ distribution = "lognormal", sigma = 0.1 }', {"distribution": "lognormal", "sigma": 0.1}),
+        ("{ relative = [0.9, 1.2], assumed = true }", {"relative": [0.9, 1.2], "assumed": True}),
+    ],
+)
+def test_what_is_uncertain_is_written_in_a_line(text: str, spec: dict[str, object]) -> None:
+    assert spec_of(text) == spec
+    assert text_of(spec) == text
+
+
+def test_what_is_uncertain_is_undone_and_refused_as_the_command_does() -> None:
+    control = next(each for each in CONTROLS if each.key == "uncertainty.contact.area_cm2")
+    document = ViewDocument(HAND).edit(control.write(HAND, "1.8 to 2.5"))
+    assert document.scenario.uncertainty == {"contact.area_cm2": {"interval": [1.8, 2.5]}}
+    assert Answer.of(document.scenario).word == "COMPUTING"
+    assert "uncertainty" not in tomllib.loads(document.edit(control.write(document.scenario, "")).text)
+    assert document.undo().scenario == HAND
+    with pytest.raises(bs.InputError, match=r'uncertainty\."contact\.area_cm2"'):
+        document.edit(control.write(document.scenario, "about two"))
 
 
 def test_only_the_newest_request_is_answered() -> None:
@@ -163,3 +210,43 @@ def test_only_the_newest_request_is_answered() -> None:
     assert worker.dropped == 48
     worker.close(5)
     assert not worker.alive
+
+
+def test_a_fault_loses_one_answer_and_no_other(capsys: pytest.CaptureFixture[str]) -> None:
+    answered: list[int] = []
+
+    def work(request: int) -> None:
+        if request == 0:
+            raise ZeroDivisionError("a fault")
+        answered.append(request)
+
+    worker = LatestWins(work, "test")
+    for request in range(2):
+        worker.submit(request)
+        for _ in range(200):
+            if worker.done > request:
+                break
+            threading.Event().wait(0.01)
+    worker.close(5)
+    assert answered == [1]
+    assert "ZeroDivisionError: a fault" in capsys.readouterr().err
+
+
+def test_waiting_for_a_newer_request_ends_with_it() -> None:
+    found: list[bool] = []
+    begun = threading.Event()
+
+    def work(_: int) -> None:
+        begun.set()
+        found.append(worker.newer_within(5.0 if not found else 0.02))
+
+    worker = LatestWins(work, "test")
+    worker.submit(0)
+    assert begun.wait(5)
+    worker.submit(1)
+    for _ in range(300):
+        if len(found) == 2:
+            break
+        threading.Event().wait(0.01)
+    worker.close(5)
+    assert found == [True, False]

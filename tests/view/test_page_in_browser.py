@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,20 +14,9 @@ from bumpstop.cli.main import main
 from bumpstop.view.opened import open_source
 from bumpstop.view.page.server import ViewServer
 from view.cases import LOWER_ARM
+from view.screen import CHROMIUM, WAIT_MS, Screen
 
-CHROMIUM = shutil.which("chromium")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: apt-get install chromium")
-FLAGS = ["--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-_WAIT_MS = 60_000
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    playwright = pytest.importorskip("playwright.sync_api")
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture(scope="module")
@@ -36,41 +24,6 @@ def server() -> Iterator[ViewServer]:
     server = ViewServer(open_source(str(LOWER_ARM)))
     yield server
     server.stop()
-
-
-class Screen:
-    """A page in the browser."""
-
-    def __init__(self, browser: Any, server: ViewServer) -> None:
-        self.page = browser.new_page(viewport={"width": 960, "height": 560})
-        self.faults: list[str] = []
-        self.elsewhere: list[str] = []
-        self.page.on("console", lambda m: self.faults.append(m.text) if m.type == "error" else None)
-        self.page.on("pageerror", lambda error: self.faults.append(str(error)))
-        own = (server.url, server.url.replace("http", "ws"), "data:", "blob:")
-        self.page.on("request", lambda r: None if r.url.startswith(own) else self.elsewhere.append(r.url))
-        self.page.goto(server.url)
-        self.page.wait_for_selector("[data-serial]", timeout=_WAIT_MS)
-        # A folder that is closed has no text.
-        self.page.get_by_text("Scenario file", exact=True).click()
-        self.page.wait_for_selector("[data-scenario]", timeout=_WAIT_MS)
-
-    def number(self, key: str) -> float:
-        return float(self.page.get_attribute(f"[data-figure='{key}']", "data-value"))
-
-    def scenario(self) -> str:
-        return str(self.page.text_content("[data-scenario]"))
-
-    def until(self, words: str) -> None:
-        """Wait until the exported scenario has these words and the plots are those of its answer."""
-        self.page.wait_for_function(
-            "words => document.querySelector('[data-scenario]').textContent.includes(words)", arg=words,
-            timeout=_WAIT_MS,
-        )  # fmt: skip
-
-    def field(self, label: str) -> Any:
-        """The input beside a label: a panel's row is label and input."""
-        return self.page.locator(f"xpath=//label[normalize-space()='{label}']/ancestor::*[.//input][1]//input").last
 
 
 def told(scenario: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
@@ -106,7 +59,7 @@ def test_the_page_says_what_the_command_says(
     # A wrong value is refused in place with the reason that the command gives, and is not used.
     text, exported = screen.field("stiffness, N/m"), screen.scenario()
     text.fill("-5")
-    screen.page.wait_for_selector("[data-refusal='contact.stiffness_N_m']", timeout=_WAIT_MS)
+    screen.page.wait_for_selector("[data-refusal='contact.stiffness_N_m']", timeout=WAIT_MS)
     reason = screen.page.text_content("[data-refusal]").removeprefix("✖ ")
     with pytest.raises(SystemExit):
         main(["evaluate", str(LOWER_ARM), "--set", "contact.stiffness_N_m=-5"])

@@ -10,13 +10,15 @@ from bumpstop.contact import LimitTable
 from bumpstop.detection.sensitivity import undetectable_force_along
 from bumpstop.model import Robot
 from bumpstop.view.colour_scale import colours_of
+from bumpstop.view.page.overlay import poor_lines
 from bumpstop.view.plots.chart import ticks
-from bumpstop.view.point_rows import PointRows
+from bumpstop.view.point_rows import SLICE_M, PointRows
 from bumpstop.view.scene.arm_shapes import arm_shapes
 from bumpstop.view.scene.person import person_parts
 from bumpstop.view.scene.polytope import force_polytope
+from bumpstop.view.scene.poor_directions import poor_directions
 from bumpstop.view.scene.reaching import reach_for
-from view.cases import HAND, twelve_joints
+from view.cases import HAND, ROOT, twelve_joints
 
 
 @pytest.mark.parametrize("robot", [*map(Robot.load, bs.robots()), twelve_joints()], ids=lambda robot: robot.name)
@@ -57,6 +59,41 @@ def test_corners_of_undetectable_forces_touch_a_threshold() -> None:
         assert along == pytest.approx(sizes.max(), rel=1e-6)
 
 
+@pytest.mark.parametrize("name", ["01_hand_downward", "05_ur10e"])
+def test_poor_directions_are_those_of_the_sensitivity(name: str) -> None:
+    """By two routes: a force along a row, at its point of its link, and no place's other directions are poorer."""
+    problem = bs.CollisionProblem.from_scenario(bs.load_scenario(ROOT / "examples" / f"{name}.toml"))
+    robot, q, theta = problem.robot, problem.q, problem.thresholds
+    found = poor_directions(problem, q)
+    assert set(found.link) >= {robot.dof - 1, 1}
+    rng = np.random.default_rng(5)
+    for row in range(found.link.size):
+        link, point = robot.joints[int(found.link[row])].link, found.point[row]
+        assert robot.pose(q, link, point)[:3, 3] == pytest.approx(found.place[row])
+        along = undetectable_force_along(robot, q, found.direction[row], theta, link=link, point=point)
+        if np.isinf(found.force[row]):
+            assert along > 1e9
+            continue
+        assert along == pytest.approx(found.force[row], rel=1e-6)
+        if np.isfinite(found.force[(found.place == found.place[row]).all(axis=1)]).all():
+            others = rng.standard_normal((200, 3))
+            others /= np.linalg.norm(others, axis=1, keepdims=True)
+            poses = np.tile(q, (200, 1))
+            beside = undetectable_force_along(robot, poses, others, theta, link=link, point=point)
+            assert beside.max() <= found.force[row] * (1 + 1e-9)
+    # Long links have three places, the last of them at the next joint.
+    places = np.unique(np.round(found.place[found.link == 2], 9), axis=0)
+    assert len(places) == 3
+    end = robot.pose(q, robot.joints[3].link)[:3, 3]
+    assert np.linalg.norm(places - end, axis=1).min() < 1e-6
+    # The first link turns about one axis: two directions of three are not detected there at all.
+    assert np.isinf(found.force[found.link == 1]).any()
+    lines = poor_lines(found)
+    length = np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1)
+    felt = np.isfinite(found.force) & (found.force < 250)
+    assert length[felt] == pytest.approx(2e-3 * found.force[felt])
+
+
 def test_a_hand_is_reached_for_within_limits() -> None:
     rng, robot = np.random.default_rng(2), Robot.load("ur10e")
     for _ in range(10):
@@ -83,7 +120,7 @@ def test_every_region_can_be_clicked(table: str) -> None:
 def test_a_click_finds_the_point_under_it() -> None:
     rng = np.random.default_rng(3)
     place = rng.uniform(-1, 1, (61_000, 3))
-    rows = PointRows(place, np.zeros((61_000, 1)), np.zeros((61_000, 3)), place[:, 0], "x")
+    rows = PointRows(place, np.zeros((61_000, 1)), np.zeros((61_000, 3)), place[:, 0], "x", np.arange(61_000))
     eye = np.array([0.0, -6.0, 0.0])
     for row in rng.integers(0, 61_000, 20):
         found = rows.nearest(eye, place[row] - eye, 0.002)
@@ -91,6 +128,18 @@ def test_a_click_finds_the_point_under_it() -> None:
         away = place[found] - eye
         assert np.cross(away, place[row] - eye) / np.linalg.norm(away) == pytest.approx(np.zeros(3), abs=0.1)
     assert rows.nearest(eye, [0.0, -1.0, 0.0], 0.002) is None
+
+
+def test_a_slice_has_the_rows_near_its_plane() -> None:
+    rng = np.random.default_rng(6)
+    place = rng.uniform(-1, 1, (5000, 3))
+    rows = PointRows(place, place[:, :2], place, place[:, 0], "x", np.arange(5000))
+    found = rows.slice(2, 0.3)
+    assert np.flatnonzero(np.abs(place[:, 2] - 0.3) <= SLICE_M).tolist() == found.number.tolist()
+    assert 150 < found.number.size < 350
+    assert (found.place == place[found.number]).all()
+    assert (found.q == place[found.number, :2]).all()
+    assert rows.slice(0, 3.0).number.size == 0
 
 
 def test_colours_keep_the_order_of_numbers() -> None:

@@ -26,7 +26,7 @@ def command(
         str | None,
         typer.Argument(
             metavar="[SOURCE]",
-            help="Scenario, built-in robot, URDF, recording or study. Default: the robot of bumpstop new.",
+            help="Scenario, built-in robot, URDF, program, recording or study. Default: the robot of bumpstop new.",
             show_default=False,
         ),
     ] = None,
@@ -37,6 +37,7 @@ def command(
     thresholds: Annotated[
         str | None, typer.Option(metavar="LIST|FILE", help="Thresholds [Nm], of a recording.")
     ] = None,
+    scenario: Annotated[Path | None, typer.Option(metavar="SCENARIO", help="Of a program: its cell (TOML).")] = None,
     record: Annotated[
         Path | None, typer.Option(help="Write view.png and view.gif into this folder and serve nothing.")
     ] = None,
@@ -48,7 +49,7 @@ def command(
     from bumpstop.view.opened import open_source
 
     check_folder(record)
-    opened = open_source(source, robot=robot, watch=_watch(model, thresholds))
+    opened = open_source(source, robot=robot, watch=_watch(model, thresholds), cell=scenario)
     for note in opened.notes:
         typer.echo(f"note: {note}", err=True)
     if record is not None:

@@ -10,6 +10,7 @@ from bumpstop.collision.scenario.keys import value_of
 from bumpstop.collision.scenario.scenario import DetectorTable, MotionTable, ReactionTable, VerdictTable
 from bumpstop.contact import LimitTable
 from bumpstop.contact.limits import builtin_tables
+from bumpstop.view.uncertainty_text import OFFERED, PREFIX, spec_of, text_of
 
 if TYPE_CHECKING:
     from bumpstop.collision import Scenario
@@ -62,13 +63,15 @@ class Control:
             return float(x), float(y), float(z)
         if self.kind == "choice":
             return NOT_GIVEN if value is None else str(value)
-        return _as_text(value)
+        return text_of(value) if self.key.startswith(PREFIX) else _as_text(value)
 
     def write(self, scenario: Scenario, shown: Shown) -> dict[str, Any]:
         """The keys to change so that the scenario says what the control shows; None takes a key out."""
         if self.key in (SPEED, DIRECTION):
             velocity = _velocity(scenario, self.key, shown)
             return {"motion.velocity_mm_s": velocity, "motion.speed_mm_s": None, "motion.direction": None}
+        if self.key.startswith(PREFIX):
+            return {self.key: spec_of(str(shown))}
         if "[" in self.key:
             name, _, item = self.key.removesuffix("]").partition("[")
             values = list(_value(scenario, name))
@@ -142,6 +145,8 @@ def _value(scenario: Scenario, key: str) -> Any:
         velocity = scenario.motion.velocity
         speed = 1e3 * math.hypot(*velocity)
         return speed if key == SPEED else tuple(_rounded(1e3 * part / speed) for part in velocity)
+    if key.startswith(PREFIX):
+        return scenario.uncertainty.get(key.removeprefix(PREFIX))
     if "[" in key:
         name, _, item = key.removesuffix("]").partition("[")
         return _value(scenario, name)[int(item) - 1]
@@ -168,7 +173,7 @@ _ARM = {
     "torque_limit_Nm": "torque limit, Nm",
     "acceleration_feedforward": "acceleration feedforward",
 }
-PANELS = ("Motion", "Contact", "Detector", "Reaction", "Arm", "Verdict")
+PANELS = ("Motion", "Contact", "Detector", "Reaction", "Arm", "Uncertainty", "Verdict")
 
 
 def controls_of(scenario: Scenario, robot: Robot) -> tuple[Control, ...]:
@@ -186,6 +191,7 @@ def controls_of(scenario: Scenario, robot: Robot) -> tuple[Control, ...]:
         *_detector(),
         *_reaction(),
         *_arm(),
+        *_uncertainty(scenario),
         *_verdict(),
     )
 
@@ -322,10 +328,17 @@ def _arm() -> list[Control]:
     return [model, *(_text(f"arm.{key}", label, "Arm", hint) for key, label in _ARM.items())]
 
 
+def _uncertainty(scenario: Scenario) -> list[Control]:
+    labels = OFFERED | {key: key for key in scenario.uncertainty if key not in OFFERED}
+    hint = "how well it is known: 5 %, 1.8 to 2.5, or a table of [uncertainty]; empty: exactly"
+    return [_text(f"{PREFIX}{key}", label, "Uncertainty", hint) for key, label in labels.items()]
+
+
 def _verdict() -> list[Control]:
     return [
         _text("verdict.accepted_probability", "accepted probability", "Verdict", "of exceeding a limit"),
         _text("verdict.max_false_alarm", "accepted false alarm", "Verdict", "before contact"),
+        _text("verdict.confidence", "confidence", "Verdict", "of a verdict with uncertain inputs"),
         _choice("verdict.clamped_limit", "clamped limit", "Verdict", VerdictTable),
     ]
 

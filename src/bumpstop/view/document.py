@@ -29,7 +29,8 @@ def with_keys(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
     """
     data = scenario.as_given()
     for key in (key for key, value in changes.items() if value is None):
-        *tables, last = key.split(".")
+        # The keys of [uncertainty] are dotted themselves.
+        *tables, last = key.split(".", 1 if key.startswith("uncertainty.") else -1)
         here: Any = data
         for table in tables:
             here = here.get(table, {})

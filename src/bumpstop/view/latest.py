@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import traceback
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 if TYPE_CHECKING:
@@ -14,7 +15,8 @@ Request = TypeVar("Request")
 class LatestWins(Generic[Request]):
     """Runs a function on the newest request, in a thread of its own.
 
-    A request that has not begun when the next one comes is dropped. One that has begun runs to its end.
+    A request that has not begun when the next one comes is dropped. One that has begun runs to its end. What it raises
+    is printed, and the next one is answered all the same.
 
     Attributes:
         dropped: requests that were replaced before they began.
@@ -43,6 +45,11 @@ class LatestWins(Generic[Request]):
         with self._changed:
             return self._closed or bool(self._waiting)
 
+    def newer_within(self, seconds: float) -> bool:
+        """Wait until another request waits or nobody wants an answer any more, but not longer than this."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._closed or bool(self._waiting), seconds)
+
     def close(self, wait_s: float = 0.0) -> None:
         """Take no more requests; the thread ends after the one that it works on."""
         with self._changed:
@@ -63,5 +70,8 @@ class LatestWins(Generic[Request]):
                 if self._closed:
                     return
                 request = self._waiting.pop()
-            self._work(request)
+            try:
+                self._work(request)
+            except Exception:  # a fault of ours: one answer is lost, and the page goes on
+                traceback.print_exc()
             self.done += 1

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import tempfile
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -18,7 +19,10 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
     from bumpstop.view.point_rows import PointRows
+    from bumpstop.view.program_segments import ProgramSegments
     from bumpstop.view.scene.arm_shapes import LinkShape
+
+PROGRAM_ENDINGS = (".script", ".urscript", ".src", ".mod", ".modx", ".prg", ".sys")
 
 
 class Watch(Protocol):
@@ -51,6 +55,8 @@ class Opened:
         notes: what was assumed to open it.
         points: rows of a study.
         recorded: a recording.
+        program: a robot program.
+        folder: for files that the scenarios on screen name, such as slowed trajectories; it outlives the page.
     """
 
     scenario: Scenario
@@ -59,6 +65,8 @@ class Opened:
     notes: tuple[str, ...] = ()
     points: PointRows | None = None
     recorded: Recorded | None = None
+    program: ProgramSegments | None = None
+    folder: Path = field(default_factory=lambda: Path(tempfile.mkdtemp(prefix="bumpstop-view-")))
 
     @cached_property
     def shapes(self) -> tuple[LinkShape, ...]:
@@ -73,7 +81,9 @@ class Opened:
         return tuple(shapes.values())
 
 
-def open_source(source: str | None, *, robot: str | None = None, watch: Watch | None = None) -> Opened:
+def open_source(
+    source: str | None, *, robot: str | None = None, watch: Watch | None = None, cell: Path | None = None
+) -> Opened:
     """Open what the command line names.
 
     Args:
@@ -81,10 +91,15 @@ def open_source(source: str | None, *, robot: str | None = None, watch: Watch | 
             robot, or path of its URDF. None: the built-in robot that ``bumpstop new`` starts with.
         robot: of a recording: name of a built-in robot, or path of its URDF.
         watch: of a recording: runs a detector over it.
+        cell: of a program: path of the scenario that it is judged with.
 
     Raises:
         InputError: it is none of these, or cannot be used.
     """
+    if source is not None and Path(source).suffix.lower() in PROGRAM_ENDINGS:
+        return _program(Path(source), cell)
+    if cell is not None:
+        raise InputError("--scenario", "has no meaning without a program", "leave it out, or name a program")
     if source is not None and Path(source).suffix not in (".toml", ".urdf", ".xml") and Path(source).exists():
         rows = _study_rows(Path(source))
         if rows is not None:
@@ -118,7 +133,8 @@ def _scenario(source: str | None) -> Opened:
         from bumpstop.view.scene.urdf_meshes import urdf_meshes
 
         return Opened(scenario, arm, str(path), (*notes, *urdf_meshes(path, arm)[1]))
-    valid = f"wanted a scenario (.toml), URDF, recording, study or built-in robot; {near_matches(source, robots())}"
+    kinds = "wanted a scenario (.toml), URDF, program, recording, study or built-in robot"
+    valid = f"{kinds}; {near_matches(source, robots())}"
     raise InputError("SOURCE", f"{source!r} cannot be opened", valid)
 
 
@@ -138,6 +154,17 @@ def _study(file: Path) -> Opened:
     robot = robot_of(scenario)
     points = point_rows(read_rows(file), robot.dof, str(file))
     return Opened(scenario, robot, str(file.parent), points=points)
+
+
+def _program(path: Path, cell: Path | None) -> Opened:
+    from bumpstop.view.program_segments import ProgramSegments
+
+    if cell is None:
+        raise InputError("--scenario", "is missing", "name the scenario of the cell that the program is judged in")
+    folder = Path(tempfile.mkdtemp(prefix="bumpstop-view-"))
+    program = ProgramSegments.read(path, load_scenario(cell), folder)
+    scenario = program.first()
+    return Opened(scenario, robot_of(scenario), str(path), program.notes, program=program, folder=folder)
 
 
 def _recording(path: Path, robot: str | None, watch: Watch | None) -> Opened:

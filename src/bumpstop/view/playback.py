@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bumpstop.arrays import FloatArray
-    from bumpstop.view.opened import Opened
+    from bumpstop.collision import Scenario
+    from bumpstop.model import Robot
+    from bumpstop.view.opened import Recorded
 
 # Points of a way, and of a chart, that are worth drawing.
 _MAX_PLACES, _MAX_CHART = 4000, 600
@@ -86,30 +88,24 @@ def _figure(label: str, value: float) -> str:
     return f"{name} {number(value)} {unit}".rstrip()
 
 
-def playback_of(opened: Opened, stopped: Callable[[], bool], progress: Callable[[float], None]) -> Playback | None:
-    """The motion that was opened, with what is known of it; None where it is a straight line, or nobody waits.
+def trajectory_playback(
+    scenario: Scenario, stopped: Callable[[], bool], progress: Callable[[float], None]
+) -> Playback | None:
+    """The trajectory of a scenario with its safe speeds; None where nobody waits.
 
     Args:
-        opened: what a page begins with.
+        scenario: with a trajectory.
         stopped: asked between parts of the work.
         progress: told the share that is done.
 
     Raises:
         InputError: it cannot be computed.
     """
-    if opened.recorded is not None:
-        return _recorded(opened)
-    if opened.scenario.motion.kind != "trajectory":
-        return None
-    return _trajectory(opened, stopped, progress)
-
-
-def _trajectory(opened: Opened, stopped: Callable[[], bool], progress: Callable[[float], None]) -> Playback | None:
     import polars as pl
 
     from bumpstop.study import TrajectorySpeedLimits
 
-    study = TrajectorySpeedLimits(scenario=opened.scenario.without_uncertainty())
+    study = TrajectorySpeedLimits(scenario=scenario.without_uncertainty())
     shards = []
     for shard in range(study.shards):
         if stopped():
@@ -136,12 +132,11 @@ def _trajectory(opened: Opened, stopped: Callable[[], bool], progress: Callable[
     )
 
 
-def _recorded(opened: Opened) -> Playback:
-    recorded = opened.recorded
-    assert recorded is not None
+def recorded_playback(recorded: Recorded, robot: Robot) -> Playback:
+    """A recording with its residuals, where a detector ran over it."""
     recording, run = recorded.recording, recorded.run
     kept = np.unique(np.linspace(0, recording.t.size - 1, _MAX_PLACES).astype(int))
-    places = opened.robot.pose(recording.q[kept])[:, :3, 3]
+    places = robot.pose(recording.q[kept])[:, :3, 3]
     if run is None:
         still = np.zeros(recording.t.size)
         return Playback(

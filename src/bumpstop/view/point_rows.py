@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from bumpstop.errors import InputError
 
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 
 # What points are coloured by, the first that a file has: column and what it is.
 _VALUES = (("p99_N", "p99 of the peak force, N"), ("limit_mm_s", "highest safe speed, mm/s"))
+# Half of how thick a slice of the workspace is.
+SLICE_M = 0.05
 _TIP = ("tip_x_m", "tip_y_m", "tip_z_m")
 
 
@@ -30,6 +33,7 @@ class PointRows:
         velocity: (N, 3) of the tip [m/s]; NaN where a row has none.
         value: (N,) by which a point is coloured.
         label: what the value is, with its unit.
+        number: (N,) of the row in the file, from 0.
     """
 
     place: FloatArray
@@ -37,6 +41,19 @@ class PointRows:
     velocity: FloatArray
     value: FloatArray
     label: str
+    number: npt.NDArray[np.int64]
+
+    def slice(self, axis: int, at: float) -> PointRows:
+        """The rows within :data:`SLICE_M` of a plane.
+
+        Args:
+            axis: across the plane: 0, 1 or 2 of the base frame.
+            at: where the plane stands on it [m].
+        """
+        near = np.abs(self.place[:, axis] - at) <= SLICE_M
+        return PointRows(
+            self.place[near], self.q[near], self.velocity[near], self.value[near], self.label, self.number[near]
+        )
 
     def nearest(self, origin: FloatArray, direction: FloatArray, near: float) -> int | None:
         """The row whose point a ray meets first; None where it passes none.
@@ -80,6 +97,7 @@ def point_rows(rows: pl.DataFrame, dof: int, file: str) -> PointRows:
         _velocity(rows),
         rows[named[0]].to_numpy().astype(np.float64),
         named[1],
+        np.arange(rows.height),
     )
 
 

@@ -149,9 +149,9 @@ class Rollouts:
             torque = course.residual[np.arange(ticks) * period + 1]
         torque = contact_residual(problem, torque)
         residual = torque + noise_of_run(problem, self.seed, run, ticks)
-        # Of unmonitored joints, the one that the force loads most.
-        over = np.abs(residual[-1]) / problem.thresholds
-        joint = int(np.argmax(over if over.any() else np.abs(torque[-1])))
+        # Of unmonitored joints, the one that the force loads most; any, where the motion ends before the first tick.
+        over = np.abs(residual[-1:]) / problem.thresholds
+        joint = int(np.argmax(over if over.any() else np.abs(torque[-1:]))) if ticks else 0
         peak = float(_force(problem.stiffness, distance, offset, displacement).max())
         if problem.gets_away:
             time, distance, displacement = _between_steps(problem, time, distance, displacement, offset)

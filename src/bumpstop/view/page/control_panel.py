@@ -32,23 +32,24 @@ class ControlPanel:
     def __init__(
         self, client: viser.ClientHandle, scenario: Scenario, robot: Robot, changed: Callable[[str], None]
     ) -> None:
-        self._robot, self._changed = robot, changed
+        self._gui, self._robot, self._changed = client.gui, robot, changed
         self.controls = {control.key: control for control in controls_of(scenario, robot)}
         self._inputs: dict[str, Any] = {}
+        self._folders: dict[str, viser.GuiFolderHandle] = {}
         self._refusals: dict[str, viser.GuiHtmlHandle] = {}
         for panel in PANELS:
             inside = [control for control in self.controls.values() if control.panel == panel]
             if inside:
-                with client.gui.add_folder(panel, expand_by_default=panel in _OPEN):
+                with client.gui.add_folder(panel, expand_by_default=panel in _OPEN) as folder:
                     for control in inside:
-                        self._add(client.gui, control, scenario)
+                        self._add(control, scenario)
+                        self._folders[control.key] = folder
 
-    def _add(self, gui: viser.GuiApi, control: Control, scenario: Scenario) -> None:
-        made = _input(gui, control, control.read(scenario))
+    def _add(self, control: Control, scenario: Scenario) -> None:
+        made = _input(self._gui, control, control.read(scenario))
         key = control.key
         made.on_update(lambda _: self._changed(key))
         self._inputs[key] = made
-        self._refusals[key] = gui.add_html("", visible=False)
 
     def shown(self, key: str) -> Shown:
         """What a control shows now."""
@@ -84,17 +85,15 @@ class ControlPanel:
     def refuse(self, key: str, reason: str) -> None:
         """Say under a control why what it shows is not used; an empty reason takes that back."""
         place = self._refusals.get(key)
-        if place is None:
+        if key not in self._inputs or (place is None and not reason):
             return
+        if place is None:
+            # Most are never needed, and each would cost the page time when it opens.
+            with self._folders[key]:
+                place = self._refusals[key] = self._gui.add_html("", order=self._inputs[key].order + 0.5)
+        look = f"color:{LIMIT};font-size:12px;padding:2px 10px;overflow-wrap:anywhere"
         if reason:
-            place.content = str(
-                element(
-                    "div",
-                    f"✖ {reason}",
-                    style=f"color:{LIMIT};font-size:12px;padding:2px 10px;overflow-wrap:anywhere",
-                    data_refusal=key,
-                )
-            )
+            place.content = str(element("div", f"✖ {reason}", style=look, data_refusal=key))
         if place.visible != bool(reason):
             place.visible = bool(reason)
 

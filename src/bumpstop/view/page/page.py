@@ -14,12 +14,15 @@ from bumpstop.view.answer import Answer, SupersededError
 from bumpstop.view.document import ViewDocument
 from bumpstop.view.latest import LatestWins
 from bumpstop.view.page.control_panel import ControlPanel
+from bumpstop.view.page.overlay import Overlay
 from bumpstop.view.page.playback_panel import PlaybackPanel
 from bumpstop.view.page.point_panel import PointPanel
-from bumpstop.view.page.result_panel import details_html, result_html
+from bumpstop.view.page.program_panel import ProgramPanel
+from bumpstop.view.page.result_panel import ResultPanel, details_html
 from bumpstop.view.page.scene_view import Clicks, SceneView
 from bumpstop.view.page.tools import Tools
 from bumpstop.view.scene.polytope import force_polytope
+from bumpstop.view.scene.poor_directions import poor_directions
 from bumpstop.view.scene.reaching import reach_for
 
 if TYPE_CHECKING:
@@ -33,6 +36,10 @@ if TYPE_CHECKING:
 
 # Changes of one control within this time are one step to undo.
 _ONE_STEP_S = 1.0
+# A browser shows the first result before it is sent the controls and the picture, which keep it busy for seconds.
+_FIRST_S = 0.3
+# A browser draws the panel in a frame of its own before the picture, which takes longer.
+_FRAME_S = 0.02
 # A slider that rests for so long has time for further plots.
 _PAUSE_S = 0.12
 
@@ -51,14 +58,17 @@ class Page:
         self._document = self._computed = ViewDocument(opened.scenario)
         self._answer: Answer | None = None
         self._before: Answer | None = None
-        self._details = Html("")
         self._serial, self._last_edit = 0, 0.0
         self._moved: str | None = None
+        self._result = ResultPanel(client)
+        self._answer_first()
         self._worker: LatestWins[ViewDocument] = LatestWins(self._compute, "bumpstop-view")
         self._further = LatestWins(self._compute_details, "bumpstop-view-details")
         self._hand = LatestWins(self._reach, "bumpstop-view-hand")
         self._scene = SceneView(client, opened, Clicks(self._touched, self._hit, self._hand.submit))
+        self._overlay = Overlay(client, opened.robot, opened.shapes)
         self._tools = Tools(self)
+        self._program = ProgramPanel(self)
         self._playback = PlaybackPanel(self)
         self._points = PointPanel(self)
         self._panel = ControlPanel(client, opened.scenario, opened.robot, self._changed)
@@ -66,11 +76,6 @@ class Page:
             self._file = client.gui.add_html("")
         client.gui.main_panel.dock_left()
         client.gui.main_panel.set_width(340)
-        panel = client.gui.add_panel()
-        with panel.add_tab("Result"):
-            self._result = client.gui.add_html("computing ...")
-        panel.dock_right()
-        panel.set_width(420)
         self.refresh()
 
     @property
@@ -183,6 +188,15 @@ class Page:
         # A text is left as it was typed, so that it can be mended.
         self._panel.show(self._document.scenario, but=key if text else None)
 
+    def _answer_first(self) -> None:
+        """Show the result before anything else is built."""
+        try:
+            self._answer = Answer.of(self._document.scenario)
+        except InputError:
+            return
+        self._draw(self._answer)
+        time.sleep(_FIRST_S)
+
     def _compute(self, document: ViewDocument) -> None:
         try:
             answer = Answer.of(document.scenario)
@@ -198,21 +212,23 @@ class Page:
         self._draw(answer)
         if moved is not None:
             self._panel.refuse(moved, "")
-        q = answer.result.problem.q if self._playback.pose is None else self._playback.pose
-        self._scene.show(document.scenario, q, answer, hand=not self._tools.dragging)
         self._further.submit((document, answer))
-        if not self._worker.has_newer():
-            self._panel.show(document.scenario, but=moved)
-            self._file.content = str(_file_html(document.text))
 
     def _compute_details(self, answered: tuple[ViewDocument, Answer]) -> None:
-        """What takes longer than a slider has time: further plots, and how sure an uncertain verdict is."""
+        """What comes after the distribution: the picture, then further plots, and how sure an uncertain verdict is."""
         document, answer = answered
-        time.sleep(_PAUSE_S)
-        if self._further.has_newer():
+        time.sleep(_FRAME_S)
+        q = answer.result.problem.q if self._playback.pose is None else self._playback.pose
+        self._scene.show(document.scenario, q, answer, hand=not self._tools.dragging)
+        if self._further.newer_within(_PAUSE_S):
             return
+        self._playback.follow(document.scenario)
+        self._program.follow(document.scenario)
+        self._panel.show(document.scenario, but=self._moved)
+        self._file.content = str(_file_html(document.text))
         self._scene.show_force(answer)
-        self._draw_polytope(answer)
+        self._draw_forces(answer)
+        self._result.show_tail(answer)
         try:
             if answer.pending:
                 answer = Answer.of_uncertain(document.scenario, self._further.has_newer)
@@ -225,18 +241,23 @@ class Page:
         with self._lock:
             if self._computed is not document:
                 return
-            self._answer, self._details = answer, details
+            self._answer = answer
             self._serial += 1
         self._draw(answer)
+        self._result.show_details(details)
 
-    def _draw_polytope(self, answer: Answer) -> None:
+    def _draw_forces(self, answer: Answer) -> None:
+        """Forces that no threshold detects: at the contact point, and all over the arm; and the result kept before."""
         problem, contact = answer.result.problem, answer.scenario.contact
         at = problem.robot.pose(problem.q, contact.link, contact.point_m)[:3, 3]
         self._scene.show_polytope(force_polytope(problem, problem.q) if self._tools.polytope else None, at)
+        self._overlay.show_poor(poor_directions(problem, problem.q) if self._tools.poor else None)
+        with self._lock:
+            before = self._before
+        self._overlay.show_before(before)
 
     def _draw(self, answer: Answer) -> None:
-        html = result_html(answer, self._details, serial=self._serial, before=self._before)
-        self._result.content = str(html)
+        self._result.show(answer, serial=self._serial, before=self._before)
 
 
 def pose_of(opened: Opened, scenario: Scenario) -> FloatArray:

@@ -9,11 +9,15 @@ import numpy as np
 
 from bumpstop.errors import BumpstopError
 from bumpstop.report.markup import element
+from bumpstop.terminal import number
 from bumpstop.view.colour_scale import colours_of
-from bumpstop.view.playback import Playback, playback_of
+from bumpstop.view.latest import LatestWins
+from bumpstop.view.playback import Playback, recorded_playback, trajectory_playback
+from bumpstop.view.retimed_scenario import retimed_scenario
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
+    from bumpstop.collision import Scenario
     from bumpstop.view.page.page import Page
 
 _FRAME_S = 0.05
@@ -35,22 +39,35 @@ class PlaybackPanel:
         self._closed = threading.Event()
         self._running = threading.Event()
         self._playback: Playback | None = None
-        self._thread: threading.Thread | None = None
+        self._scenario: Scenario | None = None
+        self._worker: LatestWins[Scenario] | None = None
         if page.opened.recorded is None and page.opened.scenario.motion.kind == "line":
             return
         self._build(page.client.gui)
-        self._thread = threading.Thread(target=self._work, name="bumpstop-view-playback", daemon=True)
-        self._thread.start()
+        self._worker = LatestWins(self._compute, "bumpstop-view-motion")
+        self._player = threading.Thread(target=self._play, name="bumpstop-view-playback", daemon=True)
+        self._player.start()
+        self.follow(page.opened.scenario)
 
     @property
     def alive(self) -> bool:
-        """Its thread has not ended yet."""
-        return self._thread is not None and self._thread.is_alive()
+        """One of its threads has not ended yet."""
+        return self._worker is not None and (self._worker.alive or self._player.is_alive())
 
     def close(self) -> None:
         """Stop playing and computing."""
         self._closed.set()
         self._running.set()
+        if self._worker is not None:
+            self._worker.close()
+
+    def follow(self, scenario: Scenario) -> None:
+        """Have the motion be that of a scenario: a trajectory is computed anew, a recording stays what it is."""
+        if self._worker is None or scenario == self._scenario:
+            return
+        if self._scenario is None or self._page.opened.recorded is None:
+            self._worker.submit(scenario)
+        self._scenario = scenario
 
     def _build(self, gui: Any) -> None:
         with gui.add_folder("Motion in time"):
@@ -58,6 +75,10 @@ class PlaybackPanel:
             self._time.on_update(lambda _: self._show())
             buttons = gui.add_button_group("play", ("Play", "Stop", "Worst"))
             buttons.on_click(lambda event: self._press(event.target.value))
+            if self._page.opened.recorded is None:
+                slow = gui.add_button("Apply safe speeds", hint="slow the trajectory down to its safe speeds")
+                slow.on_click(lambda _: self._slow_down())
+            self._times = gui.add_html("")
             self._says = gui.add_html("computing ...")
 
     def _press(self, what: str) -> None:
@@ -69,6 +90,20 @@ class PlaybackPanel:
         self._running.clear()
         if what == "Worst":
             self._time.value = float(self._playback.time[self._playback.worst])
+
+    def _slow_down(self) -> None:
+        """Put the slowed trajectory on screen, one step to undo, and say what it costs."""
+        try:
+            found = retimed_scenario(self._page.document.scenario, self._page.opened.folder, self._closed.is_set)
+        except BumpstopError as error:
+            self._times.content = _line(str(error), times=None)
+            return
+        if found is None:
+            return
+        self._page.change(found.changes, "motion.file")
+        longer = 100 * (found.after_s / found.before_s - 1)
+        took = f"{number(found.before_s)} s before, {number(found.after_s)} s at safe speeds ({longer:+.1f} %)"
+        self._times.content = _line(f"{took}: {found.file}", times=f"{found.before_s!r} {found.after_s!r}")
 
     def _show(self) -> None:
         playback = self._playback
@@ -90,24 +125,34 @@ class PlaybackPanel:
             )
         )
 
-    def _work(self) -> None:
+    def _compute(self, scenario: Scenario) -> None:
+        worker, recorded = self._worker, self._page.opened.recorded
+        assert worker is not None
         try:
-            self._playback = playback_of(self._page.opened, self._closed.is_set, self._progress)
+            if recorded is not None:
+                playback: Playback | None = recorded_playback(recorded, self._page.opened.robot)
+            else:
+                playback = trajectory_playback(scenario, worker.has_newer, self._progress)
         except BumpstopError as error:
-            self._says.content = str(element("div", str(error), style="padding:2px 8px"))
+            self._says.content = _line(str(error), times=None)
             return
-        if self._playback is None:
+        if playback is None:
             return
-        playback = self._playback
+        self._playback = playback
         self._time.min, self._time.max = float(playback.time[0]), float(playback.time[-1])
+        if not playback.time[0] <= self._time.value <= playback.time[-1]:
+            self._time.value = float(playback.time[-1])
         self._time.disabled = False
         self._page.client.scene.add_point_cloud(
             "/way", playback.places.astype(np.float32), colours_of(playback.shown_values), point_size=0.012
         )
         self._show()
+
+    def _play(self) -> None:
         while not self._closed.is_set():
             self._running.wait()
-            if self._closed.is_set():
+            playback = self._playback
+            if self._closed.is_set() or playback is None:
                 return
             t = float(self._time.value) + _FRAME_S
             if t >= playback.time[-1]:
@@ -117,4 +162,9 @@ class PlaybackPanel:
             self._closed.wait(_FRAME_S)
 
     def _progress(self, share: float) -> None:
-        self._says.content = str(element("div", f"computing: {100 * share:.0f} %", style="padding:2px 8px"))
+        self._says.content = _line(f"computing: {100 * share:.0f} %", times=None)
+
+
+def _line(text: str, *, times: str | None) -> str:
+    look = "font-size:12px;padding:2px 8px;overflow-wrap:anywhere"
+    return str(element("div", text, style=look, data_times=times))

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from bumpstop.view.page.page import Page
 
 _NEAR = 0.012
+_ENDS = (0.02, 0.95)  # shares of the points at which colours end
+_SLICES = ("all points", "slice across x", "slice across y", "slice across z")
 _POSES = 2000
 
 
@@ -37,6 +39,11 @@ class PointPanel:
         with page.client.gui.add_folder("Workspace", expand_by_default=self._rows is not None):
             buttons = page.client.gui.add_button_group("points", ("Compute", "Cancel", "Hide"))
             buttons.on_click(lambda event: self._press(event.target.value))
+            self._axis = page.client.gui.add_dropdown("show", _SLICES, hint="all points, or those near a plane")
+            reach = page.opened.robot.span if np.isfinite(page.opened.robot.span) else 2.0
+            self._at = page.client.gui.add_slider("plane at, m", -reach, reach, 0.01, 0.0, disabled=True)
+            self._axis.on_update(lambda _: self._sliced())
+            self._at.on_update(lambda _: self._draw())
             self._says = page.client.gui.add_html("")
         if self._rows is not None:
             self._draw()
@@ -84,21 +91,33 @@ class PointPanel:
         except BumpstopError as error:
             self._say(str(error))
 
+    def _sliced(self) -> None:
+        self._at.disabled = self._axis.value == _SLICES[0]
+        self._draw()
+
+    def _shown(self) -> PointRows | None:
+        """The rows that are drawn."""
+        axis = _SLICES.index(self._axis.value) - 1
+        return self._rows if self._rows is None or axis < 0 else self._rows.slice(axis, float(self._at.value))
+
     def _draw(self) -> None:
-        rows = self._rows
-        if rows is None:
+        rows, every = self._shown(), self._rows
+        if rows is None or every is None:
             return
+        finite = every.value[np.isfinite(every.value)]
         size = 0.02 if len(rows.value) < 5000 else 0.008
+        # A colour means the same in every slice; a few poses near a singularity must not darken all others.
+        low, high = (float(end) for end in np.quantile(finite, _ENDS)) if finite.size else (0.0, 1.0)
         self._page.client.scene.add_point_cloud(
-            "/points", rows.place.astype(np.float32), colours_of(rows.value), point_size=size, point_shape="circle"
-        )
-        finite = rows.value[np.isfinite(rows.value)]
+            "/points", rows.place.astype(np.float32), colours_of(rows.value, low, high), point_size=size,
+            point_shape="circle",
+        )  # fmt: skip
         if finite.size:
-            low, high = number(float(finite.min())), number(float(finite.max()))
-            self._say(f"{len(rows.value)} points: {rows.label}, dark {low} to bright {high}; click one to go there")
+            ends = f"dark {number(low)} or less, bright {number(high)} or more"
+            self._say(f"{len(rows.value)} points: {rows.label}, {ends}; click one to go there")
 
     def _clicked(self, event: Any) -> None:
-        rows = self._rows
+        rows = self._shown()
         if rows is None:
             return
         origin, direction = np.asarray(event.ray_origin), np.asarray(event.ray_direction)
@@ -109,7 +128,8 @@ class PointPanel:
             return
         velocity = rows.velocity[row]
         self._page.set_pose(rows.q[row], velocity if np.isfinite(velocity).all() and velocity.any() else None)
-        self._say(f"row {row + 1}: {rows.label} {number(float(rows.value[row]))}", row=row)
+        name = int(rows.number[row])
+        self._say(f"row {name + 1}: {rows.label} {number(float(rows.value[row]))}", row=name)
 
     def _say(self, text: str, row: int | None = None) -> None:
         marked = None if row is None else str(row)

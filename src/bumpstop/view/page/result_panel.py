@@ -16,15 +16,26 @@ from bumpstop.view.plots.risk import body_parts_plot, risk_plot, tornado_plot
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    import viser
+
     from bumpstop.view.answer import Answer
 
 # Colour, sign and word say the same: one of them is enough to read the verdict.
 _LOOKS = {"good": (EVENT, "✔"), "bad": (LIMIT, "✖"), "open": (FAINT, "?")}
+_FONT = f"font:12px/1.35 system-ui, sans-serif;color:{INK}"
+# The page puts every piece of HTML into a box of its own: it is that box which must stay where it is.
+_STICKY = Html("<style>div:has(> div > [data-verdict]){position:sticky;top:0;z-index:5}</style>")
 _SHOWN = (("mean", "mean"), ("sd", "sd"), ("p50", "p50"), ("p95", "p95"), ("p99", "p99"), ("p999", "p99.9"))
 
 
-def verdict_box(answer: Answer, *, before: Answer | None = None) -> Html:
-    """The verdict as a word with its sign and colour, and as a sentence with its probability."""
+def verdict_box(answer: Answer, *, serial: int, before: Answer | None = None) -> Html:
+    """The verdict as a word with its sign and colour, and as a sentence with its probability.
+
+    Args:
+        answer: of the scenario on screen.
+        serial: number of the answer, by which tests see that it is drawn.
+        before: an answer kept for comparison.
+    """
     colour, sign = _LOOKS[answer.tone]
     head = element(
         "div",
@@ -41,11 +52,8 @@ def verdict_box(answer: Answer, *, before: Answer | None = None) -> Html:
     warnings = answer.result.warnings if answer.checked else ("Warnings are being computed.",)
     look = f"padding:2px 8px;color:{LIMIT if answer.checked else FAINT}"
     rows += [element("div", f"⚠ {text}", style=look) for text in warnings]
-    return element(
-        "div",
-        *rows,
-        style=f"position:sticky;top:0;z-index:5;background:white;border:2px solid {colour};margin-bottom:4px",
-    )
+    look = f"{_FONT};background:white;border:2px solid {colour};margin:0 6px"
+    return element("div", _STICKY, *rows, style=look, data_serial=str(serial))
 
 
 def figures_table(answer: Answer) -> Html:
@@ -102,22 +110,52 @@ def details_html(answer: Answer, superseded: Callable[[], bool]) -> Html:
     return element("div", *plots, data_details=answer.scenario.contact.body or "")
 
 
-def result_html(answer: Answer, details: Html, *, serial: int, before: Answer | None = None) -> Html:
-    """The whole panel.
+class ResultPanel:
+    """The result on a page, in pieces: what a slider moves is sent by itself, and first.
 
     Args:
-        answer: of the scenario on screen.
-        details: further plots, which may be those of a moment ago.
-        serial: number of the answer, by which tests see that it is drawn.
-        before: an answer kept for comparison.
+        client: whose page it is.
     """
-    return element(
-        "div",
-        verdict_box(answer, before=before),
-        figures_table(answer),
-        distribution_plot(answer, before),
-        exceedance_plot(answer),
-        details,
-        data_serial=str(serial),
-        style=f"font:12px/1.35 system-ui, sans-serif;color:{INK};background:white;padding:2px 6px 12px",
-    )
+
+    def __init__(self, client: viser.ClientHandle) -> None:
+        self._client = client
+        panel = client.gui.add_panel()
+        with panel.add_tab("Result"):
+            self._verdict = client.gui.add_html("computing ...")
+            self._figures = client.gui.add_html("")
+            self._tail = client.gui.add_html("")
+            self._further = client.gui.add_html("")
+        panel.dock_right()
+        panel.set_width(420)
+
+    def show(self, answer: Answer, *, serial: int, before: Answer | None = None) -> None:
+        """Show the verdict, the figures and the distribution, and send them at once.
+
+        Args:
+            answer: of the scenario on screen.
+            serial: number of the answer, by which tests see that it is drawn.
+            before: an answer kept for comparison.
+        """
+        figures = element(
+            "div",
+            figures_table(answer),
+            distribution_plot(answer, before),
+            style=f"{_FONT};background:white;padding:2px 6px 0",
+        )
+        with self._client.atomic():
+            _fill(self._verdict, verdict_box(answer, serial=serial, before=before))
+            _fill(self._figures, figures)
+        self._client.flush()
+
+    def show_tail(self, answer: Answer) -> None:
+        """Show the risk of higher peaks."""
+        _fill(self._tail, element("div", exceedance_plot(answer), style="padding:0 6px"))
+
+    def show_details(self, details: Html) -> None:
+        """Show the plots that need more than one evaluation."""
+        _fill(self._further, element("div", details, style=f"{_FONT};padding:0 6px 12px"))
+
+
+def _fill(place: viser.GuiHtmlHandle, html: Html) -> None:
+    if place.content != html:
+        place.content = str(html)

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 _MOTION, _FORCE, _BODY, _SKIN, _CHOSEN = (0, 114, 178), (213, 94, 0), (230, 170, 130), (225, 200, 180), (213, 94, 0)
 # Lengths of arrows: of the motion, and of a newton.
 _ARROW_M, _M_PER_N = 0.25, 1e-3
+_SEEN_M = 0.003  # about a pixel of a picture that holds the arm and the person
 _FACING = -0.8  # the person looks at the arm and the camera [rad]
 
 
@@ -93,6 +94,16 @@ class SceneView:
             if shape.hit(R.T @ (origin - frame.position), R.T @ direction) is not None:
                 return True
         return False
+
+    def place_of(self, body: str) -> FloatArray:
+        """Where a part of the person stands, middle of its box (3,) [m].
+
+        Args:
+            body: name of the body region.
+        """
+        part = self._parts[body]
+        corners = np.asarray(part.vertices)
+        return np.asarray(rotation_of(part.wxyz) @ (corners.min(axis=0) + corners.max(axis=0)) / 2 + part.position)
 
     def _clicked(self, link: int) -> Callable[[Any], None]:
         def clicked(event: Any) -> None:
@@ -199,11 +210,14 @@ class SceneView:
         self._arrow("/force", start, start - normal * max(length, 0.01), _FORCE)
 
     def _arrow(self, name: str, start: FloatArray, end: FloatArray, colour: tuple[int, int, int]) -> None:
+        points = np.array([[start, end]])
         if name in self._arrows:
-            self._arrows[name].points = np.array([[start, end]])
+            # Each change has the whole picture drawn anew, for a quarter of a second.
+            if np.abs(self._arrows[name].points - points).max() > _SEEN_M:
+                self._arrows[name].points = points
             return
         self._arrows[name] = self._client.scene.add_arrows(
-            name, np.array([[start, end]]), colour, shaft_radius=0.008, head_radius=0.02, head_length=0.05
+            name, points, colour, shaft_radius=0.008, head_radius=0.02, head_length=0.05
         )
 
     def show_polytope(self, polytope: ForcePolytope | None, at: FloatArray) -> None:

@@ -23,7 +23,7 @@ LOOPBACK = "127.0.0.1"
 _LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
 _MAX_PORT = 65_535
 # How long what is being computed may take to end.
-_WAIT_S = 5.0
+_WAIT_S = 20.0
 _STARTING = threading.Lock()
 
 
@@ -75,7 +75,12 @@ class ViewServer:
     def _connect(self, client: viser.ClientHandle) -> None:
         page = Page(client, self._opened)
         with self._lock:
-            self.pages[client.client_id] = page
+            # A browser may be gone before its page is built.
+            if client.client_id in self._server.get_clients():
+                self.pages[client.client_id] = page
+                return
+            page.close()
+            self._ended.append(page)
 
     def _disconnect(self, client: viser.ClientHandle) -> None:
         with self._lock:

@@ -37,6 +37,11 @@ class Tools:
                 "undetectable forces", False, hint="forces at the contact point that no threshold detects, 1 m: 1000 N"
             )
             self._polytope.on_update(lambda _: page.refresh())
+            self._poor = gui.add_checkbox(
+                "poor sensitivity", False,
+                hint="lines along the forces that no threshold detects, on every link, 1 m: 1000 N; orange: any force",
+            )  # fmt: skip
+            self._poor.on_update(lambda _: page.refresh())
             for note in page.opened.notes:
                 gui.add_html(str(element("div", note, style="font-size:11px;padding:1px 10px", data_note="")))
 
@@ -44,6 +49,11 @@ class Tools:
     def polytope(self) -> bool:
         """The forces that no threshold detects are to be drawn."""
         return bool(self._polytope.value)
+
+    @property
+    def poor(self) -> bool:
+        """The directions of poor sensitivity are to be drawn."""
+        return bool(self._poor.value)
 
     def _save(self, what: str) -> None:
         """Hand a file to the browser."""
@@ -53,13 +63,14 @@ class Tools:
         name = Path(page.opened.title).stem
         try:
             if what == "Scenario":
-                page.client.send_file_download(f"{name}.toml", page.document.text.encode("utf-8"))
+                ending, content = "toml", page.document.text.encode("utf-8")
             elif what == "Picture":
                 from bumpstop.view.recorder import picture
 
-                page.client.send_file_download(f"{name}.png", picture(answer))
+                ending, content = "png", picture(answer)
             else:
-                page.client.send_file_download(f"{name}.html", _report(answer))
+                ending, content = "html", _report(answer)
+            page.client.send_file_download(f"{name}.{ending}", content, save_immediately=True)
         except BumpstopError as error:
             page.client.add_notification(what, str(error), color="red")
 

@@ -91,12 +91,15 @@ class Chart:
             )
         )
 
-    def area(self, x: FloatArray, y: FloatArray, colour: str) -> None:
-        """The area between a line and the x axis."""
+    def area(self, x: FloatArray, y: FloatArray, colour: str, line: str) -> None:
+        """The area between a line and the x axis, and the line."""
         if x.size:
             base = self.to_y(self._y[0])
+            # The way is closed for filling alone: one list of points serves area and line.
             points = f"{self.to_x(float(x[0])):.1f},{base} {self._points(x, y)} {self.to_x(float(x[-1])):.1f},{base}"
-            self._parts.append(element("polygon", points=points, fill=colour, fill_opacity="0.45"))
+            self._parts.append(
+                element("polyline", points=points, fill=colour, fill_opacity="0.45", stroke=line, stroke_width="1.6")
+            )
 
     def beyond(self, x: float) -> None:
         """Hatch what lies beyond a value of the x axis."""
@@ -198,6 +201,7 @@ class Chart:
             role="img",
             aria_label=self._title,
             data_chart=self._name or None,
+            **_LABEL,
         )
 
     def _axes(self) -> list[Html]:
@@ -237,11 +241,10 @@ def _text(text: str, x: float, y: float, anchor: str, colour: str, weight: str =
         y=f"{y:.1f}",
         text_anchor=anchor,
         fill=colour,
-        font_weight=weight,
+        font_weight=None if weight == "normal" else weight,
         stroke="white",
         stroke_width="3",
-        style="paint-order:stroke",
-        **_LABEL,
+        paint_order="stroke",
     )
 
 

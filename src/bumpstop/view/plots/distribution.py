@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 # A limit farther away than this many times the forces would press them into a corner: it is named with an arrow.
 _MAX_STRETCH = 2.5
-_MIN_PROBABILITY = 1e-6
+_MIN_PROBABILITY, _TAIL_POINTS = 1e-6, 120
 
 
 def distribution_plot(answer: Answer, before: Answer | None = None) -> Html:
@@ -48,8 +48,7 @@ def distribution_plot(answer: Answer, before: Answer | None = None) -> Html:
     if answer.lowest_limit_N < high:
         chart.beyond(answer.lowest_limit_N)
     x, y = stairs(edges, density)
-    chart.area(x, y, AREA)
-    chart.line(x, y, LAW)
+    chart.area(x, y, AREA, LAW)
     if others.size and before is not None:
         chart.line(*stairs(others, before.result.peak_force.density(others)), LAW, dash="3 3")
     for limit, force in answer.limits_N:
@@ -70,23 +69,19 @@ def exceedance_plot(answer: Answer) -> Html:
     if not edges.size:
         return nothing(title, "No figure: too few collisions have a force with a bound.", name)
     low, high = _range(answer, edges, np.zeros(0))
-    # Sums of the density draw a tail as well as a hundred tails by themselves, in a hundredth of their time.
-    x = np.concatenate([[low], edges, [high]]) if low < edges[0] else np.concatenate([edges, [high]])
-    x = np.unique(np.minimum(x, high))
-    tail = result.peak_force.exceedance(float(x[0])) - np.append(
-        0.0, np.cumsum(result.peak_force.density(x) * np.diff(x))
-    )
+    x = np.unique(np.append(np.linspace(low, high, _TAIL_POINTS), min(answer.lowest_limit_N, high)))
+    tail = np.maximum([result.peak_force.exceedance(float(force)) for force in x], _MIN_PROBABILITY)
     chart = Chart(
         title, (low, high), (_MIN_PROBABILITY, 1.0), labels=("peak force [N]", "probability"), log_y=True, name=name
     )
-    chart.line(x, np.maximum(tail, _MIN_PROBABILITY), LAW)
+    chart.line(x, tail, LAW)
     accepted = answer.scenario.verdict.accepted_probability
     if answer.limits_N:
         chart.horizontal(accepted, f"accepted {accepted:g}")
         limit = answer.lowest_limit_N
         if limit <= high:
             chart.vertical(limit, f"limit {number(limit)} N")
-            chart.mark(limit, float(np.interp(limit, x, np.maximum(tail, _MIN_PROBABILITY))))
+            chart.mark(limit, float(tail[int(np.searchsorted(x, limit))]))
     return chart.svg()
 
 

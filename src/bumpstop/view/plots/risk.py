@@ -17,6 +17,7 @@ from bumpstop.view.answer import Answer, SupersededError
 from bumpstop.view.controls import NOT_GIVEN, SPEED, controls_of
 from bumpstop.view.document import with_keys
 from bumpstop.view.plots.chart import Chart, nothing
+from bumpstop.view.uncertainty_text import OFFERED
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -124,7 +125,7 @@ def tornado_plot(answer: Answer) -> Html:
         title, (0.0, 1.2 * most), (0.0, 1.0), labels=("", ""), height=30 + 15.0 * len(bars) + 8, name="tornado"
     )
     for place, bar in enumerate(bars):
-        label = bar.key.rpartition(".")[2][:24]
+        label = OFFERED.get(bar.key, bar.key.rpartition(".")[2])[:20]
         chart.bar(24 + 15.0 * place, bar.swing, label, number(bar.swing), over=False, chosen=bar.assumed)
     return chart.svg(axes=False)
 

@@ -107,18 +107,21 @@ def _joined(link: int, parts: list[tuple[FloatArray, npt.NDArray[np.int64]]]) ->
     )
 
 
-def capsule(start: FloatArray, end: FloatArray, radius: float) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+def capsule(
+    start: FloatArray, end: FloatArray, radius: float, sections: int = _SECTIONS
+) -> tuple[FloatArray, npt.NDArray[np.int64]]:
     """A mesh of a capsule: vertices (V, 3) and faces (F, 3).
 
     Args:
         start: of its axis (3,) [m].
         end: of its axis (3,) [m].
         radius: [m].
+        sections: corners of its round.
     """
     length = float(np.linalg.norm(end - start))
     rings = [(radius * np.cos(a), radius * np.sin(a)) for a in np.linspace(-np.pi / 2, 0, 6)[1:]]
     profile = [(r, z) for r, z in rings] + [(r, length - z) for r, z in reversed(rings)]
-    return _turned(profile, (-radius, length + radius), start, (end - start) / max(length, _MIN_LENGTH_M))
+    return _turned(profile, (-radius, length + radius), start, (end - start) / max(length, _MIN_LENGTH_M), sections)
 
 
 def _drum(
@@ -132,17 +135,21 @@ def _drum(
 
 
 def _turned(
-    profile: list[tuple[float, float]], ends: tuple[float, float], start: FloatArray, axis: FloatArray
+    profile: list[tuple[float, float]],
+    ends: tuple[float, float],
+    start: FloatArray,
+    axis: FloatArray,
+    sections: int = _SECTIONS,
 ) -> tuple[FloatArray, npt.NDArray[np.int64]]:
     """A body of revolution: rings of radius and height, and the two points that close it."""
     side = np.cross(axis, [1.0, 0.0, 0.0] if abs(axis[0]) < 0.9 else [0.0, 1.0, 0.0])
     side /= np.linalg.norm(side)
     other = np.cross(axis, side)
-    angle = np.linspace(0, 2 * np.pi, _SECTIONS, endpoint=False)
+    angle = np.linspace(0, 2 * np.pi, sections, endpoint=False)
     circle = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * other
     points = [start + height * axis + radius * circle for radius, height in profile]
     vertices = np.concatenate([*points, [start + ends[0] * axis], [start + ends[1] * axis]])
-    n, rings = _SECTIONS, len(profile)
+    n, rings = sections, len(profile)
     i, j = np.arange(n), (np.arange(n) + 1) % n
     faces = []
     for ring in range(rings - 1):

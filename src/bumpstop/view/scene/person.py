@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
     from bumpstop.contact import LimitTable
 
+# It fills more of the picture than the arm, and need not be as round: without a graphics card corners cost time.
+_SECTIONS = 10
 # Ends [m] and radius [m] of the capsules of a person 1.75 m tall, who stands at the origin and looks along +x, by words
 # that the names of regions hold; the first that fits. What lies on the left is on the right, too. Proportions are
 # rough: the figure is there to be clicked.
@@ -58,7 +60,7 @@ def _capsules(numbers: tuple[float, ...]) -> list[tuple[FloatArray, npt.NDArray[
     start, end, radius = np.array(numbers[:3]), np.array(numbers[3:6]), numbers[6]
     mirror = np.array([1.0, -1.0, 1.0])
     sides = [np.ones(3), mirror] if start[1] > 0 and end[1] > 0 else [np.ones(3)]
-    return [capsule(side * start, side * end, radius) for side in sides]
+    return [capsule(side * start, side * end, radius, _SECTIONS) for side in sides]
 
 
 def _together(

@@ -1,0 +1,56 @@
+"""The segments of a program on a page: the one that is chosen is the motion on screen."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from bumpstop.errors import BumpstopError
+from bumpstop.report.markup import element
+
+if TYPE_CHECKING:
+    from bumpstop.collision import Scenario
+    from bumpstop.view.page.page import Page
+
+
+class ProgramPanel:
+    """A list of segments, of what was opened with a program; else nothing.
+
+    Args:
+        page: whose it is.
+    """
+
+    def __init__(self, page: Page) -> None:
+        self._page, self._program = page, page.opened.program
+        if self._program is None:
+            return
+        gui = page.client.gui
+        with gui.add_folder("Program"):
+            start = self._name(page.opened.scenario)
+            self._segment: Any = gui.add_dropdown("segment", self._program.names, initial_value=start)
+            self._segment.on_update(lambda event: self._choose(event.target.value) if event.client else None)
+            self._says = gui.add_html("")
+
+    def follow(self, scenario: Scenario) -> None:
+        """Have the list show the segment that a scenario moves; what was slowed down is of the one chosen last."""
+        if self._program is not None:
+            name = self._name(scenario)
+            if name is not None and self._segment.value != name:
+                self._segment.value = name
+
+    def _name(self, scenario: Scenario) -> str | None:
+        assert self._program is not None
+        files = [str(self._program.file(number)) for number in range(len(self._program.names))]
+        return self._program.names[files.index(scenario.motion.file)] if scenario.motion.file in files else None
+
+    def _choose(self, name: str) -> None:
+        assert self._program is not None
+        try:
+            changes = self._program.changes(self._program.names.index(name))
+        except BumpstopError as error:
+            self._say(str(error))
+            return
+        self._say("")
+        self._page.change(changes, "motion.file")
+
+    def _say(self, text: str) -> None:
+        self._says.content = str(element("div", text, style="font-size:12px;padding:2px 8px"))

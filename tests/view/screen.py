@@ -1,0 +1,74 @@
+"""A page in a real browser, as tests and tools use it."""
+
+from __future__ import annotations
+
+import shutil
+from typing import Any
+
+import numpy as np
+
+from bumpstop.view.page.server import ViewServer
+
+CHROMIUM = shutil.which("chromium")
+FLAGS = ["--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+WAIT_MS = 60_000
+
+
+class Screen:
+    """A page in the browser."""
+
+    def __init__(self, browser: Any, server: ViewServer, size: tuple[int, int] = (960, 560)) -> None:
+        self.page = browser.new_page(viewport={"width": size[0], "height": size[1]})
+        self.faults: list[str] = []
+        self.elsewhere: list[str] = []
+        self.page.on("console", lambda m: self.faults.append(m.text) if m.type == "error" else None)
+        self.page.on("pageerror", lambda error: self.faults.append(str(error)))
+        own = (server.url, server.url.replace("http", "ws"), "data:", "blob:")
+        self.page.on("request", lambda r: None if r.url.startswith(own) else self.elsewhere.append(r.url))
+        self.page.goto(server.url)
+        self.page.wait_for_selector("[data-serial]", timeout=WAIT_MS)
+        # A folder that is closed has no text.
+        self.page.get_by_text("Scenario file", exact=True).click()
+        self.page.wait_for_selector("[data-scenario]", timeout=WAIT_MS)
+
+    def number(self, key: str) -> float:
+        return float(self.page.get_attribute(f"[data-figure='{key}']", "data-value"))
+
+    def scenario(self) -> str:
+        return str(self.page.text_content("[data-scenario]"))
+
+    def until(self, words: str) -> None:
+        """Wait until the exported scenario has these words and the plots are those of its answer."""
+        self.page.wait_for_function(
+            "words => document.querySelector('[data-scenario]').textContent.includes(words)", arg=words,
+            timeout=WAIT_MS,
+        )  # fmt: skip
+
+    def wait_for_the_picture(self) -> None:
+        """Wait until the picture is drawn, and close the browser's note that it is drawn without a graphics card."""
+        self.page.wait_for_selector("[data-details]", timeout=WAIT_MS)
+        note = self.page.get_by_text("Software WebGL rendering detected")
+        if note.count():
+            note.locator("xpath=ancestor::*[.//button][1]//button").first.click(timeout=WAIT_MS)
+            note.wait_for(state="detached", timeout=WAIT_MS)
+
+    def press_at(self, server: ViewServer, place: np.ndarray) -> None:
+        """Click on a place in the picture (3,) [m], as the camera of the page sees it."""
+        camera = next(iter(server.pages.values())).client.camera
+        eye, target, up = (np.asarray(v, dtype=float) for v in (camera.position, camera.look_at, camera.up_direction))
+        ahead = (target - eye) / np.linalg.norm(target - eye)
+        right = np.cross(ahead, up) / np.linalg.norm(np.cross(ahead, up))
+        seen = np.array([right, np.cross(right, ahead), ahead]) @ (place - eye)
+        box = max(
+            (canvas.bounding_box() for canvas in self.page.locator("canvas").all()),
+            key=lambda box: box["width"] * box["height"] if box else 0,
+        )
+        scale = box["height"] / 2 / np.tan(camera.fov / 2) / seen[2]
+        x, y = box["x"] + box["width"] / 2 + scale * seen[0], box["y"] + box["height"] / 2 - scale * seen[1]
+        self.page.mouse.move(x - 2, y)
+        self.page.mouse.move(x, y)
+        self.page.mouse.click(x, y)
+
+    def field(self, label: str) -> Any:
+        """The input beside a label: a panel's row is label and input."""
+        return self.page.locator(f"xpath=//label[normalize-space()='{label}']/ancestor::*[.//input][1]//input").last

@@ -1,0 +1,128 @@
+"""What a person clicks in the picture and on buttons, in a real browser."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bumpstop as bs
+from bumpstop.study import WorkspaceStudy
+from bumpstop.view.document import scenario_text
+from bumpstop.view.opened import open_source
+from bumpstop.view.page.server import ViewServer
+from view.cases import LOWER_ARM, ROOT
+from view.screen import CHROMIUM, WAIT_MS, Screen
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: apt-get install chromium")
+
+
+def test_clicks_on_the_arm_and_on_the_person(browser: Any) -> None:
+    server = ViewServer(open_source(str(LOWER_ARM)))
+    screen = Screen(browser, server, (1280, 800))
+    screen.wait_for_the_picture()
+    try:
+        scene = next(iter(server.pages.values())).scene
+        problem = bs.CollisionProblem.from_scenario(bs.load_scenario(LOWER_ARM))
+        elbow, wrist = (problem.robot.pose(problem.q, problem.robot.joints[j].link)[:3, 3] for j in (3, 5))
+        middle = (elbow + wrist) / 2
+        before = screen.number("peak_force_N.p99")
+        screen.press_at(server, middle)
+        screen.until("point_m")
+        contact = tomllib.loads(screen.scenario())["contact"]
+        assert contact["link"] in [joint.link for joint in problem.robot.joints[3:5]]
+        # The point that was clicked is on the arm's surface, near the ray through the middle of the lower arm.
+        place = problem.robot.pose(problem.q, contact["link"], contact["point_m"])[:3, 3]
+        assert np.linalg.norm(place - middle) < 0.15
+        screen.page.wait_for_function(
+            f"Number(document.querySelector(\"[data-figure='peak_force_N.p99']\").dataset.value) !== {before!r}"
+        )
+        screen.press_at(server, scene.place_of("chest"))
+        screen.until('body = "chest"')
+        assert not screen.faults
+    finally:
+        screen.page.close()
+        server.stop()
+
+
+def test_a_click_on_a_point_of_a_study(browser: Any, tmp_path: Path) -> None:
+    scenario = bs.load_scenario(LOWER_ARM)
+    rows = WorkspaceStudy(scenario=scenario, poses=60).shard(0)
+    rows.write_parquet(tmp_path / "rows.parquet")
+    (tmp_path / "settings.toml").write_text(scenario_text(scenario), encoding="utf-8")
+    opened = open_source(str(tmp_path))
+    assert opened.points is not None
+    server = ViewServer(opened)
+    screen = Screen(browser, server, (1280, 800))
+    screen.wait_for_the_picture()
+    try:
+        # The highest point: nothing stands before it.
+        row = int(opened.points.place[:, 2].argmax())
+        screen.press_at(server, opened.points.place[row])
+        screen.page.wait_for_selector("[data-point]", timeout=WAIT_MS)
+        chosen = int(screen.page.get_attribute("[data-point]", "data-point"))
+        assert np.linalg.norm(opened.points.place[chosen] - opened.points.place[row]) < 0.1
+        pose = np.degrees(opened.points.q[chosen])
+        screen.until(f"{round(float(pose[0]), 2):g}")
+        assert tomllib.loads(screen.scenario())["pose_deg"] == pytest.approx(pose, abs=0.01)
+        assert not screen.faults
+    finally:
+        screen.page.close()
+        server.stop()
+
+
+def test_what_a_page_saves(browser: Any, tmp_path: Path) -> None:
+    server = ViewServer(open_source(str(LOWER_ARM)))
+    screen = Screen(browser, server, (1280, 800))
+    screen.wait_for_the_picture()
+    try:
+        saved = {}
+        for name in ("Scenario", "Picture", "Report"):
+            with screen.page.expect_download(timeout=WAIT_MS) as download:
+                screen.page.get_by_role("button", name=name, exact=True).click()
+            download.value.save_as(tmp_path / download.value.suggested_filename)
+            saved[name] = tmp_path / download.value.suggested_filename
+        assert saved["Scenario"].read_text(encoding="utf-8") == screen.scenario()
+        assert saved["Picture"].read_bytes().startswith(b"\x89PNG")
+        assert bs.load_scenario(saved["Scenario"]).to_dict() == bs.load_scenario(LOWER_ARM).to_dict()
+        assert "lower_arm_wrist" in saved["Report"].read_text(encoding="utf-8")
+        screen.page.context.grant_permissions(["clipboard-read", "clipboard-write"], origin=server.url)
+        screen.page.get_by_role("button", name="Copy as TOML").click()
+        assert screen.page.evaluate("navigator.clipboard.readText()") == screen.scenario()
+        assert not screen.faults
+    finally:
+        screen.page.close()
+        server.stop()
+
+
+def test_safe_speeds_and_what_was_kept(browser: Any) -> None:
+    """A trajectory slowed down at a click, beside the one before, and back."""
+    opened = open_source(str(ROOT / "examples" / "06_pick_and_place_trajectory.toml"))
+    server = ViewServer(opened)
+    screen = Screen(browser, server, (1280, 800))
+    screen.wait_for_the_picture()
+    try:
+        screen.page.get_by_role("button", name="Keep this").click()
+        screen.page.wait_for_selector("[data-before]", timeout=WAIT_MS)
+        screen.page.get_by_role("button", name="Apply safe speeds").click()
+        screen.page.wait_for_selector("[data-verdict='acceptable']", timeout=WAIT_MS)
+        before, after = map(float, str(screen.page.get_attribute("[data-times]", "data-times")).split())
+        assert before == 3.0
+        assert 3.1 < after < 4.5
+        assert screen.page.text_content("[data-before]").startswith("Kept for comparison: NOT ACCEPTABLE")
+        # Two curves in one chart: what is on screen, and dashed what was kept.
+        assert screen.page.locator("[data-chart='distribution'] polyline").count() == 2
+        screen.until(str(opened.folder))
+        motion = tomllib.loads(screen.scenario())["motion"]
+        slowed = bs.CollisionProblem.from_scenario(opened.scenario.with_values({"motion.file": motion["file"]}))
+        assert slowed.trajectory is not None
+        assert float(slowed.trajectory.time[-1]) == after
+        screen.page.get_by_role("button", name="Undo").click()
+        screen.page.wait_for_selector("[data-verdict='not_acceptable']", timeout=WAIT_MS)
+        assert not screen.faults
+    finally:
+        screen.page.close()
+        server.stop()

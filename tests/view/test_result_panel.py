@@ -1,0 +1,104 @@
+"""What a change sends to the page: the pieces that differ, and the picture only where a person would see it."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bumpstop as bs
+from bumpstop.report.markup import Html
+from bumpstop.view.answer import Answer
+from bumpstop.view.document import with_keys
+from bumpstop.view.page.result_panel import ResultPanel
+from bumpstop.view.page.scene_view import SceneView
+from view.cases import HAND
+
+
+class Place:
+    """A piece of a page, which counts what is sent."""
+
+    def __init__(self, content: str) -> None:
+        self.__dict__.update(content=content, sent=[])
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        self.__dict__[name] = value
+        self.sent.append(value)
+
+
+class Client:
+    """A browser without a page."""
+
+    def __init__(self) -> None:
+        self.places: list[Place] = []
+        self.flushed = 0
+        self.gui = self.scene = self
+
+    def add_panel(self) -> Client:
+        return self
+
+    def add_tab(self, _: str) -> Any:
+        return nullcontext()
+
+    def atomic(self) -> Any:
+        return nullcontext()
+
+    def dock_right(self) -> None: ...
+
+    def set_width(self, _: int) -> None: ...
+
+    def flush(self) -> None:
+        self.flushed += 1
+
+    def add_html(self, content: str) -> Place:
+        self.places.append(Place(content))
+        return self.places[-1]
+
+
+def test_a_change_sends_the_pieces_that_differ() -> None:
+    client = Client()
+    panel = ResultPanel(client)  # type: ignore[arg-type]
+    answer = Answer.of(HAND)
+    panel.show(answer, serial=1)
+    panel.show_tail(answer)
+    panel.show_details(Html("plots"))
+    verdict, figures, tail, further = client.places
+    assert [len(place.sent) for place in client.places] == [1, 1, 1, 1]
+    assert client.flushed == 1
+    # Warnings change the verdict's box, and nothing of the distribution.
+    panel.show(answer.with_warnings(), serial=2)
+    assert [len(place.sent) for place in client.places] == [2, 1, 1, 1]
+    other = Answer.of(with_keys(HAND, {"contact.area_cm2": 3.0}))
+    panel.show(other, serial=3)
+    panel.show_tail(other)
+    panel.show_details(Html("plots"))
+    assert [len(place.sent) for place in client.places] == [3, 2, 2, 1]
+    # What a slider waits for is small.
+    assert len(verdict.content) + len(figures.content) < 16_000
+    assert tail.content
+    assert further.content
+
+
+@pytest.mark.parametrize(("speed", "sent"), [(50.4, 0), (90.0, 1)])
+def test_an_arrow_is_drawn_anew_where_it_is_seen_to_move(speed: float, sent: int) -> None:
+    scenario = with_keys(HAND, {"motion.velocity_mm_s": [0, 0, -50.0]})
+    view = SceneView.__new__(SceneView)
+    arrow = Place("")
+    arrow.__dict__["points"] = np.zeros((1, 2, 3))
+    view._arrows = {"/force": arrow}
+    view._touch = np.array([0, 0, 0, 0, 0, -1, 0, 0, -1, 0.03], dtype=float)
+    view.show_force(Answer.of(scenario))
+    assert len(arrow.sent) == 1
+    view.show_force(Answer.of(with_keys(scenario, {"motion.velocity_mm_s": [0, 0, -speed]})))
+    assert len(arrow.sent) - 1 == sent
+
+
+def test_a_verdict_is_the_same_in_pieces() -> None:
+    client = Client()
+    ResultPanel(client).show(Answer.of(HAND), serial=7)  # type: ignore[arg-type]
+    assert 'data-serial="7"' in client.places[0].content
+    reason = bs.evaluate(HAND).verdict.reason
+    assert reason in client.places[0].content.replace("&lt;", "<")
+    assert 'data-chart="distribution"' in client.places[1].content
