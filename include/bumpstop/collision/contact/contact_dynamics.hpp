@@ -105,9 +105,9 @@ class ContactDynamics {
             advance(at, from - offset + speed * (by_->piece * piece), speed, moves & (at.separated < T(0.5)));
     }
 
-    /// Goes on by a block of steps of reactions, whose begins and end are `place`, where no active lane meets or parts in it before its
-    /// step `until`; the answer is 0 then. Else nothing happens, and the answer is the number of steps up to the first in
-    /// which one does.
+    /// Goes on by a block of steps of a reaction, whose begins and end are `place`, where no active lane meets or parts in it
+    /// before its step `until`; the answer is 0 then. Else nothing happens, and the answer is the number of steps up to the
+    /// first in which one does.
     int leap(State& at, const T* place, T offset, T active, T until) const {
         constexpr int points = ContactBlock::points;
         const int steps = by_->block_steps;
