@@ -47,6 +47,7 @@ class _ReferenceCollision(TracedCollision):
             velocity_bandwidth=train.servo_bandwidth,
             position_gain=train.servo_position_gain,
             feedforward=train.acceleration_feedforward,
+            feeds_motors=True,
             rates=np.asarray(problem.start.qd) / problem.approach_speed,
         )
         body = Body(stiffness=problem.contact.body.stiffness)
