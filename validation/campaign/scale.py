@@ -44,7 +44,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
     with tempfile.TemporaryDirectory(prefix="bumpstop-scale-") as name:
         folder = Path(name)
         _many_shards(findings, folder, shards=50 if quick else _SHARDS)
-        _throughput(findings, folder, pairs=1 if quick else 3, poses=40 if quick else 200)
+        _throughput(findings, folder, pairs=1 if quick else 3, poses=40 if quick else 2000)
 
 
 def _many_shards(findings: Findings, folder: Path, *, shards: int) -> None:

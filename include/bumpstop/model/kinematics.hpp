@@ -13,6 +13,7 @@ struct Point3 {
 
     friend Point3 operator-(const Point3& a, const Point3& b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
     friend Point3 operator+(const Point3& a, const Point3& b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
+    friend Point3 operator*(T factor, const Point3& a) { return {factor * a.x, factor * a.y, factor * a.z}; }
 };
 template <class T>
 T dot(const Point3<T>& a, const Point3<T>& b) {

@@ -11,6 +11,7 @@ import polars as pl
 import pytest
 
 import bumpstop as bs
+from bumpstop.collision.trajectory.trajectory_curve import trajectory_kernel
 from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult
 from collision.distribution.test_two_laws import compare
 from collision.trajectory_cases import gantry, scenario, trajectory_motion, waves, write_csv
@@ -254,3 +255,23 @@ def test_a_place_passed_before_contact_does_not_touch_a_free_body(tmp_path: Path
         assert result.undetected_probability > 0.3
         assert result.contact_duration is not None
         assert result.contact_duration.mean > 0.01, "about half an oscillation"
+
+
+def test_a_reversing_arm_is_where_its_path_is(tmp_path: Path) -> None:
+    """All the way back, between the points of simulation steps: by the robot's own kinematics along the spline."""
+    t, q = waves(3, 2.0)
+    write_csv(tmp_path / "path.csv", t, q)
+    reaction = {"kind": "reverse", "joint_acceleration_rad_s2": 5.0}
+    given = scenario(tmp_path, trajectory_motion(contact_onset_s=0.4), robot="sia5d", reaction=reaction)
+    problem = bs.CollisionProblem.from_scenario(given)
+    kernel, path, normal = trajectory_kernel(problem), problem.trajectory, np.array([0.6, 0.0, -0.8])
+    assert path is not None
+    origin = problem.robot.pose(path.at(0.4))[:3, 3]
+    for tick in (110, 160, 190):
+        distance, forward = kernel.reaction_distances(tick, 0.4, normal), kernel.reaction(tick)
+        back = forward[-1] - 1e-3 * np.arange(1, len(distance) - len(forward) + 1)
+        assert back[-1] <= 0.4
+        place = np.concatenate([forward, back])
+        along = (problem.robot.pose(path.at(place))[:, :3, 3] - origin) @ normal
+        after = place > 0.4
+        np.testing.assert_allclose(distance[after], along[after], rtol=0, atol=1e-8)

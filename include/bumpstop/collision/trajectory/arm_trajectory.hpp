@@ -99,6 +99,16 @@ class ArmTrajectory {
         return posture.position(setup_.contact.point);
     }
 
+    /// The same from the points of four steps about it: to 1e-8 m where the acceleration does not jump.
+    Point3<double> point_between(double u) const {
+        const int i = int(std::floor(u / step()));
+        if (i < 1 || i + 2 > steps_) return point_at(u);
+        const double x = u / step() - i;
+        const Point3<double>* at = &point_[std::size_t(i)];
+        return (x * (1 - x) * (x - 2) / 6) * at[-1] + ((1 - x * x) * (2 - x) / 2) * at[0] +
+               (x * (1 + x) * (2 - x) / 2) * at[1] + (x * (x * x - 1) / 6) * at[2];
+    }
+
     /// How arm and body go on in every simulation step of a contact that begins at time `begin`; none where all that gives is
     /// a clamped spring.
     std::optional<ContactPropagator> propagator(double begin, const Point3<double>& normal,
@@ -178,15 +188,18 @@ class ArmTrajectory {
     std::vector<double> reaction_distances(int tick, double begin, const Point3<double>& normal) const {
         const Point3<double> origin = point_at(begin);
         std::vector<double> distance;
-        auto visit = [&](double u) {
-            allow_interruption();
-            const double s = dot(point_at(u) - origin, normal);
+        auto visit = [&](double u, const Point3<double>& point) {
+            const double s = dot(point - origin, normal);
             distance.push_back(u > begin ? s : std::min(s, not_yet));
         };
         const PathReaction& reaction = reaction_[std::size_t(tick)];
-        for (double u : reaction.u) visit(u);
-        double u = reaction.u.back();
-        while (setup_.reaction == ReactionKind::reverse && u > begin) visit(u -= step());
+        for (std::size_t i = 0; i < reaction.u.size(); ++i)
+            visit(reaction.u[i], i < reaction.point.size() ? reaction.point[i] : point_between(reaction.u[i]));
+        allow_interruption();
+        for (double u = reaction.u.back(); setup_.reaction == ReactionKind::reverse && u > begin;) {
+            u -= step();
+            visit(u, point_between(u));
+        }
         return distance;
     }
 

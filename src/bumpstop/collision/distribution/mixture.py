@@ -49,9 +49,12 @@ class MixtureDistribution(Distribution):
     def _moments(self) -> tuple[float, float]:
         if not self.total > 0:
             return math.nan, math.nan
-        weight = self.node_mass / self.node_mass.sum()
-        mean = float(weight @ self.node)
-        return mean, math.sqrt(max(0.0, float(weight @ (self.node - mean) ** 2)))
+        counts = self.node_mass > 0
+        node, weight = self.node[counts], self.node_mass[counts] / self.node_mass.sum()
+        mean = float(weight @ node)
+        if not math.isfinite(mean):
+            return mean, math.nan
+        return mean, math.sqrt(max(0.0, float(weight @ (node - mean) ** 2)))
 
     @property
     def mean(self) -> float:  # noqa: D102

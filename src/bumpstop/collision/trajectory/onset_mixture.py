@@ -54,10 +54,12 @@ class OnsetMixture:
         values[self._group, self._place] = value
         masses[self._group, self._place] = mass
         masses[np.isnan(values)] = 0.0
-        ends = values @ self._to_edges.T
+        # No polynomial goes through an infinite value, of an arm that presses for good: each of its group stands alone.
+        smooth = np.where(np.isfinite(values).all(axis=1, keepdims=True), values, 0.0)
+        ends = smooth @ self._to_edges.T
         low, high = np.minimum(ends[:, 1:], ends[:, :-1]), np.maximum(ends[:, 1:], ends[:, :-1])
         low, high = np.maximum(low, 0.0), np.maximum(high, 0.0)
-        scale = float(np.nanmax(values, initial=0.0))
+        scale = float(values[np.isfinite(values)].max(initial=0.0))
         wide = (high - low > 1e-9 * scale) & (masses > 0) if self._order > 1 else np.zeros(masses.shape, dtype=bool)
         single = ~wide & (masses > 0)
         never, never_mass = end if end is not None else (np.zeros(0), np.zeros(0))
