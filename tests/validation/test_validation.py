@@ -40,9 +40,12 @@ def results(folder: Path) -> dict[str, Any]:
 
 # They race with processes and clocks of this machine: that belongs to `make validate`, on an idle one.
 OF_THE_MACHINE = {"closed_loop", "faults", "live", "scale"}
+# Instruction sets and threads are compared by tests of every law: collision/test_batch.py, test_in_python.py, and
+# collision/distribution/test_exact_law.py.
+ELSEWHERE = {"instruction_sets"}
 
 
-@pytest.mark.parametrize("name", [name for name in program.COMPARISONS if name not in OF_THE_MACHINE])
+@pytest.mark.parametrize("name", [name for name in program.COMPARISONS if name not in OF_THE_MACHINE | ELSEWHERE])
 def test_quick(name: str, tmp_path: Path) -> None:
     for file in NEEDS.get(name, []):
         if not (facts.folder() / "facts" / f"{file}.toml").is_file():
