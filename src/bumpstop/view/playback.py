@@ -11,6 +11,7 @@ from bumpstop.report.colours import EVENT, LAW
 from bumpstop.report.markup import Html
 from bumpstop.terminal import number
 from bumpstop.view.plots.chart import Chart
+from bumpstop.view.study_rows import study_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -101,18 +102,12 @@ def trajectory_playback(
     Raises:
         InputError: it cannot be computed.
     """
-    import polars as pl
-
     from bumpstop.study import TrajectorySpeedLimits
 
     study = TrajectorySpeedLimits(scenario=scenario.without_uncertainty())
-    shards = []
-    for shard in range(study.shards):
-        if stopped():
-            return None
-        shards.append(study.shard(shard))
-        progress((shard + 1) / study.shards)
-    rows = pl.concat(shards)
+    rows = study_rows(study, stopped, progress)
+    if rows is None:
+        return None
     time, position = study.trajectory.time, study.trajectory.position
     speed, limit = rows["speed_mm_s"].to_numpy(), rows["limit_mm_s"].to_numpy()
     with np.errstate(divide="ignore", invalid="ignore"):

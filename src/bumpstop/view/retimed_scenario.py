@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.errors import InputError
+from bumpstop.view.study_rows import study_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,18 +49,14 @@ def retimed_scenario(
     Raises:
         InputError: there is no trajectory, no speed is safe somewhere, or the file cannot be written.
     """
-    import polars as pl
-
     from bumpstop.study import TrajectorySpeedLimits
     from bumpstop.study.speed.trajectory_writing import write_csv
 
     study = TrajectorySpeedLimits(scenario=scenario.without_uncertainty())
-    shards = []
-    for shard in range(study.shards):
-        if stopped():
-            return None
-        shards.append(study.shard(shard))
-    slowing = study.slowed(pl.concat(shards))
+    rows = study_rows(study, stopped)
+    if rows is None:
+        return None
+    slowing = study.slowed(rows)
     retimed = slowing.retimed
     if retimed is None:
         raise InputError("motion.file", f"cannot be slowed down: {slowing.why}", "change the path or the scenario")
