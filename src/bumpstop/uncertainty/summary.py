@@ -33,8 +33,6 @@ def print_uncertain_summary(result: UncertainResult, console: Console) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from bumpstop.collision.summary import print_summary
-
     word, style = {
         "acceptable": ("ACCEPTABLE", "bold black on bright_cyan"),
         "not_acceptable": ("NOT ACCEPTABLE", "bold white on red"),
@@ -72,7 +70,7 @@ def print_uncertain_summary(result: UncertainResult, console: Console) -> None:
         style="dim",
     )
     console.print()
-    print_summary(result.central, console, case="central case")
+    result.central.print_to(console, case="central case")
 
 
 def bar_name(bar: TornadoBar) -> str:

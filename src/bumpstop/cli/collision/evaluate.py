@@ -114,11 +114,9 @@ def command(
     else:
         from rich.console import Console
 
-        from bumpstop.collision.summary import print_summary
-
         console = Console(highlight=False, markup=False)
         if uncertain is None:
-            print_summary(result, console)
+            result.print_to(console)
         else:
             from bumpstop.uncertainty.summary import print_uncertain_summary
 
