@@ -10,7 +10,7 @@ from bumpstop.collision.probability_text import MIN_PERCENT, percent, small_perc
 
 if TYPE_CHECKING:
     from bumpstop.collision.distribution.distribution import Distribution
-    from bumpstop.collision.scenario.scenario import VerdictTable
+    from bumpstop.collision.scenario.scenario_tables import VerdictTable
     from bumpstop.contact import ContactLimits
 
 
