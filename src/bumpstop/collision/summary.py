@@ -11,10 +11,11 @@ from bumpstop.collision.verdict.alarm_rate import alarm_rate
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.text import Text
 
     from bumpstop.collision.distribution.distribution import Distribution
     from bumpstop.collision.outcome import CollisionOutcome
-    from bumpstop.collision.verdict.verdict import Verdict
+    from bumpstop.collision.verdict.verdict import Conclusion, Verdict
     from bumpstop.contact import ContactLimits
 
 
@@ -30,8 +31,8 @@ def arm_title(result: CollisionOutcome) -> str:
     return f"{robot.title or robot.name}{result.problem.arm_in_words}"
 
 
-def print_verdict(result: CollisionOutcome, verdict: Verdict, console: Console, *, case: str = "") -> None:
-    """Print what hits what, and the verdict: without its sign where it is that of one case of several."""
+def sign(conclusion: Conclusion) -> Text:
+    """The word of a verdict in its colour."""
     from rich.text import Text
 
     word, style = {
@@ -39,12 +40,17 @@ def print_verdict(result: CollisionOutcome, verdict: Verdict, console: Console, 
         "not_acceptable": ("NOT ACCEPTABLE", "bold white on red"),
         "inconclusive": ("INCONCLUSIVE", "bold black on yellow"),
         "no_limits": ("NO LIMITS TO JUDGE BY", "bold"),
-    }[verdict.conclusion]
+    }[conclusion]
+    return Text(f" {word} ", style=style)
+
+
+def print_verdict(result: CollisionOutcome, verdict: Verdict, console: Console, *, case: str = "") -> None:
+    """Print what hits what, and the verdict: without its sign where it is that of one case of several."""
     console.print(f"{arm_title(result)} {result.problem.motion_in_words} against {what_is_hit(result)}", style="bold")
     if case:
         console.print(f"{case}: {verdict.reason}")
     else:
-        console.print(Text(f" {word} ", style=style), verdict.reason)
+        console.print(sign(verdict.conclusion), verdict.reason)
 
 
 def print_figures(result: CollisionOutcome, verdict: Verdict, console: Console) -> None:

@@ -115,12 +115,7 @@ def command(
         from rich.console import Console
 
         console = Console(highlight=False, markup=False)
-        if uncertain is None:
-            result.print_to(console)
-        else:
-            from bumpstop.uncertainty.summary import print_uncertain_summary
-
-            print_uncertain_summary(uncertain, console)
+        (uncertain or result).print_to(console)
         if report is not None:
             # Not wrapped, so that it can be copied or clicked.
             console.print(f"report: {report}", soft_wrap=True)
