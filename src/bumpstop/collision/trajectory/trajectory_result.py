@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bumpstop import _native
-from bumpstop.collision.arm_mass import arm_mass_at
+from bumpstop.collision.arm.arm_mass import arm_mass_at
 from bumpstop.collision.curve import StoppingCurve
 from bumpstop.collision.distribution.distribution import NEGLIGIBLE, Distribution
 from bumpstop.collision.distribution.transient_contact import ImpactBounds, bounds_at
