@@ -17,7 +17,6 @@ from bumpstop.collision.outcome import CollisionOutcome
 from bumpstop.collision.scenario.unused_keys import unused_notes
 from bumpstop.collision.summary import print_figures, print_other_arm, print_probabilities, print_verdict
 from bumpstop.collision.tables import result_table
-from bumpstop.collision.verdict.alarm_rate import alarm_rate
 from bumpstop.collision.verdict.two_phase_use import TwoPhaseUse
 from bumpstop.collision.verdict.verdict import Verdict, judge
 from bumpstop.collision.verdict.verdict_notes import nothing_hit, verdict_notes
@@ -71,21 +70,7 @@ class CollisionResult(CollisionOutcome, Displayed):
 
         So it is, too, where most cases touch nothing. What else weakens the verdict is in :attr:`warnings`.
         """
-        return judge(
-            self.peak_force,
-            self.pressure,
-            self.problem.limits,
-            self.false_alarm_probability,
-            # One whose force is known has that force all the same: no failure by itself.
-            0.0 if self.unbounded_because is None else self.undetected_probability,
-            self.scenario.verdict,
-            transient=self.problem.transient_limits,
-            over=self._over_in_two_phases,
-            unbounded_because=self.unbounded_because or "",
-            nothing_hit=nothing_hit(self),
-            false_alarms_per_hour=alarm_rate(self.problem).per_hour,
-            integrated=self.kind == "exact",
-        )
+        return judge(self, self._over_in_two_phases, nothing_hit(self))
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
