@@ -1,8 +1,7 @@
 // Gauss-Legendre rules, Legendre series and interpolation against polynomials.
-#include "bumpstop/math/quadrature.hpp"
-
 #include <limits>
 
+#include "bumpstop/math/legendre_series.hpp"
 #include "math/check.hpp"
 
 namespace {
@@ -125,30 +124,26 @@ void legendre_sums() {
     }
 }
 
-// In columns, against the sums written out.
+// Against the sums written out.
 template <class T>
-void coefficients() {
-    constexpr int columns = 8;
-    for (int n = 1; n <= max_order; ++n) {
+void products_with_legendre() {
+    for (int n = 8; n <= max_order; n += 8) {
         const GaussRule& rule = gauss_rule(n);
-        std::vector<double> value(std::size_t(n) * columns), weight(value.size()), series(value.size());
+        LegendreSeries<T> series;
+        series.prepare(n);
+        std::vector<double> value(static_cast<std::size_t>(n)), found(value.size());
         for (double& x : value) x = double(checks::normal());
-        for (double& x : weight) x = double(checks::normal());
-        legendre_coefficients<T>(rule, value.data(), weight.data(), columns, series.data());
+        series.find(value.data(), found.data());
         for (int l = 0; l < n; ++l) {
-            for (int p = 0; p < columns; ++p) {
-                long double sum = 0, bound = 0;
-                for (int g = 0; g < n; ++g) {
-                    const std::size_t at = std::size_t(g) * columns + p;
-                    const long double product = (long double)value[at] * weight[at];
-                    sum += rule.to_legendre[std::size_t(l) * n + g] * product;
-                    // Roundings of the sums, of every step of the recurrence, and what an error of the node does to
-                    // the weight: an entry serves both nodes of a pair.
-                    const double x = rule.node[g], entry = (2 * l + 1) / 2.0 * rule.weight[g];
-                    bound += 2 * entry * std::fabs(product) * (16 + 2 * n + 2 / (1 - x * x)) * epsilon;
-                }
-                CHECK_NEAR(series[std::size_t(l) * columns + p], sum, bound);
+            long double sum = 0, bound = 0;
+            for (int g = 0; g < n; ++g) {
+                const double x = rule.node[g];
+                sum += 0.5L * legendre(l, x) * value[std::size_t(g)];
+                // Roundings of the sums, of every step of the recurrence, and what an error of the node does to it: a
+                // polynomial serves both nodes of a pair.
+                bound += std::fabs(value[std::size_t(g)]) * (16 + 2 * n + 2 / (1 - x * x)) * epsilon;
             }
+            CHECK_NEAR(found[std::size_t(l)], sum, bound);
         }
     }
 }
@@ -233,10 +228,9 @@ int main() {
     legendre_sums<Lanes<2>>();
     legendre_sums<Lanes<4>>();
     legendre_sums<Lanes<8>>();
-    coefficients<double>();
-    coefficients<Lanes<2>>();
-    coefficients<Lanes<4>>();
-    coefficients<Lanes<8>>();
+    products_with_legendre<Lanes<2>>();
+    products_with_legendre<Lanes<4>>();
+    products_with_legendre<Lanes<8>>();
     nodes_lie_in_their_range();
     interpolation();
     return checks::result();

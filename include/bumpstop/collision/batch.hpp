@@ -85,8 +85,7 @@ inline std::vector<int> order_of_work(const BatchProblem& problem) {
         state.refresh_angles(setup.chain);
         Posture<double> posture;
         forward_kinematics(setup.chain, state.q, state.angle, posture);
-        const Vector3& v = request.velocity;
-        const Rates<double> rates = resolved_rates(setup.chain, motion, posture, Point3<double>{v[0], v[1], v[2]});
+        const Rates<double> rates = resolved_rates(setup.chain, motion, posture, point3<double>(request.velocity));
         double most = 0;
         for (int f = 0; f < motion.free_count; ++f)
             most = std::max(most, std::fabs(rates.free[f]) / motion.acceleration_limit[motion.free_joint[f]]);

@@ -57,10 +57,7 @@ inline bool read_joint_torque(DescriptionLine& line, JointTorqueParameters& p) {
 }
 
 inline bool read_joint_errors(DescriptionLine& line, JointTorqueErrors& e) {
-    double* place[12] = {&e.A,       &e.B,          &e.D,        &e.F,
-                         &e.coulomb, &e.viscous,    &e.stribeck, &e.stribeck_speed,
-                         &e.load,    &e.hysteresis, &e.inertia,  &e.friction};
-    for (double* number : place)
+    for (double* number : e.all())
         if (!line.finite_numbers(number, 1) || !(*number >= 0)) return false;
     return true;
 }

@@ -10,12 +10,20 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Standard errors of JointTorqueParameters, in their units; 0: unknown, or none.
-struct JointTorqueErrors {
-    double A = 0, B = 0, D = 0, F = 0, coulomb = 0, viscous = 0, stribeck = 0, stribeck_speed = 0, load = 0;
-    double hysteresis = 0, inertia = 0;
-    double friction = 0;  ///< standard deviation of measured friction about the law [current]
+/// Standard errors of JointTorqueParameters, in their units, of a joint or of one in every lane; 0: unknown, or none.
+template <class T>
+struct JointTorqueErrorsOf {
+    T A = 0.0, B = 0.0, D = 0.0, F = 0.0, coulomb = 0.0, viscous = 0.0, stribeck = 0.0, stribeck_speed = 0.0;
+    T load = 0.0, hysteresis = 0.0, inertia = 0.0;
+    T friction = 0.0;  ///< standard deviation of measured friction about the law [current]
+
+    /// All of them, in the order of files.
+    std::array<T*, 12> all() noexcept {
+        return {&A,    &B,          &D,       &F,       &coulomb, &viscous, &stribeck, &stribeck_speed,
+                &load, &hysteresis, &inertia, &friction};
+    }
 };
+using JointTorqueErrors = JointTorqueErrorsOf<double>;
 
 /// Torque that friction can hide at standstill, each way [Nm or N]: what the motor need not answer while the joint
 /// sticks. Friction at rest_speed under `current`, through the map's slope there, and hysteresis.
@@ -58,19 +66,8 @@ class JointTorqueBank {
             set_lane(g.low, lane, p.current_low);
             set_lane(g.high, lane, p.current_high);
             if (errors.empty()) continue;
-            const JointTorqueErrors& e = errors[j];
-            set_lane(g.errors.A, lane, e.A);
-            set_lane(g.errors.B, lane, e.B);
-            set_lane(g.errors.D, lane, e.D);
-            set_lane(g.errors.F, lane, e.F);
-            set_lane(g.errors.coulomb, lane, e.coulomb);
-            set_lane(g.errors.viscous, lane, e.viscous);
-            set_lane(g.errors.stribeck, lane, e.stribeck);
-            set_lane(g.errors.stribeck_speed, lane, e.stribeck_speed);
-            set_lane(g.errors.load, lane, e.load);
-            set_lane(g.errors.hysteresis, lane, e.hysteresis);
-            set_lane(g.errors.inertia, lane, e.inertia);
-            set_lane(g.errors.friction, lane, e.friction);
+            JointTorqueErrors own = errors[j];
+            for (std::size_t k = 0; k < own.all().size(); ++k) set_lane(*g.errors.all()[k], lane, *own.all()[k]);
         }
     }
 
@@ -132,10 +129,7 @@ class JointTorqueBank {
     static constexpr int max_groups = max_joints / native_lanes;
     static constexpr double top = 1e4;  // as in friction_current
 
-    struct Errors {
-        L A = 0.0, B = 0.0, D = 0.0, F = 0.0, coulomb = 0.0, viscous = 0.0, stribeck = 0.0, stribeck_speed = 0.0;
-        L load = 0.0, hysteresis = 0.0, inertia = 0.0, friction = 0.0;
-    };
+    using Errors = JointTorqueErrorsOf<L>;
     struct Group {
         L odd = 1.0, power = 0.0, A = 0.0, B = 0.0, scale = 0.0, unit_scale = 0.0, F = 0.0;
         L coulomb = 0.0, viscous = 0.0, stribeck = 0.0, inverse_stribeck_speed = 1.0, load = 0.0;

@@ -62,43 +62,6 @@ inline const GaussRule& gauss_rule(int n) {
     return rules[std::size_t(n - 1)];
 }
 
-/// Coefficients c_l = sum_g to_legendre[l][g] weight[g] value[g] in `n` columns, a whole number of registers; all arrays
-/// are [l or g][column]. Nodes lie in pairs about zero, where Legendre polynomials are even or odd: half the products do.
-/// Four l at a time keep the adders busy.
-template <class T>
-void legendre_coefficients(const GaussRule& rule, const double* value, const double* weight, int n, double* series) {
-    const int order = rule.order, pairs = (order + 1) / 2;
-    for (int p = 0; p < n; p += Scalar<T>::lanes) {
-        T part[2][(max_order + 1) / 2];  // [even or odd polynomials][pair]
-        auto product = [&](int g) {
-            const std::size_t at = std::size_t(g) * n + p;
-            return load<T>(value + at) * load<T>(weight + at);
-        };
-        for (int g = 0; g < pairs; ++g) {
-            const T one = product(g), other = order - 1 - g == g ? T(0.0) : product(order - 1 - g);
-            part[0][g] = one + other;
-            part[1][g] = one - other;
-        }
-        for (int parity = 0; parity < 2; ++parity) {
-            int l = parity;
-            for (; l + 6 < order; l += 8) {
-                const double* row = &rule.to_legendre[std::size_t(l) * order];
-                T sum[4] = {T(0.0), T(0.0), T(0.0), T(0.0)};
-                for (int g = 0; g < pairs; ++g) {
-                    BUMPSTOP_UNROLL
-                    for (int i = 0; i < 4; ++i) sum[i] += part[parity][g] * row[2 * i * order + g];
-                }
-                for (int i = 0; i < 4; ++i) store(sum[i], series + std::size_t(l + 2 * i) * n + p);
-            }
-            for (; l < order; l += 2) {
-                T sum = 0.0;
-                for (int g = 0; g < pairs; ++g) sum += part[parity][g] * rule.to_legendre[std::size_t(l) * order + g];
-                store(sum, series + std::size_t(l) * n + p);
-            }
-        }
-    }
-}
-
 /// Factors of the recurrence P_l+1 = rise[l] x P_l - fall[l] P_l-1, and 1 / (2l + 1).
 struct LegendreFactors {
     std::array<double, max_order + 1> rise{}, fall{}, inverse{};

@@ -24,6 +24,22 @@ Point3<T> cross(const Point3<T>& a, const Point3<T>& b) {
     return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 
+/// A vector that all lanes share, and that of one lane.
+template <class T>
+Point3<T> point3(const Vector3& v) {
+    return {T(v[0]), T(v[1]), T(v[2])};
+}
+template <class T>
+Vector3 lane_of(const Point3<T>& p, int lane) {
+    return {lane_of(p.x, lane), lane_of(p.y, lane), lane_of(p.z, lane)};
+}
+template <class T>
+void set_lane(Point3<T>& p, int lane, const Vector3& v) {
+    set_lane(p.x, lane, v[0]);
+    set_lane(p.y, lane, v[1]);
+    set_lane(p.z, lane, v[2]);
+}
+
 /// Turns a vector about z, or about x, by the angle of this cosine and sine: a double's, or a lane's own.
 template <class T, class S>
 [[gnu::always_inline]] inline void turn_z(const S& c, const S& s, Point3<T>& v) {
@@ -98,12 +114,9 @@ struct Posture {
     Point3<T> frame_x[max_joints], frame_y[max_joints], frame_position[max_joints];
 
     Point3<T> position(const LinkPoint& point) const {
-        if (point.link < 0) return {T(point.offset[0]), T(point.offset[1]), T(point.offset[2])};
-        const Point3<T>&x = frame_x[point.link], &y = frame_y[point.link], &z = axis[point.link],
-              &p = frame_position[point.link];
-        const double a = point.offset[0], b = point.offset[1], c = point.offset[2];
-        return {p.x + x.x * a + y.x * b + z.x * c, p.y + x.y * a + y.y * b + z.y * c,
-                p.z + x.z * a + y.z * b + z.z * c};
+        if (point.link < 0) return point3<T>(point.offset);
+        const Point3<T>&x = frame_x[point.link], &y = frame_y[point.link], &z = axis[point.link];
+        return frame_position[point.link] + point.offset[0] * x + point.offset[1] * y + point.offset[2] * z;
     }
 };
 
@@ -115,18 +128,18 @@ void forward_kinematics(const Chain& chain, const T* q, const JointAngles<T>& an
         const Chain::Joint& joint = chain.joint[i];
         const Vector3& d = joint.displacement;
         // Most chains have mostly zeros here; the branches depend on the chain alone and predict perfectly.
-        if (d[0] != 0) p = {p.x + x.x * d[0], p.y + x.y * d[0], p.z + x.z * d[0]};
-        if (d[1] != 0) p = {p.x + y.x * d[1], p.y + y.y * d[1], p.z + y.z * d[1]};
-        if (d[2] != 0) p = {p.x + z.x * d[2], p.y + z.y * d[2], p.z + z.z * d[2]};
+        if (d[0] != 0) p = p + d[0] * x;
+        if (d[1] != 0) p = p + d[1] * y;
+        if (d[2] != 0) p = p + d[2] * z;
         const double ca = joint.cos_alpha, sa = joint.sin_alpha;
-        const Point3<T> y1{y.x * ca + z.x * sa, y.y * ca + z.y * sa, y.z * ca + z.z * sa};
-        z = {z.x * ca - y.x * sa, z.y * ca - y.y * sa, z.z * ca - y.z * sa};
+        const Point3<T> tilted = ca * y + sa * z;
+        z = ca * z - sa * y;
         const T c = angle.cos[i], s = angle.sin[i];
-        y = {y1.x * c - x.x * s, y1.y * c - x.y * s, y1.z * c - x.z * s};
-        x = {x.x * c + y1.x * s, x.y * c + y1.y * s, x.z * c + y1.z * s};
+        y = c * tilted - s * x;
+        x = c * x + s * tilted;
         posture.axis[i] = z;
         posture.origin[i] = p;
-        if (joint.prismatic) p = {p.x + z.x * q[i], p.y + z.y * q[i], p.z + z.z * q[i]};
+        if (joint.prismatic) p = p + q[i] * z;
         posture.frame_x[i] = x;
         posture.frame_y[i] = y;
         posture.frame_position[i] = p;

@@ -47,13 +47,12 @@ void momentum_terms(const Chain& chain, const Inertias& inertias, const T* q, co
         } else {
             w.z += qd[i];
         }
-        const Point3<T> h{T(mass.first[0]), T(mass.first[1]), T(mass.first[2])};
-        const Point3<T> wh = cross(w, h), hv = cross(h, v);
-        momentum[i] = {v.x * mass.mass + wh.x, v.y * mass.mass + wh.y, v.z * mass.mass + wh.z};
+        const Point3<T> h = point3<T>(mass.first), hv = cross(h, v);
+        momentum[i] = mass.mass * v + cross(w, h);
         spin[i] = {hv.x + w.x * (mass.yy + mass.zz) - w.y * mass.xy - w.z * mass.xz,
                    hv.y + w.y * (mass.xx + mass.zz) - w.x * mass.xy - w.z * mass.yz,
                    hv.z + w.z * (mass.xx + mass.yy) - w.x * mass.xz - w.y * mass.yz};
-        weight[i] = {a.x * mass.mass, a.y * mass.mass, a.z * mass.mass};
+        weight[i] = mass.mass * a;
         moment[i] = cross(h, a);
     }
     Point3<T> f{zero, zero, zero}, l = f, g = f, m = f;

@@ -17,7 +17,7 @@ struct PointMotion {
 template <class T>
 PointMotion<T> point_motion(const Chain& chain, const T* q, const T* qd, const JointAngles<T>& angle,
                             const LinkPoint& point) {
-    Point3<T> p{T(point.offset[0]), T(point.offset[1]), T(point.offset[2])}, v{T(0.0), T(0.0), T(0.0)};
+    Point3<T> p = point3<T>(point.offset), v{T(0.0), T(0.0), T(0.0)};
     for (int j = point.link; j >= 0; --j) {
         const Chain::Joint& joint = chain.joint[j];
         if (joint.prismatic) {

@@ -139,7 +139,8 @@ class ChainDerivative {
             three += square * u;
             four += square * square;
         }
-        const double n = window_, s1 = sum_of(one), s2 = sum_of(two), s3 = sum_of(three), s4 = sum_of(four);
+        const double n = window_;
+        const double s1 = sum_of_lanes(one), s2 = sum_of_lanes(two), s3 = sum_of_lanes(three), s4 = sum_of_lanes(four);
         const double c00 = s2 * s4 - s3 * s3, c01 = s2 * s3 - s1 * s4, c02 = s1 * s3 - s2 * s2;
         const double c11 = n * s4 - s2 * s2, c12 = s1 * s2 - n * s3, c22 = n * s2 - s1 * s1;
         for (int k = 0; k < padded; k += native_lanes) {

@@ -25,19 +25,6 @@ inline int window_samples(double time, double period, int degree) noexcept {
     return intervals >= max_window_samples ? max_window_samples : int(intervals) + 1;
 }
 
-/// Sum of the lanes.
-template <class T>
-double sum_of(T x) noexcept {
-    constexpr int lanes = Scalar<T>::lanes;
-    double sum[lanes];
-    BUMPSTOP_UNROLL
-    for (int lane = 0; lane < lanes; ++lane) sum[lane] = lane_of(x, lane);
-    BUMPSTOP_UNROLL
-    for (int half = lanes / 2; half > 0; half /= 2)
-        for (int lane = 0; lane < half; ++lane) sum[lane] += sum[lane + half];
-    return sum[0];
-}
-
 /// Arrays a fit works in, `n` numbers each: a whole number of registers of T.
 struct FitArrays {
     const double* x;       ///< time of a sample less the time asked for [s]
@@ -70,7 +57,8 @@ void derivative_weights(const FitArrays& a, int degree) noexcept {
             square += term;
             moment += term * load<T>(a.x + k);
         }
-        const double norm = sum_of(square), center = sum_of(moment) / norm, b = j > 0 ? norm / norm_before : 0;
+        const double norm = sum_of_lanes(square), center = sum_of_lanes(moment) / norm,
+                     b = j > 0 ? norm / norm_before : 0;
         const double share[3] = {at[0] / norm, at[1] / norm, at[2] / norm};
         for (int k = 0; k < a.n; k += lanes) {
             const T p = load<T>(a.current + k), weighted = load<T>(a.weight + k) * p;

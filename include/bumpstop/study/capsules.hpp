@@ -8,17 +8,12 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace detail {
 
-template <class T>
-Point3<T> between(const Point3<T>& from, const Point3<T>& to) {
-    return {to.x - from.x, to.y - from.y, to.z - from.z};
-}
-
 /// Square of the distance of a point from a segment that begins at `begin` and goes `along`, which is no point.
 template <class T>
 T point_to_segment(const Point3<T>& point, const Point3<T>& begin, const Point3<T>& along) {
-    const Point3<T> w = between(begin, point);
+    const Point3<T> w = point - begin;
     const T share = min(max(dot(w, along) / dot(along, along), T(0.0)), T(1.0));
-    const Point3<T> apart{w.x - share * along.x, w.y - share * along.y, w.z - share * along.z};
+    const Point3<T> apart = w - share * along;
     return dot(apart, apart);
 }
 
@@ -28,7 +23,7 @@ T point_to_segment(const Point3<T>& point, const Point3<T>& begin, const Point3<
 /// one of them is an end.
 template <class T>
 T segment_distance(const Point3<T>& p, const Point3<T>& p_end, const Point3<T>& r, const Point3<T>& r_end) {
-    const Point3<T> u = detail::between(p, p_end), v = detail::between(r, r_end), w = detail::between(r, p);
+    const Point3<T> u = p_end - p, v = r_end - r, w = p - r;
     T least = min(min(detail::point_to_segment(p, r, v), detail::point_to_segment(p_end, r, v)),
                   min(detail::point_to_segment(r, p, u), detail::point_to_segment(r_end, p, u)));
     const T uu = dot(u, u), uv = dot(u, v), vv = dot(v, v), uw = dot(u, w), vw = dot(v, w);
@@ -37,7 +32,7 @@ T segment_distance(const Point3<T>& p, const Point3<T>& p_end, const Point3<T>& 
     const T inverse = 1.0 / select(crossing, determinant, T(1.0));
     const T s = (uv * vw - vv * uw) * inverse, t = (uu * vw - uv * uw) * inverse;
     const MaskOf<T> in_first = abs(s - 0.5) <= T(0.5), in_second = abs(t - 0.5) <= T(0.5);
-    const Point3<T> apart{w.x + s * u.x - t * v.x, w.y + s * u.y - t * v.y, w.z + s * u.z - t * v.z};
+    const Point3<T> apart = w + s * u - t * v;
     least = select(crossing & in_first & in_second, min(least, dot(apart, apart)), least);
     return sqrt(least);
 }
@@ -56,7 +51,7 @@ MaskOf<T> self_collision(const Chain& chain, const Posture<T>& posture, const Li
     const int links = chain.dof + 1;
     T length[max_joints + 1];
     for (int i = 0; i < links; ++i) {
-        const Point3<T> along = detail::between(place[i], place[i + 1]);
+        const Point3<T> along = place[i + 1] - place[i];
         length[i] = sqrt(dot(along, along));
     }
     const T apart(2 * radius), shortest(min_link_length);

@@ -28,8 +28,7 @@ inline double extension_at(const Chain& chain, const LinkPoint& tip, const doubl
     Point3<double> away = posture.position(tip) - posture.origin[0];
     if (!chain.joint[0].prismatic) {
         const Point3<double>& axis = posture.axis[0];
-        const double along = dot(away, axis);
-        away = {away.x - along * axis.x, away.y - along * axis.y, away.z - along * axis.z};
+        away = away - dot(away, axis) * axis;
     }
     return std::sqrt(dot(away, away)) / reach;
 }

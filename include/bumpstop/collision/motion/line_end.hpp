@@ -51,8 +51,7 @@ void cut_line(const CollisionSetup& setup, PathEnd why, int met_step, Q q, Rate 
     const MotionSettings& motion = setup.motion;
     path.cut_step = int(path.s.size()) - 1;
     if (path.end == PathEnd::motion_end && met_step <= setup.timing.steps) path.end = why;
-    const Point3<double> start{path.start[0], path.start[1], path.start[2]};
-    const Point3<double> normal{path.normal[0], path.normal[1], path.normal[2]};
+    const Point3<double> start = point3<double>(path.start), normal = point3<double>(path.normal);
     double there[max_joints];
     JointAngles<double> angle;
     Posture<double> posture;

@@ -54,50 +54,52 @@ void slow_to_velocity_limits(const MotionSettings& motion, Rates<T>& rates) {
     }
 }
 
-/// Joint rates that move the tip with `velocity` (base frame, m/s) and no rotation, scaled down as a whole
-/// where one would pass its velocity limit.
-template <class T>
-Rates<T> resolved_rates(const Chain& chain, const MotionSettings& motion, const Posture<T>& posture,
-                        const Point3<T>& velocity) {
+/// As resolved_rates, without velocity limits. `Rows`: 6 to keep the orientation, 3 to let it go.
+template <int Rows, class T>
+Rates<T> least_norm_rates(const Chain& chain, const MotionSettings& motion, const Posture<T>& posture,
+                          const Point3<T>& velocity) {
     Rates<T> rates;
     const Point3<T> tip = posture.position(motion.tip);
     const int n = motion.free_count;
     // Rows count as no shorter than those of their kind are in the quadratic mean: where all joints move the tip in a plane,
     // or turn it about axes in one, rounding alone says which way the row across it points.
     T turning = 0.0, moving = 0.0;
-    if (motion.task_rows == 6) {
-        T row[6][max_columns];
-        for (int f = 0; f < n; ++f) {
-            const int j = motion.free_joint[f];
-            const Point3<T> linear = linear_column(chain, posture, tip, j);
+    T row[Rows][max_columns], target[Rows], min_length[Rows];
+    const auto put = [](T(*rows)[max_columns], int f, const Point3<T>& v) {
+        rows[0][f] = v.x;
+        rows[1][f] = v.y;
+        rows[2][f] = v.z;
+    };
+    for (int f = 0; f < n; ++f) {
+        const int j = motion.free_joint[f];
+        const Point3<T> linear = linear_column(chain, posture, tip, j);
+        put(row + (Rows - 3), f, linear);
+        moving += dot(linear, linear) * (1.0 / 3);
+        if constexpr (Rows == 6) {
             const bool turns = !chain.joint[j].prismatic;
-            row[0][f] = turns ? posture.axis[j].x : T(0.0);
-            row[1][f] = turns ? posture.axis[j].y : T(0.0);
-            row[2][f] = turns ? posture.axis[j].z : T(0.0);
-            row[3][f] = linear.x;
-            row[4][f] = linear.y;
-            row[5][f] = linear.z;
+            put(row, f, turns ? posture.axis[j] : point3<T>({0, 0, 0}));
             turning += turns ? 1.0 / 3 : 0.0;
-            moving += dot(linear, linear) * (1.0 / 3);
         }
-        T target[6] = {T(0.0), T(0.0), T(0.0), velocity.x, velocity.y, velocity.z};
-        const T min_length[6] = {turning, turning, turning, moving, moving, moving};
-        rates.conditioning = damped_min_norm<6>(row, n, target, motion.damping, rates.free, min_length);
-    } else {
-        T row[3][max_columns];
-        for (int f = 0; f < n; ++f) {
-            const Point3<T> linear = linear_column(chain, posture, tip, motion.free_joint[f]);
-            row[0][f] = linear.x;
-            row[1][f] = linear.y;
-            row[2][f] = linear.z;
-            moving += dot(linear, linear) * (1.0 / 3);
-        }
-        T target[3] = {velocity.x, velocity.y, velocity.z};
-        const T min_length[3] = {moving, moving, moving};
-        rates.conditioning = damped_min_norm<3>(row, n, target, motion.damping, rates.free, min_length);
     }
+    const T wanted[3] = {velocity.x, velocity.y, velocity.z};
+    for (int c = 0; c < Rows; ++c) {
+        const bool moves = c >= Rows - 3;
+        target[c] = moves ? wanted[c % 3] : T(0.0);
+        min_length[c] = moves ? moving : turning;
+    }
+    rates.conditioning = damped_min_norm<Rows>(row, n, target, motion.damping, rates.free, min_length);
     // Damping bounds the rates, however small it is.
     if (motion.damping > 0) rates.conditioning.singular = T(0.0) > T(1.0);
+    return rates;
+}
+
+/// Joint rates that move the tip with `velocity` (base frame, m/s) and no rotation, scaled down as a whole
+/// where one would pass its velocity limit.
+template <class T>
+Rates<T> resolved_rates(const Chain& chain, const MotionSettings& motion, const Posture<T>& posture,
+                        const Point3<T>& velocity) {
+    Rates<T> rates = motion.task_rows == 6 ? least_norm_rates<6>(chain, motion, posture, velocity)
+                                           : least_norm_rates<3>(chain, motion, posture, velocity);
     slow_to_velocity_limits(motion, rates);
     return rates;
 }

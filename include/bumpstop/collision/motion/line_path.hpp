@@ -100,14 +100,12 @@ LineStart<T> begin_line(const CollisionSetup& setup, const T* q, const Point3<T>
     for (int f = 0; f < motion.free_count; ++f) {
         const int j = motion.free_joint[f];
         if (j > contact.point.link) continue;
-        const Point3<T> column = linear_column(chain, line.posture, line.point, j);
-        drift = {drift.x + column.x * line.rates.free[f], drift.y + column.y * line.rates.free[f],
-                 drift.z + column.z * line.rates.free[f]};
+        drift = drift + line.rates.free[f] * linear_column(chain, line.posture, line.point, j);
     }
-    line.normal = {T(contact.normal[0]), T(contact.normal[1]), T(contact.normal[2])};
+    line.normal = point3<T>(contact.normal);
     if (contact.along_motion) {
         const T inverse = 1.0 / max(sqrt(dot(drift, drift)), T(1e-200));
-        line.normal = {drift.x * inverse, drift.y * inverse, drift.z * inverse};
+        line.normal = inverse * drift;
     }
     if (!setup.timing.from_rest) {
         for (int f = 0; f < motion.free_count; ++f) line.state.qd[motion.free_joint[f]] = line.rates.free[f];
@@ -123,9 +121,9 @@ LineStart<T> begin_line(const CollisionSetup& setup, const T* q, const Point3<T>
         path.torque_per_N.clear();
         path.reaction_state.clear();
         path.early_state.clear();
-        path.start = {lane_of(line.point.x, lane), lane_of(line.point.y, lane), lane_of(line.point.z, lane)};
-        path.normal = {lane_of(line.normal.x, lane), lane_of(line.normal.y, lane), lane_of(line.normal.z, lane)};
-        path.velocity = {lane_of(velocity.x, lane), lane_of(velocity.y, lane), lane_of(velocity.z, lane)};
+        path.start = lane_of(line.point, lane);
+        path.normal = lane_of(line.normal, lane);
+        path.velocity = lane_of(velocity, lane);
         path.approach_speed = lane_of(approach, lane);
         path.end = PathEnd::motion_end;
         path.end_joint = -1;

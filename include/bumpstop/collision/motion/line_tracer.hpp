@@ -29,9 +29,7 @@ struct LineBatch {
         for (int lane = 0; lane < Scalar<T>::lanes; ++lane) {
             const LineRequest& request = requests[std::min(lane, count - 1)];
             for (int j = 0; j < dof; ++j) set_lane(q[j], lane, request.q[j]);
-            set_lane(velocity.x, lane, request.velocity[0]);
-            set_lane(velocity.y, lane, request.velocity[1]);
-            set_lane(velocity.z, lane, request.velocity[2]);
+            set_lane(velocity, lane, request.velocity);
         }
     }
 };
@@ -142,9 +140,7 @@ class LineTracer {
             set_lane(arm_.state.q[j], lane, requests[i].q[j]);
             set_lane(arm_.state.qd[j], lane, first_rate_[std::size_t(i) * chain_.dof + j]);
         }
-        set_lane(arm_.target.x, lane, path.velocity[0]);
-        set_lane(arm_.target.y, lane, path.velocity[1]);
-        set_lane(arm_.target.z, lane, path.velocity[2]);
+        set_lane(arm_.target, lane, path.velocity);
         if constexpr (tracing == Tracing::exact) {
             arm_.begin(lane, exact_lag_tolerance, exact_rate_tolerance);
         } else {
@@ -155,8 +151,8 @@ class LineTracer {
         at.path = &paths[i];
         at.criterion = &criteria[i];
         at.last_step = timing_.steps + timing_.latency;
-        at.start = {T(path.start[0]), T(path.start[1]), T(path.start[2])};
-        at.normal = {T(path.normal[0]), T(path.normal[1]), T(path.normal[2])};
+        at.start = point3<T>(path.start);
+        at.normal = point3<T>(path.normal);
         std::copy_n(requests[i].q, chain_.dof, at.q);
     }
 

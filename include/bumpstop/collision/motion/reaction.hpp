@@ -35,13 +35,6 @@ const double* load_start(const CollisionSetup& setup, const ReactionJob& job, in
     return positions + n;
 }
 
-template <class T>
-void set_lane_of_point(Point3<T>& point, int lane, const Vector3& value, double scale = 1) {
-    set_lane(point.x, lane, scale * value[0]);
-    set_lane(point.y, lane, scale * value[1]);
-    set_lane(point.z, lane, scale * value[2]);
-}
-
 /// As of simulate_reactions, by Adams steps of this order.
 template <int order, class T>
 void follow_reactions(const CollisionSetup& setup, ReactionJob* jobs, int count, ReactionDetail detail) {
@@ -59,9 +52,9 @@ void follow_reactions(const CollisionSetup& setup, ReactionJob* jobs, int count,
         const double* rates = load_start(setup, job, lane, arm.state.q);
         for (int j = 0; j < chain.dof; ++j) set_lane(arm.state.qd[j], lane, 0.0);
         for (int f = 0; f < motion.free_count; ++f) set_lane(arm.state.qd[motion.free_joint[f]], lane, rates[f]);
-        set_lane_of_point(arm.target, lane, path.velocity, stopping ? 0 : -1);
-        set_lane_of_point(normal, lane, path.normal);
-        set_lane_of_point(start, lane, path.start);
+        set_lane(arm.target, lane, lane_of((stopping ? 0.0 : -1.0) * point3<double>(path.velocity), 0));
+        set_lane(normal, lane, path.normal);
+        set_lane(start, lane, path.start);
         arm.begin(lane, job.tolerance);
         double stop_time = max_stop_time(setup, path, job.tick);
         if (!motion.deceleration.constant()) {
