@@ -7,11 +7,11 @@ import numbers
 import os
 import shlex
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bumpstop.errors import InputError
+from bumpstop.errors import InputError, near_matches
 from bumpstop.output_files import write_bytes
 
 MAX_BYTES = 10_000_000
@@ -79,6 +79,28 @@ def parse_toml(text: str, file: str) -> dict[str, Any]:
         return {key: _held(value) for key, value in tomllib.loads(text).items()}
     except (ValueError, RecursionError) as error:
         raise InputError(file, f"is not valid TOML: {' '.join(str(error).split())[:200]}") from None
+
+
+def check_keys(data: Mapping[str, Any], known: Iterable[str], where: str, what: str) -> None:
+    """Refuse keys of a table that are none; ``where`` stands before them in errors, ``what`` has them: "a robot file".
+
+    Raises:
+        InputError: names the key, and those that are like it.
+    """
+    for key in data:
+        if key not in known:
+            raise InputError(f"{where}{key}", f"is not a key of {what}", near_matches(str(key), known))
+
+
+def needed(data: Mapping[str, Any], key: str, where: str) -> Any:
+    """The value of a key that a table must have.
+
+    Raises:
+        InputError: it has none.
+    """
+    if key not in data:
+        raise InputError(f"{where}{key}", "is missing")
+    return data[key]
 
 
 def _held(value: Any) -> Any:

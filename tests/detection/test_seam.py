@@ -38,7 +38,8 @@ STRUCTS = {
 
 
 def body(kind: str, name: str) -> str:
-    found = re.search(rf"{kind} {name} {{(.*?)^}};", TEXT, re.DOTALL | re.MULTILINE)
+    # What a joint or every lane may have is a template by another name.
+    found = re.search(rf"{kind} {name}(?:Of)? {{(.*?)^}};", TEXT, re.DOTALL | re.MULTILINE)
     assert found is not None, f"{kind} {name} is in no header"
     return found[1]
 

@@ -8,16 +8,11 @@ from typing import Annotated
 
 import typer
 
-from bumpstop.cli.command_group import CommandGroup
+from bumpstop.cli.command_group import group
 from bumpstop.cli.completion import complete_robot
 from bumpstop.errors import InputError
 
-app = typer.Typer(
-    cls=CommandGroup,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    help="Compare detectors of collisions on contacts that are known.",
-)
+app = group("Compare detectors of collisions on contacts that are known.")
 
 
 @app.callback()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import typer
 from typer.core import TyperGroup
 
 # How hard a collision is, what brings it below the limits, recordings, and what is made of them.
@@ -57,3 +58,10 @@ class CommandGroup(TyperGroup):
                 rows.append((name, command.get_short_help_str(_WHOLE_SENTENCE)))
         with formatter.section("Commands"):
             formatter.write_dl(rows)
+
+
+def group(help_text: str | None = None, name: str | None = None) -> typer.Typer:
+    """A group of commands, whose help and errors are plain text."""
+    return typer.Typer(
+        cls=CommandGroup, name=name, rich_markup_mode=None, pretty_exceptions_enable=False, help=help_text
+    )

@@ -15,7 +15,7 @@ import typer
 from bumpstop.cli import benchmark, bodies, program, robots, view
 from bumpstop.cli.campaign import campaign
 from bumpstop.cli.collision import evaluate, require, speed_limits, stopping, study
-from bumpstop.cli.command_group import CommandGroup
+from bumpstop.cli.command_group import group
 from bumpstop.cli.detection import detect, score, sensitivity, tune
 from bumpstop.cli.identification import identify, plan, recording
 from bumpstop.cli.live import monitor
@@ -25,13 +25,7 @@ from bumpstop.cli.register import new, report
 from bumpstop.cli.schroeder2013 import experiment
 from bumpstop.errors import BumpstopError, InputError
 
-app = typer.Typer(
-    cls=CommandGroup,
-    name="bumpstop",
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    help="How hard will it hit before it stops?",
-)
+app = group("How hard will it hit before it stops?", name="bumpstop")
 app.command("new")(new.command)
 app.command("evaluate")(evaluate.command)
 app.command("report")(report.command)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bumpstop.cli.command_group import CommandGroup
+from bumpstop.cli.command_group import group
 from bumpstop.cli.completion import complete_robot
 from bumpstop.cli.picture_files import check_picture, save_picture
 from bumpstop.errors import InputError
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bumpstop.model import Joint, Robot
     from bumpstop.model.inertia import Matrix3
 
-app = typer.Typer(cls=CommandGroup, rich_markup_mode=None, pretty_exceptions_enable=False)
+app = group()
 
 _INERTIA = {
     "published": "published",

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from bumpstop.arrays import as_float_array, as_number
-from bumpstop.errors import InputError, near_matches
+from bumpstop.errors import InputError
 from bumpstop.joint.friction_law import OF_FRICTION
 from bumpstop.joint.parameters import COMMON, DEFAULT_REST_SPEED, OF_MAP, JointParameters, Parameter
-from bumpstop.text_files import parse_toml, toml_value
+from bumpstop.text_files import check_keys, needed, parse_toml, toml_value
 
 if TYPE_CHECKING:
     from bumpstop.joint.friction_law import FrictionLaw
@@ -31,9 +31,9 @@ def model_from_toml(text: str, file: str, make: Callable[..., Model]) -> Model:
     """
     data = parse_toml(text, file)
     try:
-        _check_keys(data, (*_HEAD, "note", "joint"), "")
+        check_keys(data, (*_HEAD, "note", "joint"), "", "a joint model")
         head: dict[str, Any] = {key: _text(data, key, "") for key in _HEAD}
-        joints = _needed(data, "joint", "")
+        joints = needed(data, "joint", "")
         if not isinstance(joints, list):
             raise InputError("joint", "is not a list of tables", "wanted one [[joint]] for every joint")
         return make(
@@ -72,7 +72,7 @@ def _joint(data: Any, number: int) -> JointParameters:
     name = _text(data, "name", f"joint[{number}].")
     where = f"joint {name} "
     every = dict.fromkeys(key for keys in (*OF_MAP.values(), *OF_FRICTION.values(), COMMON) for key in keys)
-    _check_keys(data, ("name", "map", *_OPTIONAL, *_RANGES, *every), where)
+    check_keys(data, ("name", "map", *_OPTIONAL, *_RANGES, *every), where, "a joint model")
     kind: CurrentMap = _text(data, "map", where)  # type: ignore[assignment]
     friction: FrictionLaw = _text({"friction": "power", **data}, "friction", where)  # type: ignore[assignment]
     return JointParameters(
@@ -93,36 +93,24 @@ def _parameter(data: Any, key: str, where: str) -> Parameter | None:
     if not isinstance(data, Mapping):
         other = f' or "{_UNKNOWN}"' if key in COMMON else ""
         raise InputError(f"{where}{key}", f"{data!r} cannot be used", f"wanted {{ value, standard_error }}{other}")
-    _check_keys(data, ("value", "standard_error"), f"{where}{key}.")
-    error = _needed(data, "standard_error", f"{where}{key}.")
+    check_keys(data, ("value", "standard_error"), f"{where}{key}.", "a joint model")
+    error = needed(data, "standard_error", f"{where}{key}.")
     return Parameter(
-        as_number(_needed(data, "value", f"{where}{key}."), f"{where}{key}.value"),
+        as_number(needed(data, "value", f"{where}{key}."), f"{where}{key}.value"),
         None if error == _UNKNOWN else as_number(error, f"{where}{key}.standard_error"),
     )
 
 
 def _range(data: Mapping[str, Any], key: str, where: str) -> tuple[float, float] | None:
-    given = _needed(data, key, where)
+    given = needed(data, key, where)
     if given == _UNKNOWN:
         return None
     low, high = as_float_array(given, f"{where}{key}", (2,))
     return float(low), float(high)
 
 
-def _check_keys(data: Mapping[str, Any], known: Iterable[str], where: str) -> None:
-    for key in data:
-        if key not in known:
-            raise InputError(f"{where}{key}", "is not a key of a joint model", near_matches(str(key), known))
-
-
-def _needed(data: Mapping[str, Any], key: str, where: str) -> Any:
-    if key not in data:
-        raise InputError(f"{where}{key}", "is missing")
-    return data[key]
-
-
 def _text(data: Mapping[str, Any], key: str, where: str) -> str:
-    value = _needed(data, key, where)
+    value = needed(data, key, where)
     if not isinstance(value, str) or not value.strip():
         raise InputError(f"{where}{key}", f"{value!r} cannot be used", "wanted text")
     return value

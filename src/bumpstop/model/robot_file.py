@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from bumpstop.arrays import FloatArray, as_float_array, as_number
-from bumpstop.errors import InputError, near_matches
+from bumpstop.errors import InputError
 from bumpstop.model.drive_train.entry import DriveTrainEntry
 from bumpstop.model.drive_train.entry_tables import entries_from_table
 from bumpstop.model.inertia import LinkInertia, matrix3, vector3
 from bumpstop.model.joint import Joint, rotation_from_rpy
+from bumpstop.text_files import check_keys, needed
 
 _TEXTS = ("title", "source", "note", "inertia_status", "inertia_source")
 _ROBOT_KEYS = ("name", *_TEXTS, "payload_kg", "tip", "joint", "drive_train")
@@ -31,11 +32,11 @@ def fields_of(data: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         InputError: a key is unknown, missing or has a value that cannot be used.
     """
-    _check_keys(data, _ROBOT_KEYS, "")
+    check_keys(data, _ROBOT_KEYS, "", "a robot file")
     texts: dict[str, Any] = {key: _text(data, key, "") for key in _TEXTS if key in data}
     tip = _table(data, "tip")
-    _check_keys(tip, ("name", "origin_m"), "tip.")
-    joints = _needed(data, "joint", "")
+    check_keys(tip, ("name", "origin_m"), "tip.", "a robot file")
+    joints = needed(data, "joint", "")
     if not isinstance(joints, list):
         raise InputError("joint", "is not a list of tables", "wanted one [[joint]] for every joint")
     payload = data.get("payload_kg")
@@ -69,7 +70,7 @@ def _joint(data: Any, where: str) -> Joint:
     if kind not in tuple(_LIMITS):  # the file may hold what has no hash
         raise InputError(f"{where}kind", f"{kind!r} is no kind of joint", "valid: revolute, prismatic")
     rotor = _ROTOR[kind]
-    _check_keys(data, (*_PLACE, *_LIMITS[kind], *_INERTIA, rotor), where)
+    check_keys(data, (*_PLACE, *_LIMITS[kind], *_INERTIA, rotor), where, "a robot file")
     lower, upper, velocity = (_number(data, key, where) for key in _LIMITS[kind])
     if kind == "revolute":
         lower, upper, velocity = (math.radians(angle) for angle in (lower, upper, velocity))
@@ -106,35 +107,23 @@ def _inertia(data: Mapping[str, Any], where: str) -> LinkInertia | None:
         raise InputError(f"{where}{key}", error.problem, error.valid) from None
 
 
-def _check_keys(data: Mapping[str, Any], known: Iterable[str], where: str) -> None:
-    for key in data:
-        if key not in known:
-            raise InputError(f"{where}{key}", "is not a key of a robot file", near_matches(str(key), known))
-
-
-def _needed(data: Mapping[str, Any], key: str, where: str) -> Any:
-    if key not in data:
-        raise InputError(f"{where}{key}", "is missing")
-    return data[key]
-
-
 def _table(data: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    value = _needed(data, key, "")
+    value = needed(data, key, "")
     if not isinstance(value, Mapping):
         raise InputError(key, f"{value!r} is not a table", f"wanted [{key}]")
     return value
 
 
 def _text(data: Mapping[str, Any], key: str, where: str) -> str:
-    value = _needed(data, key, where)
+    value = needed(data, key, where)
     if not isinstance(value, str):
         raise InputError(f"{where}{key}", f"{value!r} cannot be used", "wanted text")
     return value
 
 
 def _number(data: Mapping[str, Any], key: str, where: str) -> float:
-    return as_number(_needed(data, key, where), f"{where}{key}")
+    return as_number(needed(data, key, where), f"{where}{key}")
 
 
 def _numbers(data: Mapping[str, Any], key: str, where: str, count: int) -> FloatArray:
-    return as_float_array(_needed(data, key, where), f"{where}{key}", (count,))
+    return as_float_array(needed(data, key, where), f"{where}{key}", (count,))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bumpstop.cli.collision.evaluate import whole
-from bumpstop.cli.command_group import CommandGroup
+from bumpstop.cli.command_group import group
 from bumpstop.cli.progress import progress
 from bumpstop.errors import InputError
 
@@ -20,13 +20,7 @@ if TYPE_CHECKING:
     from bumpstop.shards import ResultFolder
     from bumpstop.shards.run import Account
 
-app = typer.Typer(
-    cls=CommandGroup,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    no_args_is_help=False,
-    help="Compute force distributions of many arms, tools, poses, bodies and detectors, on one machine or many.",
-)
+app = group("Compute force distributions of many arms, tools, poses, bodies and detectors, on one machine or many.")
 MAX_WORKERS = 1024
 
 Folder = Annotated[str, typer.Argument(help="Folder of the campaign, or a URL such as s3://bucket/run.")]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from bumpstop.cli.collision.evaluate import MAX_THREADS, change, whole
-from bumpstop.cli.command_group import CommandGroup
+from bumpstop.cli.command_group import group
 from bumpstop.cli.completion import complete_body, complete_setting, complete_variable
 from bumpstop.cli.progress import progress
 
@@ -22,13 +22,7 @@ if TYPE_CHECKING:
     from bumpstop.report.section import Part
     from bumpstop.study import Study
 
-app = typer.Typer(
-    cls=CommandGroup,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    no_args_is_help=False,
-    help="Compute many force distributions: what lowers the forces, for which body, and where.",
-)
+app = group("Compute many force distributions: what lowers the forces, for which body, and where.")
 
 ScenarioFile = Annotated[Path, typer.Argument(help="Scenario file (TOML).", show_default=False)]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]

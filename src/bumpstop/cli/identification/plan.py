@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bumpstop.cli.command_group import CommandGroup
+from bumpstop.cli.command_group import group
 from bumpstop.cli.completion import complete_robot
 from bumpstop.cli.folders import check_folder, writing
 from bumpstop.cli.option_names import as_options
@@ -22,13 +22,7 @@ if TYPE_CHECKING:
     from bumpstop.identification.design.timed_path import TimedPath
     from bumpstop.model import Robot
 
-app = typer.Typer(
-    cls=CommandGroup,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    no_args_is_help=False,
-    help="Plan motions that let an arm show its parameters.",
-)
+app = group("Plan motions that let an arm show its parameters.")
 
 RobotName = Annotated[
     str,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bumpstop.cli.command_group import CommandGroup
+from bumpstop.cli.command_group import group
 from bumpstop.cli.completion import complete_robot
 from bumpstop.cli.detection.residual_source import Base, Tip
 from bumpstop.cli.picture_files import check_picture, save_picture
@@ -22,13 +22,7 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
-app = typer.Typer(
-    cls=CommandGroup,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    no_args_is_help=False,
-    help="Look at a recording of an arm, or write it in another format.",
-)
+app = group("Look at a recording of an arm, or write it in another format.")
 
 File = Annotated[Path, typer.Argument(help="CSV, Parquet, Excel, MATLAB, or a ROS 2 bag.", show_default=False)]
 ColumnFile = Annotated[Path | None, typer.Option("--columns", help="Column file (TOML): which columns hold what.")]

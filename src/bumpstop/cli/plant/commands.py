@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bumpstop.cli.command_group import CommandGroup
+from bumpstop.cli.command_group import group
 from bumpstop.cli.folders import check_folder
 from bumpstop.cli.option_names import as_options
 from bumpstop.cli.plant.serve import serve
@@ -18,13 +18,7 @@ from bumpstop.errors import InputError
 if TYPE_CHECKING:
     from bumpstop.plant import Experiment, PlantRun
 
-app = typer.Typer(
-    cls=CommandGroup,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    no_args_is_help=False,
-    help="Experiment on an arm in MuJoCo: recordings, with the truth behind them.",
-)
+app = group("Experiment on an arm in MuJoCo: recordings, with the truth behind them.")
 
 
 @app.callback()
