@@ -12,8 +12,9 @@ import pytest
 import bumpstop as bs
 from bumpstop.cli.main import main
 from bumpstop.errors import InputError
+from bumpstop.study.range import Range
 from bumpstop.study.requirement.requirement import HIGHER_IS_WORSE, require_curve, solve_requirement
-from bumpstop.study.variable import Range, Variable
+from bumpstop.study.variable import Variable
 from collision.cases import control_group, ur10e
 from study.requirement_cases import over, scenario
 

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 import bumpstop as bs
-from bumpstop.study.variable import ALIASES, Range, Variable, names, per
+from bumpstop.study.range import Range
+from bumpstop.study.variable import ALIASES, Variable, names, per
 from collision.cases import control_group
 
 

@@ -13,7 +13,7 @@ from bumpstop.report.picture import FAINT, LAW, Picture
 from bumpstop.study import run
 from bumpstop.study.parameters.fits import R2_WANTED, fit_models
 from bumpstop.study.parameters.parameters import SOURCE, ParameterStudy
-from bumpstop.study.variable import Range
+from bumpstop.study.range import Range
 from collision.cases import control_group
 from validation.facts import load
 from validation.findings import Cell, Findings

@@ -45,8 +45,9 @@ def require(
     """
     from bumpstop.cli.progress import progress
     from bumpstop.study import to_jsonable
+    from bumpstop.study.range import Range
     from bumpstop.study.requirement.requirement import require_curve, solve_requirement
-    from bumpstop.study.variable import Range, Variable
+    from bumpstop.study.variable import Variable
 
     checked = load(scenario, changes)
     if len(vary) > 2:
@@ -75,8 +76,9 @@ def require(
 
 
 def _ends(text: str, scenario: Scenario) -> tuple[str, float | None, float | None]:
+    from bumpstop.study.range import Range
     from bumpstop.study.requirement.requirement import check_name
-    from bumpstop.study.variable import Range, canonical
+    from bumpstop.study.variable import canonical
 
     name, given, span = (part.strip() for part in text.partition("="))
     name = canonical(name)

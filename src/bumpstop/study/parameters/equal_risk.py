@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import polars as pl
 
     from bumpstop.collision import Scenario
-    from bumpstop.study.variable import Range
+    from bumpstop.study.range import Range
 
 # Accepted probabilities of passing a limit, one family of curves each.
 RISKS = (0.1, 0.01, 1e-3, 1e-4)

@@ -12,9 +12,11 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.study.parameters.equal_risk import RISKS, equal_risk_curves
 from bumpstop.study.parameters.fits import R2_WANTED, fit_models
-from bumpstop.study.requirement.design_guide import CostRate, check_whole_steps, min_cost
+from bumpstop.study.range import Range
+from bumpstop.study.requirement.design_guide import check_whole_steps, min_cost
+from bumpstop.study.requirement.design_search import CostRate
 from bumpstop.study.study import Study, check_risk
-from bumpstop.study.variable import Range, Variable, per
+from bumpstop.study.variable import Variable, per
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from bumpstop.errors import InputError, near_matches
+from bumpstop.study.range import Range
 from bumpstop.study.requirement.risk_search import RiskSearch
 from bumpstop.study.study import MIN_RISK
-from bumpstop.study.variable import Range, Variable
+from bumpstop.study.variable import Variable
 
 if TYPE_CHECKING:
     from bumpstop.collision import Scenario
