@@ -8,12 +8,18 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
-WIDTH = "110"  # of the consoles in docs/reference/cli.md
+CLI = sorted((ROOT / "docs" / "reference" / "cli").glob("*.md"))
+WIDTH = "110"  # of the consoles in docs/reference/cli
 AS_DOCTEST = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
 
 def read(page: str) -> str:
     return (ROOT / page).read_text(encoding="utf-8")
+
+
+def command_line() -> str:
+    """All pages of the command line, one behind the other."""
+    return "\n".join(page.read_text(encoding="utf-8") for page in CLI)
 
 
 def blocks(page: Path, language: str) -> list[str]:

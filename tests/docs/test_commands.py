@@ -18,18 +18,18 @@ import typer
 import bumpstop as bs
 from bumpstop.cli.collision.output import settings_toml
 from bumpstop.cli.main import app, main
-from docs.pages import AS_DOCTEST, ROOT, WIDTH, blocks, code, read, rows, section, without_fences
+from docs.pages import AS_DOCTEST, CLI, ROOT, WIDTH, blocks, code, command_line, read, rows, section, without_fences
 
 
 def consoles() -> list[Any]:
     """Each console of the pages as commands with what they print."""
     found = []
-    for page in ("reference/cli.md", "reference/study.md", "how_to/program.md"):
-        for number, text in enumerate(blocks(ROOT / "docs" / page, "console"), start=1):
+    for page in (*CLI, ROOT / "docs/reference/study.md", ROOT / "docs/how_to/program.md"):
+        for number, text in enumerate(blocks(page, "console"), start=1):
             parts = re.split(r"^\$ (.*)\n", text, flags=re.MULTILINE)
             assert parts[0] == ""
             session = list(zip(parts[1::2], parts[2::2], strict=True))
-            found.append(pytest.param(session, id=f"{Path(page).name}-{number}-{session[0][0][:40]}"))
+            found.append(pytest.param(session, id=f"{page.parent.name}-{page.name}-{number}-{session[0][0][:40]}"))
     return found
 
 
@@ -97,7 +97,7 @@ def test_console(
         assert shell.status in ((2,) if "error:" in wanted or wanted == "2\n" else (0, 3, 4))
     if "--out out/hand" in session[0][0]:
         written = {path.name for path in (tmp_path / "out" / "hand").iterdir()}
-        for name, *_ in rows(section(read("docs/reference/cli.md"), "### Files: `--out`"), "file"):
+        for name, *_ in rows(section(command_line(), "### Files: `--out`"), "file"):
             for pattern in code(name):
                 assert any(Path(file).match(pattern) for file in written), pattern
 
@@ -149,7 +149,7 @@ COMMANDS = commands(typer.main.get_command(app))
 def test_options(command: str) -> None:
     parameters = COMMANDS[command].params
     options = {p.opts[0]: p.default for p in parameters if p.param_type_name == "option" and p.name != "help"}
-    text = section(read("docs/reference/cli.md"), f"## `bumpstop {command}`")
+    text = section(command_line(), f"## `bumpstop {command}`")
     table = {code(name)[0].split()[0]: code(default) for name, default, _ in rows(text, "option")} if options else {}
     assert set(table) == set(options)
     for name, default in table.items():
@@ -160,7 +160,7 @@ def test_options(command: str) -> None:
 
 
 def test_the_first_table_has_every_command_in_the_words_of_the_headings() -> None:
-    page = read("docs/reference/cli.md")
+    page = command_line()
     listed = [re.sub(r" [A-Z-].*", "", code(row[0])[0]).removeprefix("bumpstop ") for row in rows(page, "command")]
     assert sorted(listed) == sorted(COMMANDS)
     headings = re.findall(r"^## `bumpstop (.*)`$", page, re.MULTILINE)
@@ -168,7 +168,7 @@ def test_the_first_table_has_every_command_in_the_words_of_the_headings() -> Non
 
 
 def test_json_keys() -> None:
-    text = section(read("docs/reference/cli.md"), "### For programs: `--json`")
+    text = section(command_line(), "### For programs: `--json`")
     keys, verdict_keys, bounds_keys, uncertainty_keys = (
         {key for name, *_ in rows(text, heading) for key in code(name)}
         for heading in ("key", "key of `verdict`", "key of `impact_bounds`", "key of `uncertainty`")
@@ -196,7 +196,7 @@ def test_json_keys() -> None:
 def test_columns_of_the_law() -> None:
     from bumpstop.collision.tables import result_table
 
-    text = section(read("docs/reference/cli.md"), "### Files: `--out`")
+    text = section(command_line(), "### Files: `--out`")
     scenario = bs.load_scenario(ROOT / "examples" / "01_hand_downward.toml")
     exact = result_table(bs.evaluate(scenario))
     (listed,) = [span for span in code(without_fences(text)) if span.startswith("probability ")]

@@ -16,7 +16,8 @@ import pytest
 from pydantic_core import PydanticUndefined
 
 import bumpstop as bs
-from bumpstop.collision.scenario.scenario import Scenario, SimulationTable
+from bumpstop.collision.scenario.scenario import Scenario
+from bumpstop.collision.scenario.scenario_tables import SimulationTable
 from collision.cases import FREE, REMEMBERING, VARIED
 from docs.pages import AS_DOCTEST, PAGES, ROOT, blocks, code, read, rows, section, without_fences
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from cli.support import EXAMPLE, run, strict_json
-from docs.pages import code, read, rows, section
+from docs.pages import code, command_line, read, rows, section
 from register.cases import EXAMPLES, write_register
 
 HEAD = ("--cell", "Press 4", "--author", "A. Smith", "--revision", "B")
@@ -40,7 +40,7 @@ def test_the_worst_decides_the_status(tmp_path: Path, situations: list[dict[str,
 
 
 def test_json_keys_are_documented() -> None:
-    text = section(read("docs/reference/cli.md"), "### Many situations")
+    text = section(command_line(), "### Many situations")
     found = strict_json(run("evaluate", EXAMPLE, EXAMPLES / "sia5d_downward.csv", "--json").out)
     assert {key for name, *_ in rows(text, "key of a register") for key in code(name)} == set(found)
     keys = {key for name, *_ in rows(text, "key of a situation") for key in code(name)}

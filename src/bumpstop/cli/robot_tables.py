@@ -85,7 +85,7 @@ def print_effective_masses(robot: Robot, pose: FloatArray, console: Console) -> 
 def print_drive_train(robot: Robot, console: Console) -> None:
     """Rotors, gears and servos, a line each, with where the figures come from."""
     from bumpstop.model import unit_of
-    from bumpstop.model.drive_train.drive_train import QUANTITIES
+    from bumpstop.model.drive_train.entry import QUANTITIES
 
     found = robot.drive_train
     for name, (turning, sliding) in QUANTITIES.items():

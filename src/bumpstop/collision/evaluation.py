@@ -19,7 +19,7 @@ from bumpstop.collision.distribution.monte_carlo_blocks import Progress, block_s
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.result import CollisionResult
 from bumpstop.collision.scenario.scenario import as_scenario
-from bumpstop.collision.trajectory.trajectory_result import integrate_trajectory, monte_carlo_trajectory
+from bumpstop.collision.trajectory.trajectory_evaluation import integrate_trajectory, monte_carlo_trajectory
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -62,10 +62,10 @@ def evaluate(
         samples = RESAMPLED_RUNS
     if problem.trajectory is not None:
         if samples is None:
-            return integrate_trajectory(problem, refinement=refinement)
+            return integrate_trajectory(problem, evaluate, refinement=refinement)
         return in_blocks(
             lambda first, size: monte_carlo_trajectory(
-                problem, samples=size, seed=block_seed(seed, first), threads=threads
+                problem, evaluate, samples=size, seed=block_seed(seed, first), threads=threads
             ),
             samples,
             progress,
@@ -135,6 +135,7 @@ def integrate(problem: CollisionProblem, curve: StoppingCurve, *, refinement: in
         undetected_probability=undetected,
         no_contact_probability=max(0.0, law.no_contact),
         kernel=law,
+        evaluate=evaluate,
     )
 
 
@@ -230,6 +231,7 @@ def monte_carlo(
         samples=samples,
         seed=seed,
         runs=kept,
+        evaluate=evaluate,
     )
 
 

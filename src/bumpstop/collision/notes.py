@@ -13,17 +13,17 @@ from bumpstop.collision.verdict.alarm_rate import alarm_rate
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
 
 if TYPE_CHECKING:
-    from bumpstop.collision.result import CollisionResult
+    from bumpstop.collision.outcome import CollisionOutcome
 
 # Of so many runs the standard error is a third.
 _MIN_EXPECTED_RUNS = 10
 
 
-def notes_of(result: CollisionResult) -> list[str]:
-    """All of them, in the order in which they are read."""
+def notes_of(result: CollisionOutcome, warnings: tuple[str, ...]) -> list[str]:
+    """All of them, in the order in which they are read, behind the warnings of its verdict."""
     problem = result.problem
     scenario, limits = problem.scenario, problem.limits
-    notes = [*result.warnings, *problem.notes, *unused_notes(scenario), *sample_notes(result)]
+    notes = [*warnings, *problem.notes, *unused_notes(scenario), *sample_notes(result)]
     contact, detector = scenario.contact, scenario.detector
     notes.extend(_contact_notes(result))
     notes.extend(_noise_notes(result))
@@ -53,7 +53,7 @@ def notes_of(result: CollisionResult) -> list[str]:
     return notes
 
 
-def sample_notes(result: CollisionResult) -> list[str]:
+def sample_notes(result: CollisionOutcome) -> list[str]:
     """Whether a sampled distribution is too small to be judged by the accepted probabilities."""
     settings = result.scenario.verdict
     risk = (
@@ -69,7 +69,7 @@ def sample_notes(result: CollisionResult) -> list[str]:
     ]
 
 
-def line_end_notes(result: CollisionResult) -> list[str]:
+def line_end_notes(result: CollisionOutcome) -> list[str]:
     """What an arm does that cannot follow its line any farther."""
     problem, curve = result.problem, result.curve
     if problem.trajectory is not None:
@@ -86,7 +86,7 @@ def line_end_notes(result: CollisionResult) -> list[str]:
     return notes
 
 
-def swing_notes(result: CollisionResult) -> list[str]:
+def swing_notes(result: CollisionOutcome) -> list[str]:
     """Whether an arm that reverses may press harder than it does as long as it is followed."""
     if result.problem.trajectory is not None:
         return []
@@ -100,7 +100,7 @@ def swing_notes(result: CollisionResult) -> list[str]:
     ]
 
 
-def _elastic_notes(result: CollisionResult) -> list[str]:
+def _elastic_notes(result: CollisionOutcome) -> list[str]:
     """Which arm was judged, and what of it is assumed."""
     drive_train = result.problem.drive_train
     known = [
@@ -120,7 +120,7 @@ def _elastic_notes(result: CollisionResult) -> list[str]:
     return notes
 
 
-def _contact_notes(result: CollisionResult) -> list[str]:
+def _contact_notes(result: CollisionOutcome) -> list[str]:
     problem = result.problem
     if problem.body_mass is None:
         body = f"the body is clamped behind a linear spring of {problem.stiffness:g} N/m"
@@ -156,7 +156,7 @@ def _contact_notes(result: CollisionResult) -> list[str]:
     return notes
 
 
-def _noise_notes(result: CollisionResult) -> list[str]:
+def _noise_notes(result: CollisionOutcome) -> list[str]:
     problem, detector = result.problem, result.scenario.detector
     notes = []
     if problem.residuals is not None:

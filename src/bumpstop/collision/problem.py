@@ -11,8 +11,8 @@ import numpy as np
 
 from bumpstop import _native
 from bumpstop.arrays import FloatArray
+from bumpstop.collision.arm.arm_mass import arm_mass_at, reduced_mass
 from bumpstop.collision.arm.compliance import check_inertia, compliance_of, drive_train_of
-from bumpstop.collision.arm_mass import arm_mass_at, reduced_mass
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.collision.scenario.scenario_file import robot_of
 from bumpstop.collision.scenario_values import mass_of_body, per_joint, sd_of_noise, start_pose, steps_of_period

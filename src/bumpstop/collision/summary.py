@@ -2,75 +2,62 @@
 
 from __future__ import annotations
 
-import io
 import math
 from typing import TYPE_CHECKING
 
+from bumpstop.collision.distribution.distribution import finite_mean
 from bumpstop.collision.probability_text import decimal
+from bumpstop.collision.verdict.alarm_rate import alarm_rate
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.text import Text
 
     from bumpstop.collision.distribution.distribution import Distribution
-    from bumpstop.collision.result import CollisionResult
+    from bumpstop.collision.outcome import CollisionOutcome
+    from bumpstop.collision.verdict.verdict import Conclusion, Verdict
     from bumpstop.contact import ContactLimits
 
 
-def summary_text(result: CollisionResult) -> str:
-    """What ``bumpstop evaluate`` prints: verdict, figures and notes, in lines of at most 80 letters."""
-    from rich.console import Console
-
-    text = io.StringIO()
-    print_summary(
-        result, Console(file=text, force_jupyter=False, width=80, highlight=False, markup=False, color_system=None)
-    )
-    return "\n".join(line.rstrip() for line in text.getvalue().splitlines())
-
-
-def what_is_hit(result: CollisionResult) -> str:
+def what_is_hit(result: CollisionOutcome) -> str:
     """The body region and its limit table, or the spring where none is named."""
     limits = result.problem.limits
     return f"{limits.label} ({limits.table})" if limits else f"a spring of {result.problem.stiffness:g} N/m"
 
 
-def arm_title(result: CollisionResult) -> str:
+def arm_title(result: CollisionOutcome) -> str:
     """What the arm is called, and whether it gives way."""
     robot = result.problem.robot
     return f"{robot.title or robot.name}{result.problem.arm_in_words}"
 
 
-def print_summary(result: CollisionResult, console: Console, *, case: str = "") -> None:
-    """Print verdict, figures and notes.
-
-    Args:
-        result: of the scenario.
-        console: to print to.
-        case: the name of the case where the result is one of several: its verdict is none by itself, and has no sign.
-    """
-    from rich.table import Table
+def sign(conclusion: Conclusion) -> Text:
+    """The word of a verdict in its colour."""
     from rich.text import Text
 
-    from bumpstop.collision.distribution.distribution import finite_mean
-    from bumpstop.collision.notes import sample_notes
-    from bumpstop.collision.scenario.unused_keys import unused_notes
-    from bumpstop.collision.verdict.alarm_rate import alarm_rate
-
-    verdict, integrated = result.verdict, result.kind == "exact"
     word, style = {
         "acceptable": ("ACCEPTABLE", "bold black on bright_cyan"),
         "not_acceptable": ("NOT ACCEPTABLE", "bold white on red"),
         "inconclusive": ("INCONCLUSIVE", "bold black on yellow"),
         "no_limits": ("NO LIMITS TO JUDGE BY", "bold"),
-    }[verdict.conclusion]
-    limits = result.problem.limits
+    }[conclusion]
+    return Text(f" {word} ", style=style)
+
+
+def print_verdict(result: CollisionOutcome, verdict: Verdict, console: Console, *, case: str = "") -> None:
+    """Print what hits what, and the verdict: without its sign where it is that of one case of several."""
     console.print(f"{arm_title(result)} {result.problem.motion_in_words} against {what_is_hit(result)}", style="bold")
     if case:
         console.print(f"{case}: {verdict.reason}")
     else:
-        console.print(Text(f" {word} ", style=style), verdict.reason)
-    for warning in result.warnings:
-        console.print(f"warning: {warning}")
+        console.print(sign(verdict.conclusion), verdict.reason)
 
+
+def print_figures(result: CollisionOutcome, verdict: Verdict, console: Console) -> None:
+    """Print the table of forces and times with their limits."""
+    from rich.table import Table
+
+    limits, integrated = result.problem.limits, result.kind == "exact"
     table = Table(box=None, pad_edge=False)
     table.add_column("")
     for heading in ("mean", "sd", "p50", "p95", "p99", "p99.9", "limit", "P(over)"):
@@ -97,13 +84,19 @@ def print_summary(result: CollisionResult, console: Console, *, case: str = "") 
     table.collapse_padding = console.measure(table, options=console.options.update(width=1000)).maximum > console.width
     console.print(table)
 
-    other = result.other_arm
-    if other is not None:
-        force = other.peak_force
-        quantiles = f"p50 {_figure(force.quantile(0.5))}, p99 {_figure(force.quantile(0.99))}"
-        word = other.verdict.conclusion.replace("_", " ")
-        judged = "" if other.verdict.conclusion == "no_limits" else f"; {word}"
-        console.print(f"{other.scenario.arm.model} arm instead: peak force {quantiles} N{judged}")
+
+def print_other_arm(other: CollisionOutcome, verdict: Verdict, console: Console) -> None:
+    """Print what the same collision comes to with the other model of the arm."""
+    force = other.peak_force
+    quantiles = f"p50 {_figure(force.quantile(0.5))}, p99 {_figure(force.quantile(0.99))}"
+    word = verdict.conclusion.replace("_", " ")
+    judged = "" if verdict.conclusion == "no_limits" else f"; {word}"
+    console.print(f"{other.scenario.arm.model} arm instead: peak force {quantiles} N{judged}")
+
+
+def print_probabilities(result: CollisionOutcome, console: Console) -> None:
+    """Print which joints detect, and how often an alarm is false or missing."""
+    integrated = result.kind == "exact"
     if math.isinf(result.peak_force.mean):
         mean = finite_mean(result.peak_force)
         console.print(f"mean peak force of the collisions that have a bound: {_figure(mean)} N")
@@ -118,13 +111,6 @@ def print_summary(result: CollisionResult, console: Console, *, case: str = "") 
         f"never detected {decimal(result.undetected_probability, integrated=integrated)}"
     )
     console.print(alarm_rate(result.problem).words)
-    # What the figures above are not about; what was assumed otherwise is in the report.
-    for note in (*unused_notes(result.scenario), *sample_notes(result), *result.end_notes()):
-        console.print(f"note: {note}")
-    kind = (
-        "integrated distribution" if integrated else f"sampled distribution, {result.samples} runs, seed {result.seed}"
-    )
-    console.print(f"{kind}; {result.notes[-1][0].lower()}{result.notes[-1][1:]}", style="dim")
 
 
 def _limits(first: ContactLimits | None, later: ContactLimits | None, name: str) -> str:

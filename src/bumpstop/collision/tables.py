@@ -12,10 +12,10 @@ from bumpstop.collision.curve import states_at_reactions
 if TYPE_CHECKING:
     import polars as pl
 
-    from bumpstop.collision.result import CollisionResult
+    from bumpstop.collision.outcome import CollisionOutcome
 
 
-def result_table(result: CollisionResult) -> pl.DataFrame:
+def result_table(result: CollisionOutcome) -> pl.DataFrame:
     """The distribution as a table.
 
     Of the integrated distribution: one row per probability with the quantile of every quantity. Of the sampled
@@ -25,7 +25,7 @@ def result_table(result: CollisionResult) -> pl.DataFrame:
     return _quantile_table(result) if result.kind == "exact" else _run_table(result)
 
 
-def _quantile_table(result: CollisionResult) -> pl.DataFrame:
+def _quantile_table(result: CollisionOutcome) -> pl.DataFrame:
     import polars as pl
 
     p = np.concatenate([np.arange(1, 100) / 100, [0.995, 0.999, 0.9995, 0.9999]])
@@ -44,7 +44,7 @@ def _quantile_table(result: CollisionResult) -> pl.DataFrame:
     return pl.DataFrame(columns)
 
 
-def _run_table(result: CollisionResult) -> pl.DataFrame:
+def _run_table(result: CollisionOutcome) -> pl.DataFrame:
     import polars as pl
 
     assert result.runs is not None
@@ -99,7 +99,7 @@ def _run_table(result: CollisionResult) -> pl.DataFrame:
     return table.with_columns(pl.lit(value).alias(name) for name, value in constants.items())
 
 
-def _contacts(result: CollisionResult) -> tuple[FloatArray, FloatArray]:
+def _contacts(result: CollisionOutcome) -> tuple[FloatArray, FloatArray]:
     """Where contact begins in every run [m] and the normal there, base frame (runs, 3) each."""
     assert result.runs is not None
     problem, curve, offset = result.problem, result.curve, result.runs["offset"]
@@ -112,7 +112,7 @@ def _contacts(result: CollisionResult) -> tuple[FloatArray, FloatArray]:
     return poses[:, :3, 3], approach(problem, begin)[0]
 
 
-def _singular_values(result: CollisionResult, tick: np.ndarray) -> tuple[FloatArray, FloatArray]:
+def _singular_values(result: CollisionOutcome, tick: np.ndarray) -> tuple[FloatArray, FloatArray]:
     """Singular values of the six-row tip Jacobian (runs, min(6, dof)) and their ratio at a tick of every run.
 
     As in Schroeder (2013), rotational and translational rows are mixed: the figures depend on the unit of length.

@@ -34,3 +34,11 @@ class LatencyHistogram:
             if seen >= wanted and seen:
                 return min(_LEAST_S * 10 ** (place / _PER_DECADE), self.largest_s)
         return self.largest_s
+
+    def in_ms(self) -> dict[str, float]:
+        """Median, p99 and largest [ms]; NaN: nothing was counted."""
+        return {
+            "p50": 1e3 * self.quantile(0.5),
+            "p99": 1e3 * self.quantile(0.99),
+            "largest": 1e3 * self.largest_s if self.count else math.nan,
+        }

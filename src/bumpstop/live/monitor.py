@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from bumpstop.live.output import Output
     from bumpstop.live.source import Source
 
+# Kinds that say nothing bad of a source.
+_USUAL = (SourceEventKind.STARTED, SourceEventKind.ENDED)
 _NO_DATA, _ALARM = STATES.index("no_data"), STATES.index("alarm")
 _FLUSH_S = 0.1
 _LONGEST_READ_S = 0.05
@@ -119,7 +121,22 @@ class Monitor:
 
     def summary(self) -> MonitorSummary:
         """What has been seen so far."""
-        return MonitorSummary.of(self, self._lasted)
+        found = {str(kind): count for kind, count in sorted(self.kinds.items()) if kind not in _USUAL and count}
+        return MonitorSummary(
+            duration_s=self._lasted,
+            samples=self.samples,
+            judged=self.judged,
+            no_data=dict(sorted(self.faults.items())),
+            dropped=self.dropped,
+            found=found,
+            alarms=self.alarms,
+            silent_s=self.silent_s,
+            latency_ms=self.latency.in_ms(),
+            alarm_latency_ms=self.alarm_latency.in_ms(),
+            largest_share=tuple(float(x) for x in self.largest_share),
+            active_at_end=not self.inactive,
+            problems=tuple(self.problems),
+        )
 
     def run(self, every: Callable[[Monitor], None] | None = None) -> MonitorSummary:
         """Until the duration is over, the source has ended or :meth:`stop` was called.

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
+    from collections import deque
+
     from bumpstop.arrays import FloatArray
     from bumpstop.detection import Event
     from bumpstop.live.sample import JointSample
@@ -75,3 +77,11 @@ class Output(Protocol):
 
     def close(self) -> None:
         """End; may be called twice."""
+
+
+def taken(problems: deque[str]) -> list[str]:
+    """All that are there, which then are no more; a thread may add others meanwhile."""
+    found = []
+    while problems:
+        found.append(problems.popleft())
+    return found

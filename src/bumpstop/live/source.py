@@ -74,8 +74,11 @@ class Source(Protocol):
 
     def __enter__(self) -> Self:
         """Open."""
+        self.open()
+        return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Close."""
+        self.close()

@@ -4,17 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from bumpstop.arrays import finite_or_none
-from bumpstop.live.source import SourceEventKind
-
-if TYPE_CHECKING:
-    from bumpstop.live.monitor import Monitor
 
 NEVER_JUDGED, COLLISION, CLEAR = 4, 3, 0
-# Kinds that say nothing bad of a source.
-_USUAL = (SourceEventKind.STARTED, SourceEventKind.ENDED)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,26 +44,6 @@ class MonitorSummary:
     largest_share: tuple[float, ...]
     active_at_end: bool
     problems: tuple[str, ...]
-
-    @classmethod
-    def of(cls, monitor: Monitor, duration_s: float) -> MonitorSummary:
-        """Of a monitor that has run for so long [s]."""
-        found = {str(kind): count for kind, count in sorted(monitor.kinds.items()) if kind not in _USUAL and count}
-        return cls(
-            duration_s=duration_s,
-            samples=monitor.samples,
-            judged=monitor.judged,
-            no_data=dict(sorted(monitor.faults.items())),
-            dropped=monitor.dropped,
-            found=found,
-            alarms=monitor.alarms,
-            silent_s=monitor.silent_s,
-            latency_ms=_milliseconds(monitor.latency),
-            alarm_latency_ms=_milliseconds(monitor.alarm_latency),
-            largest_share=tuple(float(x) for x in monitor.largest_share),
-            active_at_end=not monitor.inactive,
-            problems=tuple(monitor.problems),
-        )
 
     @property
     def status(self) -> int:
@@ -120,11 +94,3 @@ class MonitorSummary:
         if not self.judged:
             told.append("NOT MONITORED: no sample could be judged")
         return told
-
-
-def _milliseconds(latency: Any) -> dict[str, float]:
-    return {
-        "p50": 1e3 * latency.quantile(0.5),
-        "p99": 1e3 * latency.quantile(0.99),
-        "largest": 1e3 * latency.largest_s if latency.count else math.nan,
-    }

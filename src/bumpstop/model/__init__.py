@@ -1,8 +1,9 @@
 """Robots, their kinematics and their dynamics."""
 
 from bumpstop.model.description import describe
-from bumpstop.model.drive_train.drive_train import DriveTrain, DriveTrainEntry
+from bumpstop.model.drive_train.drive_train import DriveTrain
 from bumpstop.model.drive_train.drive_train_file import load_drive_train
+from bumpstop.model.drive_train.entry import DriveTrainEntry
 from bumpstop.model.dynamics import (
     coriolis_torque,
     gravity_torque,
@@ -14,8 +15,7 @@ from bumpstop.model.dynamics import (
 from bumpstop.model.inertia import LinkInertia
 from bumpstop.model.joint import Frame, Joint, rotation_from_rpy
 from bumpstop.model.mass_definitions import EffectiveMassDefinition, effective_mass, with_rotors, with_some_inertia
-from bumpstop.model.robot import Robot, robots
-from bumpstop.model.robot_file import robot_from_dict
+from bumpstop.model.robot import Robot, robot_from_dict, robots
 from bumpstop.model.units import unit_of
 from bumpstop.model.urdf.writer import write_urdf
 

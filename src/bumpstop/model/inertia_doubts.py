@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from bumpstop.model.robot import Robot
+from bumpstop.model.joint import Joint
 
 # Of so many moving links no two halves of a real arm are the same; two wrist links of one shape are common.
 _MIN_EQUAL = 3
@@ -19,11 +18,13 @@ _PLACEHOLDER_KG = (0.0, 1.0, 2.0)
 _MIN_KG_PER_M2 = 4.0
 
 
-def inertia_doubts(robot: Robot) -> tuple[str, ...]:
+def inertia_doubts(name: str, joints: Sequence[Joint], reach: float) -> tuple[str, ...]:
     """Why the masses and tensors of a robot are probably placeholders.
 
     Args:
-        robot: with the inertia of some of its links.
+        name: of the robot, to speak of it.
+        joints: with the inertia of some of their links.
+        reach: how far the tip gets from the axis of joint 1 [m].
 
     Returns:
         One sentence that names what was found: equal masses or moments of inertia in three or more links (in all, of
@@ -31,7 +32,7 @@ def inertia_doubts(robot: Robot) -> tuple[str, ...]:
         square metre of reach, or a link that turns as if its mass lay farther away than the arm reaches. Masses and
         moments that agree to four digits are equal. Empty: none of that.
     """
-    links = [(joint.link, joint.inertia) for joint in robot.joints if joint.inertia is not None]
+    links = [(joint.link, joint.inertia) for joint in joints if joint.inertia is not None]
     if not links:
         return ()
     masses = [inertia.mass for _, inertia in links]
@@ -46,43 +47,26 @@ def inertia_doubts(robot: Robot) -> tuple[str, ...]:
     if count >= many:
         values = ", ".join(f"{moment:.3g}" for moment in moments)
         found.append(f"{count} of {len(links)} links have the same moments of inertia, {values} kg m2")
-    without = [name for name, inertia in links if inertia.mass == 0]
+    without = [link for link, inertia in links if inertia.mass == 0]
     if without:
-        found.append(f"link {', '.join(repr(name) for name in without[:5])} has no mass")
+        found.append(f"link {', '.join(repr(link) for link in without[:5])} has no mass")
     round_ones = sum(mass in _PLACEHOLDER_KG for mass in masses)
     if 2 * round_ones >= len(links) >= 2 and round_ones > len(without):
         found.append(f"{round_ones} of {len(links)} links weigh exactly 0, 1 or 2 kg")
-    total, reach = sum(masses), robot.reach
-    if len(links) == robot.dof and math.isfinite(reach) and total < _MIN_KG_PER_M2 * reach**2:
+    total = sum(masses)
+    if len(links) == len(joints) and math.isfinite(reach) and total < _MIN_KG_PER_M2 * reach**2:
         found.append(
             f"all links together weigh {total:.3g} kg, less than any known arm that reaches {reach:.3g} m "
             f"({_MIN_KG_PER_M2 * reach**2:.3g} kg)"
         )
-    for (name, inertia), principal in zip(links, moments_of, strict=True):
+    for (link, inertia), principal in zip(links, moments_of, strict=True):
         away = math.sqrt(max(float(principal[2]), 0.0) / inertia.mass) if inertia.mass > 0 else 0.0
         if away > reach:
-            found.append(f"link {name!r} turns as if its {inertia.mass:.3g} kg were {away:.3g} m off its centre")
+            found.append(f"link {link!r} turns as if its {inertia.mass:.3g} kg were {away:.3g} m off its centre")
             break
     if not found:
         return ()
-    return (f"The inertia of {robot.name} looks like placeholders, not like an arm's: {'; '.join(found)}.",)
-
-
-def inertia_objection(robot: Robot) -> str:
-    """Why figures that rest on the masses of a robot are not to be trusted.
-
-    Args:
-        robot: any.
-
-    Returns:
-        A sentence: a link without inertia, or what :func:`inertia_doubts` finds. Empty: nothing is against it, which
-        does not say that it was measured (:attr:`bumpstop.model.Robot.inertia_status`).
-    """
-    without = [joint.link for joint in robot.joints if joint.inertia is None]
-    if without:
-        names = ", ".join(repr(name) for name in without[:5])
-        return f"The inertia of {robot.name} is not known: no mass of {names}."
-    return " ".join(robot.inertia_doubts)
+    return (f"The inertia of {name} looks like placeholders, not like an arm's: {'; '.join(found)}.",)
 
 
 def _rounded(value: float, scale: float) -> float:

@@ -1,31 +1,27 @@
-"""Robots: serial chains with names, limits and where their figures come from."""
+"""Robots: serial chains that are read from files, with the drive train that is known or assumed of them."""
 
 from __future__ import annotations
 
-import reprlib
 import tomllib
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
-from bumpstop import _native
-from bumpstop.arrays import FloatArray, as_float_array, as_name, as_rows
+from bumpstop.arrays import as_name
 from bumpstop.errors import InputError, near_matches
-from bumpstop.model.drive_train.drive_train import DriveTrain, DriveTrainEntry, check_entries, drive_train_of
-from bumpstop.model.inertia import Matrix3, Vector3
-from bumpstop.model.joint import IDENTITY, Frame, Joint, check_name, check_rotation
-
-InertiaStatus = Literal["published", "unverified", "assumed", "unknown"]
+from bumpstop.model.drive_train.assumed import drive_train_of
+from bumpstop.model.drive_train.drive_train import DriveTrain
+from bumpstop.model.robot_file import fields_of
+from bumpstop.model.serial_chain import SerialChain
+from bumpstop.model.urdf.chain import chain_from_urdf
+from bumpstop.text_files import as_path
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Robot:
+class Robot(SerialChain):
     """A serial chain of one to sixteen joints. Immutable.
 
     Attributes:
@@ -44,140 +40,6 @@ class Robot:
         drive_train_entries: what is known of its rotors, gears and servos; see :attr:`drive_train`.
     """
 
-    name: str
-    joints: tuple[Joint, ...]
-    tip_name: str = "tool0"
-    tip_origin: Vector3 = (0.0, 0.0, 0.0)
-    tip_rotation: Matrix3 = IDENTITY
-    frames: tuple[Frame, ...] = ()
-    title: str = ""
-    source: str = ""
-    note: str = ""
-    warnings: tuple[str, ...] = ()
-    payload_kg: float | None = None
-    inertia_status: InertiaStatus = "unknown"
-    inertia_source: str = ""
-    drive_train_entries: tuple[DriveTrainEntry, ...] = ()
-
-    def __post_init__(self) -> None:
-        check_name(self.name, "name")
-        check_name(self.tip_name, "tip name")
-        if not 1 <= len(self.joints) <= _native.max_joints:
-            raise InputError("joints", f"{len(self.joints)} of them", f"wanted 1 to {_native.max_joints}")
-        for what, names in (
-            ("joint", [j.name for j in self.joints]),
-            ("link", [*(j.link for j in self.joints), *(frame.name for frame in self.frames)]),
-        ):
-            twice = {name for name in names if names.count(name) > 1}
-            if twice:
-                raise InputError(f"{what} names", f"{sorted(twice)[0]!r} occurs twice")
-        as_float_array(self.tip_origin, "tip_origin", (3,))
-        check_rotation(self.tip_rotation, "tip_rotation")
-        for frame in self.frames:
-            if not 0 <= frame.link < self.dof:
-                raise InputError(
-                    f"frame {frame.name!r} link", f"{frame.link} is no link", f"wanted 0 to {self.dof - 1}"
-                )
-        self._check_tip_name()
-        if self.inertia_status not in get_args(InertiaStatus):
-            valid = "valid: " + ", ".join(get_args(InertiaStatus))
-            raise InputError("inertia_status", f"{self.inertia_status!r} is none", valid)
-        if self.inertia_status != "unknown":
-            for joint in self.joints:
-                if joint.inertia is None:
-                    problem = f'is missing, and inertia_status is "{self.inertia_status}"'
-                    raise InputError(f"joint {joint.name!r} inertia", problem, 'give it, or inertia_status = "unknown"')
-        check_entries(self)
-
-    def __repr__(self) -> str:
-        """Its name and its joints': their figures would fill a screen."""
-        return f"Robot({self.name!r}, {self.dof} joints: {', '.join(joint.name for joint in self.joints)})"
-
-    def __getstate__(self) -> dict[str, Any]:
-        """To be pickled or copied: what it was made of, without what the kernels keep of it."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
-
-    def _check_tip_name(self) -> None:
-        """Of two frames with one name the second could never be named. The tip may be the last link itself."""
-        in_place = tuple(self.tip_origin) == (0.0, 0.0, 0.0) and self._tip_is_straight
-        others = [*(joint.link for joint in self.joints), *(frame.name for frame in self.frames)]
-        if self.tip_name in others and not (in_place and self.tip_name == self.joints[-1].link):
-            raise InputError("tip name", f"{self.tip_name!r} is the name of a link, too", "give the tip another name")
-
-    @property
-    def _tip_is_straight(self) -> bool:
-        return bool((np.asarray(self.tip_rotation) == np.eye(3)).all())
-
-    @property
-    def dof(self) -> int:
-        """Number of joints."""
-        return len(self.joints)
-
-    @cached_property
-    def _tip(self) -> Frame:
-        return Frame(name=self.tip_name, link=self.dof - 1, origin=self.tip_origin, rotation=self.tip_rotation)
-
-    @cached_property
-    def chain(self) -> Any:
-        """The chain in the kernels' computing form, its axes of length one to the last digit."""
-        axes = np.array([joint.axis for joint in self.joints], dtype=np.float64)
-        return _native.Chain(
-            prismatic=[joint.kind == "prismatic" for joint in self.joints],
-            origin=np.array([joint.origin for joint in self.joints], dtype=np.float64),
-            rotation=np.array([joint.rotation for joint in self.joints], dtype=np.float64),
-            axis=axes / np.linalg.norm(axes, axis=1, keepdims=True),
-        )
-
-    @cached_property
-    def dynamics(self) -> Any:
-        """The chain with its inertia in the kernels' form; every link must have one."""
-        unknown = [joint.link for joint in self.joints if joint.inertia is None]
-        if unknown:
-            raise InputError("robot", f"{self.name}: no inertia of link {unknown[0]!r} is known", "dynamics needs it")
-        links = [joint.inertia.kernel(joint.rotor_inertia) for joint in self.joints if joint.inertia is not None]
-        return _native.Dynamics(self.chain, links)
-
-    @property
-    def span(self) -> float:
-        """Length of the chain stretched out from its first joint to the tip [m]: no pose reaches farther from there.
-
-        Prismatic joints count with their longest travel; infinite where that has no limit.
-        """
-        offsets = [joint.origin for joint in self.joints[1:]] + [self.tip_origin]
-        travel = (max(abs(joint.lower), abs(joint.upper)) for joint in self.joints if joint.kind == "prismatic")
-        return float(sum(np.linalg.norm(offset) for offset in offsets) + sum(travel))
-
-    @cached_property
-    def reach(self) -> float:
-        """Farthest the tip gets from the axis of joint 1 within the joints' limits [m].
-
-        Where joint 1 slides: from where it stands. Infinite where a joint slides without a limit. A search finds it,
-        with the same value every time, which may fall short by some 1e-4 of it.
-        """
-        from bumpstop.model.reach import reach
-
-        return reach(self)
-
-    @cached_property
-    def inertia_doubts(self) -> tuple[str, ...]:
-        """Why the inertia is probably a placeholder; empty where it is published, or plausible for an arm.
-
-        See :func:`bumpstop.model.inertia_doubts.inertia_doubts`.
-        """
-        from bumpstop.model.inertia_doubts import inertia_doubts
-
-        return () if self.inertia_status == "published" else inertia_doubts(self)
-
-    @property
-    def inertia_objection(self) -> str:
-        """Why no verdict may rest on its masses, in a sentence; empty: nothing is against it.
-
-        See :func:`bumpstop.model.inertia_doubts.inertia_objection`.
-        """
-        from bumpstop.model.inertia_doubts import inertia_objection
-
-        return inertia_objection(self)
-
     @cached_property
     def drive_train(self) -> DriveTrain:
         """Its rotors, gears and servos: what is known of them, and a class of arms for the rest.
@@ -186,106 +48,6 @@ class Robot:
         own ``rotor_inertia`` counts. The class: :func:`bumpstop.model.drive_train.assumed.assumed_drive_train`.
         """
         return drive_train_of(self)
-
-    @property
-    def lower(self) -> FloatArray:
-        """Lower joint limits (dof,) [rad or m]."""
-        return np.array([joint.lower for joint in self.joints])
-
-    @property
-    def upper(self) -> FloatArray:
-        """Upper joint limits (dof,) [rad or m]."""
-        return np.array([joint.upper for joint in self.joints])
-
-    @property
-    def velocity(self) -> FloatArray:
-        """Largest joint speeds (dof,) [rad/s or m/s]."""
-        return np.array([joint.velocity for joint in self.joints])
-
-    def frame(
-        self, link: str | None, point: Sequence[float] | npt.ArrayLike = (0.0, 0.0, 0.0)
-    ) -> tuple[int, FloatArray]:
-        """Find a link by name and put a point into its frame.
-
-        Args:
-            link: name of a link, of a frame fixed to one, or of the tip, or None for the tip.
-            point: in that frame [m], shape (3,).
-
-        Returns:
-            The link's number (0 is moved by the first joint) and the point in that link's frame [m].
-        """
-        number, offset, _ = self._place(link, point)
-        return number, offset
-
-    def _place(self, link: str | None, point: Any) -> tuple[int, FloatArray, FloatArray | None]:
-        """Link number, point in the link's frame, and how the named frame is turned there (None: it is not)."""
-        offset = as_float_array(point, "point", (3,))
-        names = [joint.link for joint in self.joints]
-        if link is not None and not isinstance(link, str):
-            # An array compares item by item.
-            near = near_matches(str(link), [*names, *(frame.name for frame in self.frames), self.tip_name])
-            raise InputError("link", f"{self.name} has no link {reprlib.repr(link)}", near)
-        if link is None or link == self.tip_name:
-            frame = self._tip
-        elif link in names:
-            return names.index(link), offset, None
-        else:
-            fixed = {frame.name: frame for frame in self.frames}
-            if link not in fixed:
-                near = near_matches(str(link), [*names, *fixed, self.tip_name])
-                raise InputError("link", f"{self.name} has no link {link!r}", near)
-            frame = fixed[link]
-        rotation = np.asarray(frame.rotation, dtype=np.float64)
-        if (rotation == np.eye(3)).all():
-            return frame.link, offset + np.asarray(frame.origin), None
-        return frame.link, np.asarray(frame.origin) + rotation @ offset, rotation
-
-    def pose(
-        self,
-        q: npt.ArrayLike,
-        link: str | None = None,
-        point: Sequence[float] | npt.ArrayLike = (0.0, 0.0, 0.0),
-    ) -> FloatArray:
-        """Homogeneous transform X_BL of a link's frame, moved to a point of it, in the base frame B.
-
-        Args:
-            q: joint positions, (dof,) or (N, dof) [rad or m].
-            link: name of a link or frame; default: the tip.
-            point: in the link's frame [m].
-
-        Returns:
-            (4, 4) or (N, 4, 4); translations in m.
-        """
-        number, offset, rotation = self._place(link, point)
-        poses = self._batched(q, self.chain.poses, number, offset)
-        if rotation is not None:
-            poses[..., :3, :3] = poses[..., :3, :3] @ rotation
-        return poses
-
-    def jacobian(
-        self,
-        q: npt.ArrayLike,
-        link: str | None = None,
-        point: Sequence[float] | npt.ArrayLike = (0.0, 0.0, 0.0),
-    ) -> FloatArray:
-        """Geometric Jacobian of a point of a link, in the base frame.
-
-        Args:
-            q: joint positions, (dof,) or (N, dof) [rad or m].
-            link: name of a link or frame; default: the tip.
-            point: in the link's frame [m].
-
-        Returns:
-            (6, dof) or (N, 6, dof): rows 0..2 give the point's velocity [m/s per rad/s or m/s], rows 3..5 the
-            link's angular velocity [rad/s per rad/s or m/s].
-        """
-        number, offset, _ = self._place(link, point)
-        return self._batched(q, self.chain.jacobians, number, offset)
-
-    def _batched(self, q: npt.ArrayLike, function: Any, number: int, offset: FloatArray) -> FloatArray:
-        rows, single = as_rows(q, "q", self.dof)
-        result: FloatArray = function(rows, number, np.ascontiguousarray(offset))
-        return result[0] if single else result
 
     @classmethod
     def load(cls, name: str) -> Robot:
@@ -318,13 +80,10 @@ class Robot:
         Raises:
             InputError: the file cannot be read, is no sound URDF, or has no such chain.
         """
-        from bumpstop.model.urdf.chain import robot_from_urdf
-        from bumpstop.text_files import as_path
-
         for field, link in (("base", base), ("tip", tip)):
             if link is not None:
                 as_name(link, field)
-        return robot_from_urdf(as_path(path, "path"), base, tip, strict_inertia=strict_inertia)
+        return chain_from_urdf(as_path(path, "path"), base, tip, make=cls, strict_inertia=strict_inertia)
 
 
 @lru_cache
@@ -334,9 +93,16 @@ def robots() -> tuple[str, ...]:
     return tuple(sorted(Path(entry.name).stem for entry in folder.iterdir() if entry.name.endswith(".toml")))
 
 
+def robot_from_dict(data: Mapping[str, Any]) -> Robot:
+    """Build a robot from the contents of a robot file (see docs/reference/robot/model.md for its keys).
+
+    Raises:
+        InputError: a key is unknown, missing or has a value that cannot be used.
+    """
+    return Robot(**fields_of(data))
+
+
 @lru_cache
 def _load_builtin(name: str) -> Robot:
-    from bumpstop.model.robot_file import robot_from_dict
-
     text = (resources.files("bumpstop.model") / "data" / f"{name}.toml").read_text(encoding="utf-8")
     return robot_from_dict(tomllib.loads(text))

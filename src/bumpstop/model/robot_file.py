@@ -8,11 +8,10 @@ from typing import Any
 
 from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.errors import InputError, near_matches
-from bumpstop.model.drive_train.drive_train import DriveTrainEntry
-from bumpstop.model.drive_train.drive_train_file import entries_from_table
+from bumpstop.model.drive_train.entry import DriveTrainEntry
+from bumpstop.model.drive_train.entry_tables import entries_from_table
 from bumpstop.model.inertia import LinkInertia, matrix3, vector3
 from bumpstop.model.joint import Joint, rotation_from_rpy
-from bumpstop.model.robot import Robot
 
 _TEXTS = ("title", "source", "note", "inertia_status", "inertia_source")
 _ROBOT_KEYS = ("name", *_TEXTS, "payload_kg", "tip", "joint", "drive_train")
@@ -26,8 +25,8 @@ _INERTIA = ("mass_kg", "center_m", "inertia_kg_m2")
 _PLACE = ("name", "link", "kind", "origin_m", "rpy_deg", "axis")
 
 
-def robot_from_dict(data: Mapping[str, Any]) -> Robot:
-    """Build a robot from the contents of a robot file (see docs/reference/robot/model.md for its keys).
+def fields_of(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of a robot, from the contents of a robot file (see docs/reference/robot/model.md for its keys).
 
     Raises:
         InputError: a key is unknown, missing or has a value that cannot be used.
@@ -42,15 +41,15 @@ def robot_from_dict(data: Mapping[str, Any]) -> Robot:
     payload = data.get("payload_kg")
     if payload is not None and as_number(payload, "payload_kg") < 0:
         raise InputError("payload_kg", f"is {payload}", "wanted zero or more")
-    return Robot(
-        name=_text(data, "name", ""),
-        payload_kg=payload,
-        tip_name=_text(tip, "name", "tip."),
-        tip_origin=vector3(_numbers(tip, "origin_m", "tip.", 3)),
-        joints=tuple(_joint(joint, f"joint[{number}].") for number, joint in enumerate(joints, start=1)),
-        drive_train_entries=_drive_train(data, joints),
+    return {
+        "name": _text(data, "name", ""),
+        "payload_kg": payload,
+        "tip_name": _text(tip, "name", "tip."),
+        "tip_origin": vector3(_numbers(tip, "origin_m", "tip.", 3)),
+        "joints": tuple(_joint(joint, f"joint[{number}].") for number, joint in enumerate(joints, start=1)),
+        "drive_train_entries": _drive_train(data, joints),
         **texts,
-    )
+    }
 
 
 def _drive_train(data: Mapping[str, Any], joints: list[Any]) -> tuple[DriveTrainEntry, ...]:

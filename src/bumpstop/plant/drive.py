@@ -164,6 +164,13 @@ class Drives:
         self._loads, self._B2, self._A4 = bool(self.load.any()), self.B * self.B, 4 * self.A
         self.reset(np.zeros(n))
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What could not be modelled, a sentence."""
+        if not self.unmodelled:
+            return ()
+        return (f"No joint model of {', '.join(self.unmodelled)}: the current is the torque, without friction.",)
+
     def reset(self, q: FloatArray, qd: FloatArray | None = None, tau: FloatArray | None = None) -> None:
         """Forget the motion: start in this pose (dof,), with these rates and torques passed on (dof,)."""
         self._memory = np.zeros_like(q) if qd is None else np.where(np.abs(qd) > 2 * self.rest, np.sign(qd), 0.0)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bumpstop.arrays import as_float_array, as_number
+from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.errors import InputError, near_matches
 
 # A body on its spring swings this fast where no mass is given [rad/s]: light enough to add no blow of its own at
@@ -305,3 +305,35 @@ def _of_body(body: str, limits: str, kinds: tuple[str, ...]) -> tuple[float, str
             "object.kind", f"{body!r} is neither an object nor a body region of {limits}", near_matches(body, known)
         ) from None
     return found.stiffness_N_m, "published", f"{limits}: {body}"
+
+
+class ObjectForces:
+    """Forces on the objects of a plant, as MuJoCo has them now.
+
+    Args:
+        model: MuJoCo's, of the plant.
+        data: its state.
+        objects: of the plant.
+    """
+
+    def __init__(self, model: Any, data: Any, objects: Sequence[PlantObject]) -> None:
+        self._data, self._objects = data, objects
+        self._object_of = {model.geom(thing.geom).id: i for i, thing in enumerate(objects)}
+
+    def contact(self) -> FloatArray:
+        """On each object along its normal (objects,) [N]."""
+        forces = np.zeros(len(self._objects))
+        if self._data.ncon:
+            geoms, addresses = self._data.contact.geom, self._data.contact.efc_address
+            for pair, address in zip(geoms, addresses, strict=True):
+                if address >= 0:
+                    forces[self._object_of[int(max(pair))]] += self._data.efc_force[address]
+        return forces
+
+    def measured(self, contact: FloatArray) -> FloatArray:
+        """Forces that gauges show, and contact forces of other objects (objects,) [N]."""
+        measured = contact.copy()
+        for i, thing in enumerate(self._objects):
+            if thing.spring is not None:
+                measured[i] = thing.spring * self._data.joint(thing.behind).qpos[0]
+        return measured

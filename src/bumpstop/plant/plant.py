@@ -17,11 +17,12 @@ from bumpstop.model import Robot, gravity_torque, inverse_dynamics, mass_matrix,
 from bumpstop.plant.command import COMMAND_STEP, Command, PlantReaction
 from bumpstop.plant.drive import Drives, Gears, per_joint
 from bumpstop.plant.mjcf import import_mujoco, mjcf
-from bumpstop.plant.objects import PlantObject
+from bumpstop.plant.objects import ObjectForces, PlantObject
 from bumpstop.plant.run import PlantRun, PlantTrace, SampleLog, sensors_truth, truth_of
 from bumpstop.plant.sample import OnSample, Sample
 from bumpstop.plant.sensors import Channels, SamplePlan, Sensors
 from bumpstop.plant.servo import PER_COMMAND, STEP, Servo, between
+from bumpstop.plant.static_push import series_stiffness
 
 if TYPE_CHECKING:
     from bumpstop.joint import JointTorqueModel
@@ -99,6 +100,7 @@ class Plant:
         except ValueError as error:
             raise InputError("robot", f"MuJoCo cannot use {robot.name}: {' '.join(str(error).split())}") from None
         self.data = self._mujoco.MjData(self.model)
+        self._forces = ObjectForces(self.model, self.data, self.objects)
 
     def _check_gears(self) -> None:
         for j, (stiffness, rotor) in enumerate(zip(self.drives.stiffness, self.drives.inertia, strict=True), start=1):
@@ -253,9 +255,9 @@ class Plant:
             row_of_trace = step // PER_COMMAND - 1
             trace.note(row_of_trace, self.joint_positions(), motor_qd, gained / STEP, given, against, damping)
             if self.objects:
-                forces = self._contact_forces()
+                forces = self._forces.contact()
                 trace.contact_force[row_of_trace] = forces
-                trace.measured_force[row_of_trace] = self._measured_forces(forces)
+                trace.measured_force[row_of_trace] = self._forces.measured(forces)
             if turn_at is not None and answer is not None and reacted is None and step >= min(turn_at, last):
                 knot = step // PER_COMMAND
                 turned = command.reaction(knot, answer)
@@ -291,7 +293,15 @@ class Plant:
         kept = np.flatnonzero(plan.kept[:reached])
         rows = np.searchsorted(log.step, plan.step[kept])
         t, q, current, wrench = self._reported(log, rows, channels, plan, kept)
-        return PlantRun.of(self, command, (t, q, current, wrench), trace, reacted, lost=reached - len(kept))
+        return PlantRun.of(
+            self.robot,
+            self.truth(),
+            (*command.notes, *self.drives.notes),
+            (t, q, current, wrench),
+            trace,
+            reacted,
+            lost=reached - len(kept),
+        )
 
     def _reported(
         self,
@@ -331,40 +341,16 @@ class Plant:
             data.qpos[at] = -self._needed(q, qd)[soft] / self.drives.stiffness[soft]
         self.drives.reset(q, qd, self._needed(q, qd))
         mj.mj_forward(model, data)
-        for thing, force in zip(self.objects, self._contact_forces(), strict=True):
+        for thing, force in zip(self.objects, self._forces.contact(), strict=True):
             if force > 0:
                 raise InputError(f"object {thing.name!r} position", "is inside the arm at the start", "move it away")
-
-    def _contact_forces(self) -> FloatArray:
-        """On each object along its normal, now (objects,) [N]."""
-        forces = np.zeros(len(self.objects))
-        data = self.data
-        if data.ncon:
-            geoms, addresses = data.contact.geom, data.contact.efc_address
-            for pair, address in zip(geoms, addresses, strict=True):
-                if address >= 0:
-                    forces[self._object_of[int(max(pair))]] += data.efc_force[address]
-        return forces
-
-    def _measured_forces(self, contact: FloatArray) -> FloatArray:
-        """Forces that gauges show now, and contact forces of other objects (objects,) [N]."""
-        measured = contact.copy()
-        for i, thing in enumerate(self.objects):
-            if thing.spring is not None:
-                measured[i] = thing.spring * self.data.joint(thing.behind).qpos[0]
-        return measured
-
-    @cached_property
-    def _object_of(self) -> dict[int, int]:
-        """Number of the object whose face a geom is."""
-        return {self.model.geom(thing.geom).id: i for i, thing in enumerate(self.objects)}
 
     def _sample(self, log: SampleLog, plan: SamplePlan, row: int) -> Sample:
         """What a callback learns of the row of the log that was just written."""
         at = np.array([row])
         samples = np.flatnonzero(plan.kept & (plan.step == log.step[row]))
         t, q, current, wrench = self._reported(log, at, self._channels, plan, samples)
-        forces = self._contact_forces()
+        forces = self._forces.contact()
         torque = np.zeros(self.robot.dof)
         if forces.any():
             jacobian = self.robot.jacobian(self.joint_positions(), *self.contact)[:3]
@@ -372,6 +358,19 @@ class Plant:
                 f * np.array(thing.direction) for f, thing in zip(forces, self.objects, strict=True)
             )
         return Sample(float(t[0]), q[0], log.qd[row].copy(), current[0], wrench[0], forces, torque)
+
+    def rebuilt(self, gears: Gears, objects: Sequence[PlantObject]) -> Plant:
+        """The same arm with other gears, among other objects."""
+        return type(self)(
+            self.robot,
+            self.joint_model,
+            friction=gears,
+            objects=objects,
+            servo=self.servo,
+            contact_link=self.contact[0],
+            contact_point=self.contact[1],
+            gravity=self.gravity,
+        )
 
     def series_stiffness(self, q: npt.ArrayLike, thing: PlantObject) -> float:
         """Stiffness of object, servo and gears in series, by two static pushes [N/m].
@@ -387,8 +386,6 @@ class Plant:
         Raises:
             InputError: the arm cannot move along the normal there.
         """
-        from bumpstop.plant.static_push import series_stiffness
-
         return series_stiffness(self, q, thing)
 
     def truth(self) -> dict[str, Any]:

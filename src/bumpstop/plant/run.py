@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -16,9 +16,12 @@ from bumpstop.recording import Recording
 from bumpstop.text_files import to_toml
 
 if TYPE_CHECKING:
-    from bumpstop.plant.command import Command
-    from bumpstop.plant.plant import Plant
+    from bumpstop.joint import JointTorqueModel
+    from bumpstop.model import Robot
+    from bumpstop.plant.drive import Drives
+    from bumpstop.plant.objects import PlantObject
     from bumpstop.plant.sensors import Sensors
+    from bumpstop.plant.servo import Servo
 
 RECORDING, TRUTH, TRACE = "recording.parquet", "truth.toml", "trace.parquet"
 
@@ -136,8 +139,9 @@ class PlantRun:
     @classmethod
     def of(
         cls,
-        plant: Plant,
-        command: Command,
+        robot: Robot,
+        truth: dict[str, Any],
+        notes: tuple[str, ...],
         rows: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
         trace: PlantTrace,
         reaction_time: float | None,
@@ -153,13 +157,9 @@ class PlantRun:
             q=q,
             current=current,
             wrench=wrench,
-            joint_names=tuple(joint.name for joint in plant.robot.joints),
-            robot=plant.robot.name,
+            joint_names=tuple(joint.name for joint in robot.joints),
+            robot=robot.name,
         )
-        notes = list(command.notes)
-        if plant.drives.unmodelled:
-            names = ", ".join(plant.drives.unmodelled)
-            notes.append(f"No joint model of {names}: the current is the torque, without friction.")
         happened: dict[str, Any] = {
             "samples": len(t),
             "lost": lost,
@@ -169,7 +169,7 @@ class PlantRun:
         }
         if reaction_time is not None:
             happened["reaction_s"] = reaction_time
-        return cls(recording, plant.truth() | {"run": happened}, trace, reaction_time, lost, tuple(notes))
+        return cls(recording, truth | {"run": happened}, trace, reaction_time, lost, notes)
 
     @property
     def peak_force(self) -> float:
@@ -200,7 +200,20 @@ class PlantRun:
         return [out / name for name in (RECORDING, TRUTH, TRACE)]
 
 
-def truth_of(plant: Plant) -> dict[str, Any]:
+class PlantParts(Protocol):
+    """What a plant is made of; :class:`bumpstop.plant.Plant` says what each is."""
+
+    robot: Robot
+    joint_model: JointTorqueModel | None
+    drives: Drives
+    objects: tuple[PlantObject, ...]
+    seed: int
+    gravity: tuple[float, ...]
+    servo: Servo
+    sensors: Sensors
+
+
+def truth_of(plant: PlantParts) -> dict[str, Any]:
     """All parameters of a plant as plain values, in the order of a file."""
     import mujoco
 

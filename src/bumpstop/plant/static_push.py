@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -13,8 +13,12 @@ from bumpstop.errors import InputError
 from bumpstop.plant.command import COMMAND_STEP, Command, PlantReaction, line
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bumpstop.model import Robot
+    from bumpstop.plant.drive import Gears
     from bumpstop.plant.objects import PlantObject
-    from bumpstop.plant.plant import Plant
+    from bumpstop.plant.run import PlantRun
 
 _PUSHES_N = (20.0, 60.0)
 _PUSH_S, _HOLD_S = 0.2, 0.3
@@ -22,7 +26,24 @@ _PUSH_S, _HOLD_S = 0.2, 0.3
 _MIN_LEVER = 1e-6
 
 
-def series_stiffness(arm: Plant, q: npt.ArrayLike, thing: PlantObject) -> float:
+class PushedArm(Protocol):
+    """What a push asks of a plant; :class:`bumpstop.plant.Plant` says what each is."""
+
+    robot: Robot
+    gears: Gears
+    contact: tuple[str | None, tuple[float, ...]]
+
+    def hanging(self, q: FloatArray) -> FloatArray:
+        """Where the links stand while the motors hold a pose (dof,) [rad or m]."""
+
+    def rebuilt(self, gears: Gears, objects: Sequence[PlantObject]) -> PushedArm:
+        """The same arm with other gears, among other objects."""
+
+    def run(self, command: Command) -> PlantRun:
+        """Follow a command to its end."""
+
+
+def series_stiffness(arm: PushedArm, q: npt.ArrayLike, thing: PlantObject) -> float:
     """See :meth:`bumpstop.plant.Plant.series_stiffness`."""
     pose = as_float_array(q, "q", (arm.robot.dof,))
     n = np.array(thing.direction)
@@ -32,17 +53,8 @@ def series_stiffness(arm: Plant, q: npt.ArrayLike, thing: PlantObject) -> float:
     x, y, z = (touch + 1e-6 * n).tolist()
     series = thing.stiffness if thing.spring is None else 1 / (1 / thing.stiffness + 1 / thing.spring)
     held = replace(thing, position=(x, y, z), stiffness=series, body_mass=None, spring=None)
-    pushed = type(arm)(
-        arm.robot,
-        arm.joint_model,
-        # What swings must have come to rest: damping changes when it does, not where.
-        friction=replace(arm.gears, damping_ratio=1.0, damping=None),
-        objects=[held],
-        servo=arm.servo,
-        contact_link=arm.contact[0],
-        contact_point=arm.contact[1],
-        gravity=arm.gravity,
-    )
+    # What swings must have come to rest: damping changes when it does, not where.
+    pushed = arm.rebuilt(replace(arm.gears, damping_ratio=1.0, damping=None), [held])
     ways, forces = [], []
     for force in _PUSHES_N:
         command = _push(arm, pose, n * force / thing.stiffness)
@@ -55,7 +67,7 @@ def series_stiffness(arm: Plant, q: npt.ArrayLike, thing: PlantObject) -> float:
     return (forces[1] - forces[0]) / (ways[1] - ways[0])
 
 
-def _push(arm: Plant, pose: FloatArray, way: FloatArray) -> Command:
+def _push(arm: PushedArm, pose: FloatArray, way: FloatArray) -> Command:
     """A little way from rest to rest (3,) [m], and a while there."""
     try:
         return line(
@@ -73,7 +85,7 @@ def _push(arm: Plant, pose: FloatArray, way: FloatArray) -> Command:
         return _by_joints(arm, pose, way)
 
 
-def _by_joints(arm: Plant, pose: FloatArray, way: FloatArray) -> Command:
+def _by_joints(arm: PushedArm, pose: FloatArray, way: FloatArray) -> Command:
     """By those joints that move the contact point that way, as far as they do."""
     far = float(np.linalg.norm(way))
     lever = (way / far) @ arm.robot.jacobian(pose, *arm.contact)[:3]

@@ -13,6 +13,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.model import Robot
 from bumpstop.recording.checks.checks import checked
+from bumpstop.recording.checks.stamps import retimed
 from bumpstop.recording.columns import Columns
 from bumpstop.recording.formats.memory import check_memory
 from bumpstop.recording.formats.table import RawRecording, Table
@@ -76,8 +77,6 @@ def read(
     if kind not in ("ros2bag", "mcap"):
         raw = _in_order(raw, given, robot)
     if rate_hz is not None:
-        from bumpstop.recording.checks.stamps import retimed
-
         raw = retimed(raw, rate_hz)
     values, report = checked(replace(raw, notes=(*notes, *raw.notes)), robot, max_bad, path)
     fields: dict[str, Any] = {_FIELDS[name]: value for name, value in values.items() if name != "t"}

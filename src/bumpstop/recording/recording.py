@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop.arrays import FloatArray, as_float_array, as_number
+from bumpstop.arrays import as_number
 from bumpstop.errors import InputError
 from bumpstop.model import Robot
 from bumpstop.recording.read_report import ReadReport
+from bumpstop.recording.signals import Signals
 
 if TYPE_CHECKING:
     import polars as pl
@@ -21,7 +22,7 @@ _NOTHING_READ = ReadReport()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Recording:
+class Recording(Signals):
     """Positions of the joints over time, and what else was measured. Immutable; every number is finite.
 
     Attributes:
@@ -39,39 +40,8 @@ class Recording:
         cut_from: time at which the recording began that this is a part of [s]; None: it is the whole.
     """
 
-    t: FloatArray
-    q: FloatArray
-    qd: FloatArray | None = None
-    current: FloatArray | None = None
-    tau: FloatArray | None = None
-    wrench: FloatArray | None = None
-    q_ref: FloatArray | None = None
-    joint_names: tuple[str, ...] = ()
-    robot: str = ""
-    source: str = ""
     report: ReadReport = _NOTHING_READ
     cut_from: float | None = None
-
-    def __post_init__(self) -> None:
-        t = as_float_array(self.t, "recording.t", (None,))
-        if t.size < 2:
-            raise InputError("recording.t", f"{t.size} rows", "wanted at least 2")
-        falling = np.flatnonzero(np.diff(t) <= 0)
-        if falling.size:
-            raise InputError(
-                f"recording.t[{falling[0] + 1}]", "is not later than the one before", "wanted rising times"
-            )
-        object.__setattr__(self, "t", t)
-        q = as_float_array(self.q, "recording.q", (t.size, None))
-        object.__setattr__(self, "q", q)
-        each = q.shape[1]
-        for name, width in (("qd", each), ("current", each), ("tau", each), ("q_ref", each), ("wrench", 6)):
-            value = getattr(self, name)
-            if value is not None:
-                object.__setattr__(self, name, as_float_array(value, f"recording.{name}", (t.size, width)))
-        if self.joint_names and len(self.joint_names) != q.shape[1]:
-            problem = f"{len(self.joint_names)} of them for {q.shape[1]} joints"
-            raise InputError("recording.joint_names", problem)
 
     @classmethod
     def load(
@@ -149,11 +119,6 @@ class Recording:
         if self.joint_names != own and set(self.joint_names) == set(own):
             problem = f"are those of {robot.name} in another order: {', '.join(self.joint_names)}"
             raise InputError("recording.joint_names", problem, "Recording.load(..., robot=...) puts them in order")
-
-    @property
-    def dof(self) -> int:
-        """Number of joints."""
-        return int(self.q.shape[1])
 
     @property
     def duration(self) -> float:

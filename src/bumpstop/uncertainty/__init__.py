@@ -1,10 +1,11 @@
 """How sure a verdict is: uncertain inputs, cases, what matters most, rare events."""
 
+from bumpstop.uncertainty.cases import TornadoBar, UncertainCase
 from bumpstop.uncertainty.evaluation import evaluate_uncertain
 from bumpstop.uncertainty.judgement import Judgement, judge_situation, judge_situations
 from bumpstop.uncertainty.overall_probability import overall_probability
 from bumpstop.uncertainty.rare_exceedance import RareProbability, rare_exceedance
-from bumpstop.uncertainty.result import TornadoBar, UncertainCase, UncertainResult
+from bumpstop.uncertainty.result import UncertainResult
 
 __all__ = [
     "Judgement",

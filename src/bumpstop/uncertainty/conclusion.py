@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -11,9 +11,9 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray
 
 if TYPE_CHECKING:
+    from bumpstop.collision.verdict.verdict import Conclusion
     from bumpstop.uncertainty.point_evaluation import PointEvaluator, Points
 
-Conclusion = Literal["acceptable", "not_acceptable", "inconclusive", "no_limits"]
 UNTESTED = "At too many points of the inputs most cases touch nothing, so that the limits are not put to the test."
 
 

@@ -14,9 +14,10 @@ from bumpstop.collision.distribution.monte_carlo_blocks import Progress
 from bumpstop.collision.scenario.scenario import as_scenario
 from bumpstop.errors import InputError
 from bumpstop.uncertainty.assumed_search import AssumedSearch, search_assumed, swapping_inputs
+from bumpstop.uncertainty.cases import TornadoBar, UncertainCase
 from bumpstop.uncertainty.conclusion import JudgedCases, at_rank, conclude, rank_of, verdict_of
 from bumpstop.uncertainty.point_evaluation import PointEvaluator, Points
-from bumpstop.uncertainty.result import TornadoBar, UncertainCase, UncertainResult
+from bumpstop.uncertainty.result import UncertainResult
 
 if TYPE_CHECKING:
     from bumpstop.collision import Scenario

@@ -17,7 +17,6 @@ from bumpstop.errors import InputError
 from bumpstop.uncertainty.assumed_search import search_assumed
 from bumpstop.uncertainty.conclusion import (
     UNTESTED,
-    Conclusion,
     concluded,
     rank_of,
     without_points,
@@ -27,6 +26,7 @@ from bumpstop.uncertainty.point_evaluation import PointEvaluator, Points
 
 if TYPE_CHECKING:
     from bumpstop.collision import Scenario
+    from bumpstop.collision.verdict.verdict import Conclusion
 
 # Points that are computed before the next look at whether they decide.
 _CHUNK = 32

@@ -17,7 +17,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.collision import CollisionProblem, evaluate, integrate, stopping_curve
 from bumpstop.collision.distribution.distribution import FAR, ExactDistribution
 from bumpstop.collision.probability_text import percent, small_percent
-from bumpstop.collision.verdict.two_phase import TwoPhaseUse
+from bumpstop.collision.verdict.two_phase_use import TwoPhaseUse
 from bumpstop.collision.verdict.verdict_notes import MAX_UNTOUCHED, untouched_share
 from bumpstop.errors import InputError
 from bumpstop.uncertainty.resolved_input import ResolvedInput, changes_of, resolve

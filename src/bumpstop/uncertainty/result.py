@@ -9,67 +9,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bumpstop.collision.summary import sign
 from bumpstop.display import ASSUMED, CURVE, LIMIT, Displayed
-from bumpstop.uncertainty.conclusion import Conclusion, rank_of
+from bumpstop.terminal import text_of
+from bumpstop.uncertainty.cases import TornadoBar, UncertainCase
+from bumpstop.uncertainty.conclusion import rank_of
 from bumpstop.uncertainty.point_evaluation import LEVELS
+from bumpstop.uncertainty.summary import case_table, tornado_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from rich.console import Console
 
     from bumpstop.arrays import FloatArray
     from bumpstop.collision import CollisionResult, Scenario
+    from bumpstop.collision.verdict.verdict import Conclusion
     from bumpstop.uncertainty.point_evaluation import Points
     from bumpstop.uncertainty.resolved_input import ResolvedInput
-
-
-@dataclass(frozen=True, eq=False)
-class UncertainCase:
-    """One case of the inputs.
-
-    Attributes:
-        name: ``"central"``, ``"confident"`` or ``"worst"``.
-        p_over: probability that one contact exceeds the force or the pressure limit; NaN without limits.
-        false_alarm: probability of an alarm before contact.
-        utilisation: share of the limit that the force exceeded with the accepted probability uses; without limits that
-            force [N].
-        figures: of the inputs at a point that stands for the case (inputs,).
-    """
-
-    name: str
-    p_over: float
-    false_alarm: float
-    utilisation: float
-    figures: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class TornadoBar:
-    """How far one input moves the result by itself, all others in the central case.
-
-    Attributes:
-        key: of the input.
-        low, high: its values; factors where it is relative.
-        utilisation_low, utilisation_high: what they come to.
-        p_over_low, p_over_high: the same as probabilities over the limits; NaN without limits.
-        assumed: nobody measured the input.
-        relative: ``low`` and ``high`` are factors.
-    """
-
-    key: str
-    low: float
-    high: float
-    utilisation_low: float
-    utilisation_high: float
-    p_over_low: float
-    p_over_high: float
-    assumed: bool
-    relative: bool
-
-    @property
-    def swing(self) -> float:
-        """Absolute difference of both ends in utilisation."""
-        low, high = self.utilisation_low, self.utilisation_high
-        return 0.0 if low == high else abs(high - low)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,9 +99,29 @@ class UncertainResult(Displayed):
         axes.set_xlabel("use of the limit")
 
     def __str__(self) -> str:
-        from bumpstop.uncertainty.summary import summary_text
+        return text_of(self.print_to, width=80, wrapped=True)
 
-        return summary_text(self)
+    def print_to(self, console: Console) -> None:
+        """Print the verdict with its interval, then the central case, as ``bumpstop evaluate`` does."""
+        judged, integrated = self.conclusion != "no_limits", self.central.kind == "exact"
+        names = {
+            "central": "central",
+            "confident": f"{100 * self.confidence:g} % of the inputs",
+            "worst": "worst admissible" if any(each.assumed for each in self.inputs) else "worst: nothing is assumed",
+        }
+        console.print(sign(self.conclusion), self.reason)
+        console.print(case_table({names[case.name]: case for case in self.cases}, judged=judged, integrated=integrated))
+        console.print(tornado_table(self.tornado, judged=judged))
+        for note in self.notes:
+            console.print(f"note: {note}")
+        drawn = "" if integrated else f" of {self.central.samples} collisions each"
+        console.print(
+            f"{self.evaluations} distributions{drawn} at well-spread points, seed {self.seed}; probabilities are of "
+            "exceeding a limit in one contact, not the risk of ISO 12100",
+            style="dim",
+        )
+        console.print()
+        self.central.print_to(console, case="central case")
 
     def to_json(self) -> dict[str, Any]:
         """The object that ``bumpstop evaluate --json`` prints; figures that are not finite are None."""

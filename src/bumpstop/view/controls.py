@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from bumpstop.collision.scenario.keys import value_of
-from bumpstop.collision.scenario.scenario import DetectorTable, MotionTable, ReactionTable, VerdictTable
+from bumpstop.collision.scenario.scenario_tables import DetectorTable, MotionTable, ReactionTable, VerdictTable
 from bumpstop.contact import LimitTable
 from bumpstop.contact.limits import builtin_tables
 from bumpstop.view.uncertainty_text import OFFERED, PREFIX, spec_of, text_of

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from bumpstop.errors import InputError
 from bumpstop.model import DriveTrain, DriveTrainEntry, Joint, LinkInertia, Robot, robots
 from bumpstop.model.drive_train.assumed import assumed_drive_train, holding_torque
-from bumpstop.model.drive_train.drive_train import QUANTITIES, least_known
+from bumpstop.model.drive_train.entry import QUANTITIES, least_known
 from model.random_chains import random_robot
 
 Floats = npt.NDArray[np.float64]

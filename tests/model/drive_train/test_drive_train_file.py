@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 
 from bumpstop.errors import InputError
 from bumpstop.model import DriveTrain, Robot, load_drive_train, robot_from_dict
-from bumpstop.model.drive_train.drive_train import QUANTITIES
-from bumpstop.model.drive_train.drive_train_file import drive_train_to_toml
+from bumpstop.model.drive_train.entry import QUANTITIES
 from bumpstop.text_files import parse_toml
 
 UR5E = Robot.load("ur5e")
@@ -138,7 +137,8 @@ def test_rotors_are_given_once_in_a_robot_file() -> None:
 
 
 def test_a_file_is_what_a_robot_file_says(tmp_path: Path) -> None:
-    written = parse_toml(drive_train_to_toml(UR5E.drive_train, UR5E), "")
+    UR5E.drive_train.save(tmp_path / "x.toml", UR5E)
+    written = parse_toml((tmp_path / "x.toml").read_text(), "")
     tables = {key: value for key, value in written.items() if key in QUANTITIES}
     again = robot_from_dict(
         {

@@ -114,15 +114,8 @@ def command(
     else:
         from rich.console import Console
 
-        from bumpstop.collision.summary import print_summary
-
         console = Console(highlight=False, markup=False)
-        if uncertain is None:
-            print_summary(result, console)
-        else:
-            from bumpstop.uncertainty.summary import print_uncertain_summary
-
-            print_uncertain_summary(uncertain, console)
+        (uncertain or result).print_to(console)
         if report is not None:
             # Not wrapped, so that it can be copied or clicked.
             console.print(f"report: {report}", soft_wrap=True)

@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -20,13 +20,14 @@ from bumpstop.collision.distribution.distribution import (
 )
 
 if TYPE_CHECKING:
-    from bumpstop.collision.result import CollisionResult
+    from bumpstop.collision.outcome import CollisionOutcome
 
 # Runs that are held one by one: all of a smaller sample, of a larger one the first.
 BLOCK = 1_000_000
 # Bits of a double that a count does without. 14 of its mantissa are left: a bin is at most 6e-5 of its value wide.
 _DROPPED = np.uint64(38)
 
+Outcome = TypeVar("Outcome", bound="CollisionOutcome")
 Progress = Callable[[float], None]
 """Told the share that is done, 0 to 1."""
 
@@ -119,9 +120,7 @@ def block_seed(seed: int, first: int) -> int:
     return int.from_bytes(hashlib.sha256(f"{seed} {first}".encode()).digest()[:8], "little")
 
 
-def in_blocks(
-    sample: Callable[[int, int], CollisionResult], samples: int, progress: Progress | None = None
-) -> CollisionResult:
+def in_blocks(sample: Callable[[int, int], Outcome], samples: int, progress: Progress | None = None) -> Outcome:
     """The law of many runs, in the memory of some.
 
     Blocks are always the same runs in the same order, so that nothing depends on threads. ``runs``, and what is worked
@@ -134,7 +133,7 @@ def in_blocks(
     """
     counters: dict[str, Counter] = {}
     shares: dict[str, Any] = dict.fromkeys((*_SHARES, *_GIVEN_DETECTION), 0.0)
-    first: CollisionResult | None = None
+    first: Outcome | None = None
     done, detected = 0, 0
     more: dict[str, Any] = {}
     while done < samples:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.arrays import FloatArray
-from bumpstop.collision.arm_mass import reduced_mass
+from bumpstop.collision.arm.arm_mass import reduced_mass
 
 if TYPE_CHECKING:
     from bumpstop.collision.problem import CollisionProblem

@@ -18,7 +18,7 @@ from bumpstop.errors import InputError, near_matches
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from bumpstop.collision.scenario.scenario import Scenario
+    from bumpstop.collision.scenario.scenario_tables import ScenarioTables
 
 Shape = Literal["normal", "lognormal", "uniform", "triangular", "samples", "interval"]
 
@@ -123,12 +123,12 @@ def _leaves(before: str, table: Mapping[Any, Any]) -> Iterator[tuple[str, Any]]:
             yield key, inner
 
 
-def uncertain_inputs(scenario: Scenario) -> tuple[UncertainInput, ...]:
+def uncertain_inputs(scenario: ScenarioTables) -> tuple[UncertainInput, ...]:
     """The uncertain inputs of a checked scenario, in the order in which they are written."""
     return tuple(_parsed(key, spec) for key, spec in scenario.uncertainty.items())
 
 
-def check_uncertainty(scenario: Scenario) -> None:
+def check_uncertainty(scenario: ScenarioTables) -> None:
     """Check ``[uncertainty]`` against the other tables.
 
     Raises:
@@ -229,7 +229,7 @@ def _number(field: str, value: Any) -> float:
     return float(value)
 
 
-def _check_key(each: UncertainInput, scenario: Scenario) -> None:
+def _check_key(each: UncertainInput, scenario: ScenarioTables) -> None:
     if each.is_factor:
         if scenario.detector.residuals is not None:
             raise InputError(each.field, "has no meaning with detector.residuals", "vary detector.thresholds_Nm")

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from bumpstop.collision.scenario.scenario import Scenario
+    from bumpstop.collision.scenario.scenario_tables import ScenarioTables
 
 
-def keys_without_effect(scenario: Scenario) -> dict[str, str]:
+def keys_without_effect(scenario: ScenarioTables) -> dict[str, str]:
     """Dotted keys whose value changes nothing in this scenario, given or not, and why, to follow "has no effect"."""
     contact, detector = scenario.contact, scenario.detector
     found: dict[str, str] = {}
@@ -34,17 +34,17 @@ def keys_without_effect(scenario: Scenario) -> dict[str, str]:
     return found
 
 
-def given_without_effect(scenario: Scenario) -> dict[str, str]:
+def given_without_effect(scenario: ScenarioTables) -> dict[str, str]:
     """Those of them that the scenario gives."""
     return {key: why for key, why in keys_without_effect(scenario).items() if _is_given(scenario, key)}
 
 
-def unused_notes(scenario: Scenario) -> list[str]:
+def unused_notes(scenario: ScenarioTables) -> list[str]:
     """A sentence about each key that was given and changes nothing."""
     return [f"{key} has no effect {why}." for key, why in given_without_effect(scenario).items()]
 
 
-def _is_given(scenario: Scenario, key: str) -> bool:
+def _is_given(scenario: ScenarioTables, key: str) -> bool:
     table, _, name = key.partition(".")
     keys = getattr(scenario, table)
     return name in keys.model_fields_set and getattr(keys, name) is not None

@@ -56,7 +56,9 @@ class StoppingTimes:
 
     def by_joint(self, robot: Robot, q: FloatArray, rates: FloatArray) -> FloatArray:
         """What each joint takes, at poses (N, dof) from rates (N, dof): (N, dof) [s]; 0 where it stands."""
-        extended = distance_from_axis(robot, q) / self.reach if len(self.extension) > 1 else np.ones(len(q))
+        extended = np.ones(len(q))
+        if len(self.extension) > 1:
+            extended = distance_from_axis(robot.joints[0], robot.pose(q)[:, :3, 3]) / self.reach
         at = self.native.at
         return np.array(
             [

@@ -101,25 +101,25 @@ class TableReader:
         if not distances:
             raise InputError(self.name, "has no distances", f"wanted columns such as {EXAMPLE}")
         joints = tuple(sorted(distances))
-        extension, payload, payload_unit = self._extension(keep), *self._payload(keep)
+        carried = self._extension(keep), *self._payload(keep)
         distance = np.column_stack([self._in_si(distances[j])[keep] for j in joints])
         times = self._by_joint("time")
         time = np.column_stack(
             [self._in_si(times[j])[keep] if j in times else np.full(len(keep), np.nan) for j in joints]
         )
-        return self._assemble(joints, distance, time, extension, payload, payload_unit, keep).checked()
+        return self._assemble(joints, distance, time, carried, keep).checked()
 
     def _assemble(
         self,
         joints: tuple[int, ...],
         distance: FloatArray,
         time: FloatArray,
-        extension: FloatArray,
-        payload: FloatArray,
-        payload_unit: str,
+        carried: tuple[FloatArray, FloatArray, str],
         keep: np.ndarray,
         group: np.ndarray | None = None,
     ) -> StoppingTable:
+        """The table of rows with these distances; ``carried``: extension, payload and its unit."""
+        extension, payload, payload_unit = carried
         linear = self._linear()
         speed, full_speed, speed_linear = self._speed(joints, keep)
         if group is not None:  # one row for each combination, one column for each joint
@@ -184,7 +184,8 @@ class TableReader:
             distance[g, k] = value
             if times:
                 time[g, k] = self._in_si(times[0])[keep][i]
-        return self._assemble(joints, distance, time, extension[first], payload[first], payload_unit, keep, group=first)
+        carried = extension[first], payload[first], payload_unit
+        return self._assemble(joints, distance, time, carried, keep, group=first)
 
     def _of_category(self, category: int | None) -> np.ndarray:
         count = len(next(iter(self.values.values()), []))

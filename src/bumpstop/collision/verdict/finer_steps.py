@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
-    from bumpstop.collision.result import CollisionResult
+    from collections.abc import Callable
+
+    from bumpstop.collision.distribution.distribution import Distribution
+    from bumpstop.collision.outcome import CollisionOutcome
     from bumpstop.collision.scenario.scenario import Scenario
+    from bumpstop.collision.verdict.verdict import Verdict
 
 # A step is cut into so many, and so is a sub-step of the shorter step.
 _FINER = 4
@@ -22,7 +26,19 @@ _MIN_STEP_S, _MIN_SUBSTEP_S, _MAX_SUBSTEPS = 1e-5, 1e-6, 1000
 _RISE = 0.02
 
 
-def finer_steps(result: CollisionResult) -> list[str]:
+class JudgedForce(Protocol):
+    """What is compared of two results."""
+
+    @property
+    def peak_force(self) -> Distribution:
+        """[N]."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """By the limits of the scenario."""
+
+
+def finer_steps(result: CollisionOutcome, verdict: Verdict, evaluate: Callable[[Scenario], JudgedForce]) -> list[str]:
     """Compare a distribution with that of finer steps; where it hits harder, say how much.
 
     A reaction takes effect at the ends of sub-steps and the farthest point is looked for at the ends of steps, so that
@@ -35,34 +51,33 @@ def finer_steps(result: CollisionResult) -> list[str]:
         return []
     if result.problem.residuals is not None or duration / given.simulation.step_s * _FINER > _MAX_STEPS:
         return _by_formula(result)
-    from bumpstop.collision.evaluation import evaluate
-
     at = result.contact_alone()
     step, substeps = changes["simulation.step_s"], changes["simulation.substeps"]
     try:
-        coarse = result if result.kind == "exact" and not at else evaluate(given.with_values(at))
+        other = None if result.kind == "exact" and not at else evaluate(given.with_values(at))
         fine = evaluate(given.with_values(at | changes | _same_phase(result, given.simulation.step_s - step)))
     except InputError:  # an edge that only the finer steps reach, or only the coarse ones miss
         return []
+    coarse, judged = (result.peak_force, verdict) if other is None else (other.peak_force, other.verdict)
     p = 1 - given.verdict.accepted_probability
-    before, after = coarse.peak_force.quantile(p), fine.peak_force.quantile(p)
+    before, after = coarse.quantile(p), fine.peak_force.quantile(p)
     if not math.isfinite(before):
         p = 0.5
-        before, after = coarse.peak_force.quantile(p), fine.peak_force.quantile(p)
+        before, after = coarse.quantile(p), fine.peak_force.quantile(p)
     if not after > (1 + _RISE) * before:
         return []
     rise = f"{after:.4g} N, not {before:.4g} N" if math.isfinite(after) else f"without a bound, not {before:.4g} N"
     which = "" if not at else f" of the contact {at['motion.contact_onset_s']:.4g} s after the start"
-    verdict = ""
-    if coarse.verdict.acceptable is True and fine.verdict.acceptable is False:
-        verdict = ", and the verdict is NOT ACCEPTABLE"
+    swapped = ""
+    if judged.acceptable is True and fine.verdict.acceptable is False:
+        swapped = ", and the verdict is NOT ACCEPTABLE"
     return [
         f"Simulation steps are coarse: with simulation.step_s = {step:g} and simulation.substeps = {substeps} the peak "
-        f"force{which} (p{100 * p:.6g}) is {rise}{verdict}."
+        f"force{which} (p{100 * p:.6g}) is {rise}{swapped}."
     ]
 
 
-def _by_formula(result: CollisionResult) -> list[str]:
+def _by_formula(result: CollisionOutcome) -> list[str]:
     """Where there is no other distribution to compare with: half the speed times a sub-step, as a force."""
     simulation = result.scenario.simulation
     way = result.curve.approach_speed * simulation.step_s / simulation.substeps / 2
@@ -77,7 +92,7 @@ def _by_formula(result: CollisionResult) -> list[str]:
     ]
 
 
-def _same_phase(result: CollisionResult, earlier: float) -> dict[str, float]:
+def _same_phase(result: CollisionOutcome, earlier: float) -> dict[str, float]:
     """Keys that move a single contact as far ahead as the control cycles, which follow the first step [s].
 
     The delay from contact to the next cycle is the same then, and what differs is due to the steps.

@@ -11,7 +11,7 @@ from bumpstop.collision.probability_text import percent
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
-    from bumpstop.collision.result import CollisionResult
+    from bumpstop.collision.outcome import CollisionOutcome
 
 # Softer than any body region of the limit tables by a factor of ten [N/m], and deeper than a body can be pressed [mm].
 _SOFTEST_N_M, _MAX_DEFORMATION_MM = 1000.0, 50.0
@@ -29,7 +29,7 @@ _SMALLEST_AREA_CM2 = 0.05
 _LIGHTEST_KG = 0.1
 
 
-def unit_slips(result: CollisionResult) -> list[str]:
+def unit_slips(result: CollisionOutcome) -> list[str]:
     """A sentence about each value that looks like one of another unit."""
     return [
         *_point(result),
@@ -45,7 +45,7 @@ def unit_slips(result: CollisionResult) -> list[str]:
     ]
 
 
-def _point(result: CollisionResult) -> list[str]:
+def _point(result: CollisionOutcome) -> list[str]:
     contact, robot = result.scenario.contact, result.problem.robot
     away = math.hypot(*contact.point_m)
     if not away > robot.span:
@@ -56,7 +56,7 @@ def _point(result: CollisionResult) -> list[str]:
     ]
 
 
-def _stiffness(result: CollisionResult) -> list[str]:
+def _stiffness(result: CollisionOutcome) -> list[str]:
     contact = result.scenario.contact
     soft = {"contact.stiffness_N_m": contact.stiffness_N_m, "contact.padding_N_m": contact.padding_N_m}
     return [
@@ -68,7 +68,7 @@ def _stiffness(result: CollisionResult) -> list[str]:
     ]
 
 
-def _deformation(result: CollisionResult) -> list[str]:
+def _deformation(result: CollisionOutcome) -> list[str]:
     risk = result.scenario.verdict.accepted_probability
     deep = result.compression.quantile(1 - risk)
     deep = deep if math.isfinite(deep) else result.compression.quantile(0.5)
@@ -80,12 +80,12 @@ def _deformation(result: CollisionResult) -> list[str]:
     ]
 
 
-def _turning(result: CollisionResult) -> FloatArray:
+def _turning(result: CollisionOutcome) -> FloatArray:
     """Which joints turn (dof,)."""
     return np.array([joint.kind == "revolute" for joint in result.problem.robot.joints])
 
 
-def _angles(result: CollisionResult) -> list[str]:
+def _angles(result: CollisionOutcome) -> list[str]:
     scenario, turns = result.scenario, _turning(result)
     if scenario.pose_deg is not None:
         angles = np.abs(np.array(scenario.pose_deg))[turns]
@@ -101,7 +101,7 @@ def _angles(result: CollisionResult) -> list[str]:
     return []
 
 
-def _slow(result: CollisionResult) -> list[str]:
+def _slow(result: CollisionOutcome) -> list[str]:
     if result.problem.trajectory is not None:
         return []
     speed = 1e3 * math.hypot(*result.scenario.motion.velocity)
@@ -110,7 +110,7 @@ def _slow(result: CollisionResult) -> list[str]:
     return [f"The tip moves at {speed:.4g} mm/s: an arm so slow hardly works. Speeds are in mm/s."]
 
 
-def _fast_joints(result: CollisionResult) -> list[str]:
+def _fast_joints(result: CollisionOutcome) -> list[str]:
     problem = result.problem
     limit = problem.robot.velocity
     if problem.trajectory is not None:
@@ -131,7 +131,7 @@ def _fast_joints(result: CollisionResult) -> list[str]:
     return [f"{needs}, beyond its limit of {limit[joint]:.4g} {unit}{slower}."]
 
 
-def _rates_asked(result: CollisionResult) -> FloatArray:
+def _rates_asked(result: CollisionOutcome) -> FloatArray:
     """Joint rates of least norm that the velocity asks for at the start of a line, without any limit (dof,)."""
     problem, motion = result.problem, result.scenario.motion
     free = [j for j in range(problem.robot.dof) if j not in problem.held]
@@ -144,7 +144,7 @@ def _rates_asked(result: CollisionResult) -> FloatArray:
     return rates
 
 
-def _braking(result: CollisionResult) -> list[str]:
+def _braking(result: CollisionOutcome) -> list[str]:
     acceleration = result.problem.joint_acceleration[_turning(result)]
     if not (acceleration.size and acceleration.max() > _MAX_ACCELERATION_RAD_S2):
         return []
@@ -154,7 +154,7 @@ def _braking(result: CollisionResult) -> list[str]:
     ]
 
 
-def _area(result: CollisionResult) -> list[str]:
+def _area(result: CollisionOutcome) -> list[str]:
     """Mean pressure is force over area: a wrong area makes pressure vanish, or decide alone."""
     limits, contact = result.problem.limits, result.scenario.contact
     if limits is None or not limits.permitted or not limits.pressure_N_cm2:
@@ -174,14 +174,14 @@ def _area(result: CollisionResult) -> list[str]:
     return []
 
 
-def _mass(result: CollisionResult) -> list[str]:
+def _mass(result: CollisionOutcome) -> list[str]:
     mass = result.problem.body_mass
     if mass is None or mass >= _LIGHTEST_KG:
         return []
     return [f"contact.body_mass_kg = {mass:g} is lighter than any body region: it is in kg."]
 
 
-def _thresholds(result: CollisionResult) -> list[str]:
+def _thresholds(result: CollisionOutcome) -> list[str]:
     """A residual without noise never alarms by itself, which no detector does."""
     problem = result.problem
     monitored = np.isfinite(problem.thresholds)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from bumpstop.collision.probability_text import MIN_PERCENT, percent, small_percent
+from bumpstop.collision.verdict.alarm_rate import alarm_rate
 
 if TYPE_CHECKING:
-    from bumpstop.collision.distribution.distribution import Distribution
-    from bumpstop.collision.scenario.scenario import VerdictTable
+    from bumpstop.collision.outcome import CollisionOutcome
+    from bumpstop.collision.scenario.scenario_tables import VerdictTable
     from bumpstop.contact import ContactLimits
 
 
@@ -105,60 +105,41 @@ class Verdict:
 Conclusion = Literal["acceptable", "not_acceptable", "inconclusive", "no_limits"]
 
 
-def judge(
-    peak_force: Distribution,
-    pressure: Distribution | None,
-    limits: ContactLimits | None,
-    false_alarm_probability: float,
-    undetected_probability: float,
-    settings: VerdictTable,
-    transient: ContactLimits | None = None,
-    over: tuple[float, float | None] | None = None,
-    *,
-    unbounded_because: str = "",
-    nothing_hit: str = "",
-    false_alarms_per_hour: float = math.nan,
-    integrated: bool = False,
-) -> Verdict:
-    """Judge peak force [N] and pressure [N/cm²] by limits.
+def judge(result: CollisionOutcome, over: tuple[float, float | None] | None, nothing_hit: str) -> Verdict:
+    """Judge peak force and pressure of a collision by the limits of its body region, where one is named.
 
     Args:
-        peak_force: distribution [N].
-        pressure: distribution [N/cm²].
-        limits: None without a body region.
-        false_alarm_probability: alarm before contact.
-        undetected_probability: contact, no detection, and no bound on the force.
-        settings: what is accepted.
-        transient: limits of the first phase of contact, where it has two.
-        over: the probabilities of passing force and pressure limits in either phase, then.
-        unbounded_because: why those have no bound, to follow "not detected".
+        result: of the collision.
+        over: probabilities of passing force and pressure limits in either phase, where contact has two; else None.
         nothing_hit: why most cases touch nothing; empty where they do.
-        false_alarms_per_hour: of free motion.
-        integrated: the probabilities come from a quadrature, which leaves out what is next to nothing.
     """
+    settings, problem = result.scenario.verdict, result.problem
+    limits, integrated, because = problem.limits, result.kind == "exact", result.unbounded_because
+    # One never detected whose force is known has that force all the same: no failure by itself.
+    undetected = (0.0, "") if because is None else (result.undetected_probability, because)
     p_force = p_pressure = None
     if limits is not None and over is not None:
         p_force, p_pressure = over
     elif limits is not None:
-        p_force = peak_force.exceedance(limits.force_N)
-        if limits.pressure_N_cm2 is not None and pressure is not None:
-            p_pressure = pressure.exceedance(limits.pressure_N_cm2)
+        p_force = result.peak_force.exceedance(limits.force_N)
+        if limits.pressure_N_cm2 is not None:
+            p_pressure = result.pressure.exceedance(limits.pressure_N_cm2)
     words = _Words(settings, integrated)
     faults = words.faults(
-        limits, transient, (p_force, p_pressure), false_alarm_probability, (undetected_probability, unbounded_because)
+        limits, problem.transient_limits, (p_force, p_pressure), result.false_alarm_probability, undetected
     )
     reason = faults or nothing_hit or words.within(limits, p_force, p_pressure)
     if limits is None:
         reason = "No body region is named, so there is no limit to judge by."
     return Verdict(
         limits=limits,
-        transient=transient,
+        transient=problem.transient_limits,
         p_over_force=p_force,
         p_over_pressure=p_pressure,
-        false_alarm_probability=false_alarm_probability,
+        false_alarm_probability=result.false_alarm_probability,
         accepted_probability=settings.accepted_probability,
         max_false_alarm=settings.max_false_alarm,
-        false_alarms_per_hour=false_alarms_per_hour,
+        false_alarms_per_hour=alarm_rate(problem).per_hour,
         nothing_hit=nothing_hit,
         reason=reason,
     )

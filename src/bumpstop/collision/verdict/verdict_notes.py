@@ -8,11 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.collision.probability_text import percent
-from bumpstop.collision.verdict.finer_steps import finer_steps
+from bumpstop.collision.verdict.finer_steps import JudgedForce, finer_steps
 from bumpstop.collision.verdict.unit_slips import unit_slips
 
 if TYPE_CHECKING:
-    from bumpstop.collision.result import CollisionResult
+    from collections.abc import Callable
+
+    from bumpstop.collision.outcome import CollisionOutcome
+    from bumpstop.collision.scenario.scenario import Scenario
+    from bumpstop.collision.verdict.verdict import Verdict
 
 # Where more than this share of cases presses nothing, there is no verdict.
 MAX_UNTOUCHED = 0.5
@@ -26,22 +30,22 @@ _FULL_SPEED = 0.9
 _REACTIONS, _FARTHER = 64, 0.02
 
 
-def verdict_notes(result: CollisionResult) -> list[str]:
-    """All of them, in the order in which they are read."""
+def verdict_notes(result: CollisionOutcome, verdict: Verdict, evaluate: Callable[[Scenario], JudgedForce]) -> list[str]:
+    """All of them, in the order in which they are read; ``evaluate`` gives the result of another scenario."""
     return [
         *_uncertainty_note(result),
-        *_nothing_hit_note(result),
+        *_nothing_hit_note(result, verdict),
         *_pressure_note(result),
         *_normal_note(result),
         *_rest_note(result),
         *_assumed_arm_note(result),
         *_sooner_note(result),
-        *finer_steps(result),
+        *finer_steps(result, verdict, evaluate),
         *unit_slips(result),
     ]
 
 
-def _uncertainty_note(result: CollisionResult) -> list[str]:
+def _uncertainty_note(result: CollisionOutcome) -> list[str]:
     """The numbers are taken for known, and the scenario says that they are not."""
     inputs = len(result.scenario.uncertainty)
     if not inputs:
@@ -52,7 +56,7 @@ def _uncertainty_note(result: CollisionResult) -> list[str]:
     ]
 
 
-def _assumed_arm_note(result: CollisionResult) -> list[str]:
+def _assumed_arm_note(result: CollisionOutcome) -> list[str]:
     """Assumed gears and servos decide the force."""
     if not result.problem.elastic:
         return []
@@ -65,7 +69,7 @@ def _assumed_arm_note(result: CollisionResult) -> list[str]:
     ]
 
 
-def _sooner_note(result: CollisionResult) -> list[str]:
+def _sooner_note(result: CollisionOutcome) -> list[str]:
     """Near a singularity to react sooner may take the arm farther: only the peak force of clamped contact knows."""
     problem, curve = result.problem, result.curve
     judged = problem.gives_way or problem.transient_limits is not None
@@ -87,7 +91,7 @@ def _sooner_note(result: CollisionResult) -> list[str]:
     ]
 
 
-def nothing_hit(result: CollisionResult) -> str:
+def nothing_hit(result: CollisionOutcome) -> str:
     """Why most cases press nothing; empty where most do."""
     untouched = untouched_share(result)
     if not untouched > MAX_UNTOUCHED:
@@ -98,15 +102,15 @@ def nothing_hit(result: CollisionResult) -> str:
     return f"In {share} of cases nothing is hit, as the motion ends before contact{result.why_no_contact()}."
 
 
-def untouched_share(result: CollisionResult) -> float:
+def untouched_share(result: CollisionOutcome) -> float:
     """Probability that no force at all is exerted."""
     touched = result.peak_force.exceedance(0.0)
     return 0.0 if math.isnan(touched) else 1 - touched
 
 
-def _nothing_hit_note(result: CollisionResult) -> list[str]:
+def _nothing_hit_note(result: CollisionOutcome, verdict: Verdict) -> list[str]:
     """Cases without any force dilute the probability of exceeding a limit."""
-    untouched, limits, verdict = untouched_share(result), result.problem.limits, result.verdict
+    untouched, limits = untouched_share(result), result.problem.limits
     if limits is None or not limits.permitted or untouched > MAX_UNTOUCHED:
         return []
     over = max(verdict.p_over_force or 0.0, verdict.p_over_pressure or 0.0)
@@ -121,7 +125,7 @@ def _nothing_hit_note(result: CollisionResult) -> list[str]:
     ]
 
 
-def _pressure_note(result: CollisionResult) -> list[str]:
+def _pressure_note(result: CollisionOutcome) -> list[str]:
     limits = result.problem.limits
     if limits is None or not limits.permitted or limits.pressure_N_cm2 is not None:
         return []
@@ -131,7 +135,7 @@ def _pressure_note(result: CollisionResult) -> list[str]:
     ]
 
 
-def _normal_note(result: CollisionResult) -> list[str]:
+def _normal_note(result: CollisionOutcome) -> list[str]:
     """A force along a normal that lies across the motion is that of a fraction of the speed."""
     if result.scenario.contact.normal is None:
         return []
@@ -145,7 +149,7 @@ def _normal_note(result: CollisionResult) -> list[str]:
     ]
 
 
-def _rest_note(result: CollisionResult) -> list[str]:
+def _rest_note(result: CollisionOutcome) -> list[str]:
     """From rest the gap decides how fast the arm is when it touches."""
     if result.problem.trajectory is not None or result.scenario.motion.start != "rest":
         return []

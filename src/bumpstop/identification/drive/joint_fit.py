@@ -146,21 +146,28 @@ class _Task:
         return float(np.sqrt((error**2).mean()))
 
 
-def fit_joint(
-    rows: DriveSamples,
-    j: int,
-    arm: Robot,
-    rest_speed: float,
-    maps: tuple[str, ...],
-    frictions: tuple[str, ...],
-    known: Mapping[str, float],
-    changes: FloatArray,
-) -> JointFit:
-    """Fit joint ``j`` (from 0) of ``arm``; settings as for ``identify_joint_model``.
+@dataclass(frozen=True, kw_only=True)
+class JointFitSettings:
+    """What the fit of a joint is asked for, as for ``identify_joint_model``.
+
+    Attributes:
+        rest_speed: below which the joint rests [rad/s or m/s].
+        maps, frictions: to choose from.
+        known: parameters that are not fitted, by name.
+    """
+
+    rest_speed: float
+    maps: tuple[str, ...]
+    frictions: tuple[str, ...]
+    known: Mapping[str, float]
+
+
+def fit_joint(rows: DriveSamples, j: int, arm: Robot, settings: JointFitSettings, changes: FloatArray) -> JointFit:
+    """Fit joint ``j`` (from 0) of ``arm``.
 
     ``changes``: (N, c) of the joint's torque by one standard deviation of the inertia, as :func:`inertia_changes`.
     """
-    joint = arm.joints[j]
+    joint, rest_speed, known = arm.joints[j], settings.rest_speed, settings.known
     task = _Task.of(rows, j, rest_speed)
     observability = assess(rows, j, arm, rest_speed, known)
     unobservable = dict(observability.unobservable)
@@ -170,9 +177,8 @@ def fit_joint(
     if observability.gain_unobservable:
         kind, friction = "unknown_gain", "power"
     else:
-        kind, friction, near = _choose(
-            rows, j, observability, fixed, start, maps, frictions, rest_speed, joint.name, candidates
-        )
+        few = _Task.of(rows.spread(_ENOUGH_TO_CHOOSE), j, rest_speed)
+        kind, friction, near = _choose(few, settings, observability, fixed, start, candidates)
         start |= near
     while True:
         law = DriveModel.of(kind, friction, rest_speed, fixed, hysteresis=observability.hysteresis)
@@ -255,31 +261,27 @@ def _errors(
 
 
 def _choose(
-    rows: DriveSamples,
-    j: int,
+    task: _Task,
+    settings: JointFitSettings,
     observability: DriveObservability,
     fixed: Mapping[str, float],
     start: Mapping[str, float],
-    maps: tuple[str, ...],
-    frictions: tuple[str, ...],
-    rest_speed: float,
-    name: str,
     candidates: list[Candidate],
 ) -> tuple[str, str, dict[str, float]]:
     """The friction law with the simplest map, the map with that law, and the law once more with that map.
 
     By held-out error; and the values found. Where the simplest map bends too little, a law may have made up for it.
     """
-    task = _Task.of(rows.spread(_ENOUGH_TO_CHOOSE), j, rest_speed)
-    kinds = [kind for kind in _MAPS if kind in maps and not ("A" in fixed_parameters(fixed) and kind == "linear")]
-    laws = [law for law in _FRICTIONS if law in frictions]
+    bends = "A" in fixed_parameters(fixed)
+    kinds = [kind for kind in _MAPS if kind in settings.maps and not (bends and kind == "linear")]
+    laws = [law for law in _FRICTIONS if law in settings.frictions]
     if observability.single_speed or observability.static:
         laws = [law for law in laws if law == "power"] or laws[:1]
 
     near: dict[tuple[str, str], dict[str, float]] = {}
 
     def tried(kind: str, friction: str) -> Candidate:
-        law = DriveModel.of(kind, friction, rest_speed, fixed, hysteresis=observability.hysteresis)
+        law = DriveModel.of(kind, friction, settings.rest_speed, fixed, hysteresis=observability.hysteresis)
         fit = task.fit(law, {**start, **near.get((kinds[0], friction), {})}, observability)
         near[kind, friction] = dict(zip(law.names, fit.values.tolist(), strict=True))
         refused, gain = observability.refused(law, fit), None
@@ -288,7 +290,7 @@ def _choose(
             place = law.names.index("B")
             gain = GainByModel(float(fit.values[place]), float(fit.standard_errors[place]), held_out)
         try:
-            _parameters(name, law, fit.values, fit.standard_errors, {}, observability, task)
+            _parameters("joint", law, fit.values, fit.standard_errors, {}, observability, task)
         except InputError as error:
             refused, gain = refused or error.problem, None
         held = None if refused else held_out

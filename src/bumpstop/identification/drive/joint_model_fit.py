@@ -14,7 +14,7 @@ from bumpstop.identification.drive.current_scores import compare_currents
 from bumpstop.identification.drive.drive_model_selection import choose_settings
 from bumpstop.identification.drive.drive_quantities import drive_errors, drive_quantities
 from bumpstop.identification.drive.error_sources import INERTIA_UNCERTAINTY, inertia_changes
-from bumpstop.identification.drive.joint_fit import JointFit, fit_joint
+from bumpstop.identification.drive.joint_fit import JointFit, JointFitSettings, fit_joint
 from bumpstop.identification.fit import Quantity
 from bumpstop.identification.recording_consistency import inconsistent_joints
 from bumpstop.identification.segments.drive_samples import DriveSamples, drive_samples
@@ -213,9 +213,13 @@ def identify_joint_model(
     few = rows.spread(_ENOUGH_TO_FIT)
     changes = inertia_changes(few, arm, gravity, inertia_uncertainty)
     for j in which:
-        known_here = fixed.get(arm.joints[j].name, {})
-        laws = tuple(maps), tuple(frictions)
-        found.append(fit_joint(few, j, arm, settings.rest_speeds[j], *laws, known_here, changes[:, j]))
+        wanted = JointFitSettings(
+            rest_speed=settings.rest_speeds[j],
+            maps=tuple(maps),
+            frictions=tuple(frictions),
+            known=fixed.get(arm.joints[j].name, {}),
+        )
+        found.append(fit_joint(few, j, arm, wanted, changes[:, j]))
         report(0.2 + 0.8 * len(found) / len(which))
     model = JointTorqueModel(
         robot=arm.name,

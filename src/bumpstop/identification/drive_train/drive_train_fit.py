@@ -15,7 +15,7 @@ from bumpstop.identification.drive_train.rotors import identify_rotors
 from bumpstop.identification.drive_train.servo_fit import identify_servo
 from bumpstop.identification.segments.motion import GRAVITY
 from bumpstop.model import unit_of
-from bumpstop.model.drive_train.drive_train import QUANTITIES
+from bumpstop.model.drive_train.entry import QUANTITIES
 
 if TYPE_CHECKING:
     import os

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +14,7 @@ from bumpstop.errors import InputError
 from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
 from bumpstop.identification.dynamics.dynamics_model_selection import ENOUGH_TO_CHOOSE, best_friction, choose_cutoff
 from bumpstop.identification.dynamics.dynamics_system import FIT_PER_CUTOFF
+from bumpstop.identification.dynamics.fit_file import DynamicsEstimate, load_fit, save_fit
 from bumpstop.identification.dynamics.regressor_columns import checked_group, column_unit
 from bumpstop.identification.fit import Quantity
 from bumpstop.identification.segments.motion import GRAVITY
@@ -23,7 +24,7 @@ from bumpstop.model import unit_of
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     import polars as pl
     from matplotlib.axes import Axes
@@ -39,7 +40,7 @@ ENOUGH_TO_FIT = 10_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DynamicsFit(Displayed):
+class DynamicsFit(DynamicsEstimate, Displayed):
     """Dynamics that recordings show, with the errors of their parameters.
 
     Attributes:
@@ -72,13 +73,8 @@ class DynamicsFit(Displayed):
         verdict: on the fit, in the words of :attr:`FitVerdict.status`; empty: it was not judged.
     """
 
-    model: DynamicsModel
-    names: tuple[str, ...]
-    errors: FloatArray
-    gain_errors: FloatArray | None = None
     held_out: dict[float, float]
     unobservable: tuple[str, ...]
-    rows_used: int
     covariance: FloatArray | None = None
     rows_left: int = 0
     rows_beside_gaps: int = 0
@@ -88,12 +84,8 @@ class DynamicsFit(Displayed):
     condition: float | None = None
     unexplained: FloatArray | None = None
     usual_torque: FloatArray | None = None
-    seen: SeenMotion | None = None
-    verdict: str = ""
     rows_at_ends: int = 0
     rows_at_rest: FloatArray | None = None
-    source: Mapping[str, str] = field(default_factory=dict)
-    created_from: tuple[str, ...] = ()
 
     def to_frame(self) -> pl.DataFrame:
         """Data frame with a row for each parameter: ``name``, ``value``, ``standard_error``."""
@@ -212,8 +204,6 @@ class DynamicsFit(Displayed):
         Raises:
             InputError: the file cannot be written.
         """
-        from bumpstop.identification.dynamics.fit_file import save_fit
-
         save_fit(self, path)
 
     @classmethod
@@ -223,8 +213,6 @@ class DynamicsFit(Displayed):
         Raises:
             InputError: the file is absent, damaged, or not of this kind.
         """
-        from bumpstop.identification.dynamics.fit_file import load_fit
-
         return load_fit(path, cls)
 
 

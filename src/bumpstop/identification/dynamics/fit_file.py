@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -20,9 +21,6 @@ from bumpstop.model import Robot
 from bumpstop.model.inertia import vector3
 from bumpstop.text_files import is_path, parse_toml, read_text, toml_value, write_text
 
-if TYPE_CHECKING:
-    from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit
-
 Fit = TypeVar("Fit")
 
 _KEYS = {"kind", "robot", "base", "tip", "created_from", "cutoff_hz"}
@@ -31,7 +29,22 @@ _KEYS |= {"gravity", "seen", "verdict"}
 _SEEN = ("low", "high", "speed", "acceleration")
 
 
-def save_fit(fit: DynamicsFit, path: str | os.PathLike[str]) -> None:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DynamicsEstimate:
+    """What a file holds of a fit; :class:`bumpstop.identification.DynamicsFit` says what each is."""
+
+    model: DynamicsModel
+    names: tuple[str, ...]
+    errors: FloatArray
+    gain_errors: FloatArray | None = None
+    rows_used: int
+    seen: SeenMotion | None = None
+    source: Mapping[str, str] = field(default_factory=dict)
+    created_from: tuple[str, ...] = ()
+    verdict: str = ""
+
+
+def save_fit(fit: DynamicsEstimate, path: str | os.PathLike[str]) -> None:
     """Write a fit.
 
     Raises:

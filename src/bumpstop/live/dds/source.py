@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Self, get_args
+from typing import Any, get_args
 
 from bumpstop.errors import InputError
 from bumpstop.live.answer import Answer
@@ -13,10 +13,7 @@ from bumpstop.live.dds.joint_states import DamagedStateError, Effort, ForeignSta
 from bumpstop.live.dds.participant import domain_of, import_cyclonedds, on_loopback_only, participant, topic_name
 from bumpstop.live.event_limiter import EventLimiter
 from bumpstop.live.sample import JointSample
-from bumpstop.live.source import SourceEvent, SourceEventKind
-
-if TYPE_CHECKING:
-    from types import TracebackType
+from bumpstop.live.source import Source, SourceEvent, SourceEventKind
 
 JOINT_STATE = "sensor_msgs::msg::dds_::JointState_"
 # Messages that wait in the reader while nobody reads.
@@ -26,7 +23,7 @@ _MAX_AT_ONCE = 256
 _SECOND_WRITER_S = 0.3
 
 
-class DdsSource:
+class DdsSource(Source):
     """Samples of a topic of ``sensor_msgs/msg/JointState``.
 
     The reader takes what any writer offers: best-effort and volatile. One writer is read, the first whose states have
@@ -244,14 +241,3 @@ class DdsSource:
     def close(self) -> None:
         """Leave the domain; may be called twice, and without :meth:`open`."""
         self._answers = self._waiting = self._reader = self._participant = None
-
-    def __enter__(self) -> Self:
-        """Open."""
-        self.open()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close."""
-        self.close()

@@ -6,7 +6,7 @@ import threading
 from collections import deque
 from typing import TYPE_CHECKING
 
-from bumpstop.live.output import CollisionAlarm, MonitorTick
+from bumpstop.live.output import CollisionAlarm, MonitorTick, taken
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -64,10 +64,7 @@ class BackgroundOutput:
 
     def problems(self) -> list[str]:
         """What has failed since the last call."""
-        found = []
-        while self._problems:
-            found.append(self._problems.popleft())
-        return found
+        return taken(self._problems)
 
     def close(self) -> None:
         """Write what waits, and end."""

@@ -13,6 +13,7 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 from bumpstop.errors import InputError
+from bumpstop.live.output import taken
 from bumpstop.live.outputs.json_lines import alarm_json
 
 if TYPE_CHECKING:
@@ -113,10 +114,7 @@ class CollisionCommand:
 
     def problems(self) -> list[str]:
         """What has failed since the last call."""
-        found = []
-        while self._problems:
-            found.append(self._problems.popleft())
-        return found
+        return taken(self._problems)
 
     def close(self) -> None:
         """Wait for the one that runs, no longer than its limit."""

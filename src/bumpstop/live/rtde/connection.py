@@ -8,28 +8,8 @@ import time
 from collections.abc import Sequence
 
 from bumpstop.errors import InputError
+from bumpstop.live.rtde import messages
 from bumpstop.live.rtde.fields import IN_USE, NOT_FOUND, ProtocolError, Recipe, Value
-from bumpstop.live.rtde.messages import (
-    HEADER,
-    MAX_TEXT_PACKAGE,
-    VERSION,
-    Accepted,
-    ControllerVersion,
-    Data,
-    PackageReader,
-    Pause,
-    RecipeReply,
-    Reply,
-    Request,
-    RequestController,
-    RequestVersion,
-    SetupInputs,
-    SetupOutputs,
-    Start,
-    Text,
-    decode_reply,
-    encode,
-)
 
 _CHUNK = 65536
 
@@ -58,9 +38,9 @@ class RtdeConnection:
     def __init__(self, host: str, port: int, timeout_s: float) -> None:
         self.where = f"{host}:{port}"
         self._timeout = timeout_s
-        self._packages = PackageReader()
-        self.controller: ControllerVersion | None = None
-        self.texts: list[Text] = []
+        self._packages = messages.PackageReader()
+        self.controller: messages.ControllerVersion | None = None
+        self.texts: list[messages.Text] = []
         self.received_s = time.monotonic()
         try:
             self._socket = socket.create_connection((host, port), timeout_s)
@@ -90,36 +70,38 @@ class RtdeConnection:
             ProtocolError: it does not speak the protocol.
             InputError: it has not got a field, or will not start.
         """
-        if not self._accepted(RequestVersion(), "V"):
-            problem = f"the controller at {self.where} does not accept version {VERSION} of the protocol"
+        if not self._accepted(messages.RequestVersion(), "V"):
+            problem = f"the controller at {self.where} does not accept version {messages.VERSION} of the protocol"
             raise InputError("rtde", problem, "wanted CB-Series from 3.2.19171, or e-Series")
-        self._send(RequestController())
+        self._send(messages.RequestController())
         reply = self._answer()
-        if not isinstance(reply, ControllerVersion):
+        if not isinstance(reply, messages.ControllerVersion):
             raise ProtocolError(f"{type(reply).__name__} in answer to the question for the controller's version")
         self.controller = reply
-        read = self._recipe(SetupOutputs(frequency_hz, tuple(outputs)), "O", outputs)
-        written = self._recipe(SetupInputs(tuple(inputs)), "I", inputs) if inputs else Recipe(0, (), ())
-        if not self._accepted(Start(), "S"):
+        read = self._recipe(messages.SetupOutputs(frequency_hz, tuple(outputs)), "O", outputs)
+        written = self._recipe(messages.SetupInputs(tuple(inputs)), "I", inputs) if inputs else Recipe(0, (), ())
+        if not self._accepted(messages.Start(), "S"):
             raise InputError("rtde", f"the controller at {self.where} does not start the exchange")
         self.expect(read)
         return read, written
 
     def expect(self, outputs: Recipe) -> None:
         """Take data packages of this recipe and texts from now on, and nothing that is larger."""
-        self._packages.largest = max(MAX_TEXT_PACKAGE, HEADER.size + 1 + outputs.size)
+        self._packages.largest = max(messages.MAX_TEXT_PACKAGE, messages.HEADER.size + 1 + outputs.size)
 
-    def _accepted(self, request: Request, what: str) -> bool:
+    def _accepted(self, request: messages.Request, what: str) -> bool:
         self._send(request)
         reply = self._answer()
-        if not isinstance(reply, Accepted) or reply.what != what:
+        if not isinstance(reply, messages.Accepted) or reply.what != what:
             raise ProtocolError(f"{type(reply).__name__} in answer to '{what}'")
         return reply.accepted
 
-    def _recipe(self, request: SetupOutputs | SetupInputs, what: str, wanted: dict[str, str]) -> Recipe:
+    def _recipe(
+        self, request: messages.SetupOutputs | messages.SetupInputs, what: str, wanted: dict[str, str]
+    ) -> Recipe:
         self._send(request)
         reply = self._answer()
-        if not isinstance(reply, RecipeReply) or reply.what != what:
+        if not isinstance(reply, messages.RecipeReply) or reply.what != what:
             raise ProtocolError(f"{type(reply).__name__} in answer to '{what}'")
         if len(reply.types) != len(wanted):
             raise ProtocolError(f"{len(reply.types)} types for {len(wanted)} fields")
@@ -137,25 +119,25 @@ class RtdeConnection:
             raise InputError("rtde", f"the controller at {self.where} rejects the recipe {', '.join(wanted)}")
         return Recipe(reply.number, tuple(wanted), reply.types)
 
-    def _answer(self) -> Reply:
+    def _answer(self) -> messages.Reply:
         """The next message that is an answer: texts are kept, and data of an exchange before this one are passed."""
         end = time.monotonic() + self._timeout
         while True:
             while (package := self._packages.take()) is not None:
-                reply = decode_reply(*package)
-                if isinstance(reply, Text):
+                reply = messages.decode_reply(*package)
+                if isinstance(reply, messages.Text):
                     self.texts.append(reply)
-                elif not isinstance(reply, Data):
+                elif not isinstance(reply, messages.Data):
                     return reply
             left = end - time.monotonic()
             if left <= 0:
                 raise LostConnectionError(f"{self.where} is connected and does not answer within {self._timeout:g} s")
             self._packages.feed(self._receive(left))
 
-    def _send(self, request: Request) -> None:
+    def _send(self, request: messages.Request) -> None:
         try:
             self._socket.settimeout(self._timeout)
-            self._socket.sendall(encode(request))
+            self._socket.sendall(messages.encode(request))
         except OSError as error:
             raise LostConnectionError(f"the connection to {self.where} broke: {error.strerror or error}") from None
 
@@ -165,12 +147,12 @@ class RtdeConnection:
         Raises:
             LostConnectionError: the connection broke.
         """
-        self._send(Data(recipe.number, recipe.pack(values)))
+        self._send(messages.Data(recipe.number, recipe.pack(values)))
 
     def pause(self) -> None:
         """Ask for no more data packages; what goes wrong does not matter any more."""
         try:
-            self._send(Pause())
+            self._send(messages.Pause())
         except LostConnectionError:
             return
 

@@ -10,30 +10,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from bumpstop.errors import InputError
+from bumpstop.live.rtde import messages
 from bumpstop.live.rtde.fields import IN_USE, NOT_FOUND, ProtocolError, Recipe, Value
-from bumpstop.live.rtde.messages import (
-    PORT,
-    VERSION,
-    Accepted,
-    ControllerVersion,
-    Data,
-    PackageReader,
-    Pause,
-    RecipeReply,
-    Reply,
-    Request,
-    RequestController,
-    RequestVersion,
-    SetupInputs,
-    SetupOutputs,
-    Start,
-    Text,
-    decode_request,
-    encode,
-)
 
 # What the server says it is: the first software with `actual_current_as_torque`.
-CONTROLLER = ControllerVersion(5, 23, 0, 0)
+CONTROLLER = messages.ControllerVersion(5, 23, 0, 0)
 INPUT_FIELDS = {f"input_int_register_{number}": "INT32" for number in range(48)} | {
     f"input_double_register_{number}": "DOUBLE" for number in range(48)
 }
@@ -49,7 +30,7 @@ class _Client:
     """One connection: what it has asked for, and what could not be sent yet."""
 
     socket: socket.socket
-    packages: PackageReader = field(default_factory=PackageReader)
+    packages: messages.PackageReader = field(default_factory=messages.PackageReader)
     outputs: Recipe | None = None
     every: int = 1
     inputs: dict[int, Recipe] = field(default_factory=dict)
@@ -74,7 +55,9 @@ class RtdeServer:
         left_out: data packages that were not sent, as their client did not read.
     """
 
-    def __init__(self, fields: Mapping[str, str], rate_hz: float, host: str = "127.0.0.1", port: int = PORT) -> None:
+    def __init__(
+        self, fields: Mapping[str, str], rate_hz: float, host: str = "127.0.0.1", port: int = messages.PORT
+    ) -> None:
         self._fields, self._rate = dict(fields), rate_hz
         self._clients: list[_Client] = []
         self._lock = threading.RLock()
@@ -117,7 +100,7 @@ class RtdeServer:
                     self.left_out += 1
                     continue
                 body = client.outputs.pack([values[name] for name in client.outputs.names])
-                self._send(client, Data(client.outputs.number, body))
+                self._send(client, messages.Data(client.outputs.number, body))
             self._count += 1
 
     def inputs(self) -> tuple[dict[str, Value], float]:
@@ -169,7 +152,7 @@ class RtdeServer:
             client = _Client(found)
             self._clients.append(client)
             if len(self._clients) > _MAX_CLIENTS:
-                self._send(client, Text("too many clients", "rtde", 1))
+                self._send(client, messages.Text("too many clients", "rtde", 1))
                 self._drop(client)
 
     def _read(self, client: _Client) -> None:
@@ -188,35 +171,35 @@ class RtdeServer:
             client.packages.feed(data)
             try:
                 while (package := client.packages.take()) is not None:
-                    self._handle(client, decode_request(*package))
+                    self._handle(client, messages.decode_request(*package))
             except ProtocolError as error:
-                self._send(client, Text(str(error), "rtde", 1))
+                self._send(client, messages.Text(str(error), "rtde", 1))
                 self._drop(client)
 
-    def _handle(self, client: _Client, request: Request) -> None:
+    def _handle(self, client: _Client, request: messages.Request) -> None:
         match request:
-            case RequestVersion(version):
-                self._send(client, Accepted("V", version == VERSION))
-            case RequestController():
+            case messages.RequestVersion(version):
+                self._send(client, messages.Accepted("V", version == messages.VERSION))
+            case messages.RequestController():
                 self._send(client, CONTROLLER)
-            case SetupOutputs(frequency, names):
+            case messages.SetupOutputs(frequency, names):
                 self._setup_outputs(client, frequency, names)
-            case SetupInputs(names):
+            case messages.SetupInputs(names):
                 self._setup_inputs(client, names)
-            case Start():
+            case messages.Start():
                 client.started = client.outputs is not None
-                self._send(client, Accepted("S", client.started))
+                self._send(client, messages.Accepted("S", client.started))
                 if client.started:
                     self._started.set()
-            case Pause():
+            case messages.Pause():
                 client.started = False
-                self._send(client, Accepted("P", True))
-            case Data(number, values):
+                self._send(client, messages.Accepted("P", True))
+            case messages.Data(number, values):
                 if number not in client.inputs:
                     raise ProtocolError(f"recipe {number} of inputs was not set up")
                 self._inputs |= client.inputs[number].unpack(values)
                 self._written_s = time.monotonic()
-            case Text():
+            case messages.Text():
                 pass  # words of a client: there is nobody here to read them
 
     def _setup_outputs(self, client: _Client, frequency_hz: float, names: tuple[str, ...]) -> None:
@@ -226,7 +209,7 @@ class RtdeServer:
             number = self._number(client)
             client.outputs = Recipe(number, names, types)
             client.every = max(1, round(self._rate / frequency_hz))
-        self._send(client, RecipeReply("O", number, types))
+        self._send(client, messages.RecipeReply("O", number, types))
 
     def _setup_inputs(self, client: _Client, names: tuple[str, ...]) -> None:
         others = [recipe for one in self._clients if one is not client for recipe in one.inputs.values()]
@@ -236,7 +219,7 @@ class RtdeServer:
         if names and not {NOT_FOUND, IN_USE} & set(types):
             number = self._number(client)
             client.inputs[number] = Recipe(number, names, types)
-        self._send(client, RecipeReply("I", number, types))
+        self._send(client, messages.RecipeReply("I", number, types))
 
     def _number(self, client: _Client) -> int:
         if client.recipes >= _MAX_RECIPES:
@@ -244,8 +227,8 @@ class RtdeServer:
         client.recipes += 1
         return client.recipes
 
-    def _send(self, client: _Client, reply: Reply) -> None:
-        client.unsent += encode(reply)
+    def _send(self, client: _Client, reply: messages.Reply) -> None:
+        client.unsent += messages.encode(reply)
         self._flush(client)
 
     def _flush(self, client: _Client) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from typing import TYPE_CHECKING, Literal, Self, cast
+from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
 
@@ -16,11 +16,9 @@ from bumpstop.live.rtde.connection import LostConnectionError, RtdeConnection
 from bumpstop.live.rtde.fields import ProtocolError, Recipe, Value
 from bumpstop.live.rtde.messages import LEVELS, PORT, Data, Reply, Text, decode_reply
 from bumpstop.live.sample import JointSample
-from bumpstop.live.source import SourceEvent, SourceEventKind
+from bumpstop.live.source import Source, SourceEvent, SourceEventKind
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from bumpstop.arrays import FloatArray
 
 Signal = Literal["current", "torque"]
@@ -52,7 +50,7 @@ def output_fields(joints: int, signal: Signal) -> dict[str, str]:
     return fields | {f"output_double_register_{number}": "DOUBLE" for number in registers}
 
 
-class RtdeSource:
+class RtdeSource(Source):
     """Samples of a Universal Robots controller over its Real-Time Data Exchange.
 
     The connection is made anew, with pauses from 0.1 s to 2 s between trials, whenever it ends.
@@ -269,14 +267,3 @@ class RtdeSource:
             self._connection.pause()
             self._connection.close()
             self._connection = None
-
-    def __enter__(self) -> Self:
-        """Open."""
-        self.open()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close."""
-        self.close()

@@ -7,24 +7,22 @@ import queue
 import threading
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bumpstop.errors import InputError
 from bumpstop.live.sample import JointSample
-from bumpstop.live.source import SourceEvent, SourceEventKind
+from bumpstop.live.source import Source, SourceEvent, SourceEventKind
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from bumpstop.live.answer import Answer
     from bumpstop.plant import Experiment, PlantReaction, Sample
 
 _MAX_WAITING = 1000  # samples, before the plant waits for its reader
 
 
-class PlantSource:
+class PlantSource(Source):
     """Runs an experiment in a thread of its own and gives its feedback samples.
 
     Its samples have currents: in the unit of the experiment's joint model, without one in Nm, which are torques, too.
@@ -124,17 +122,6 @@ class PlantSource:
         self._closed.set()
         if self._thread is not None:
             self._thread.join(5.0)
-
-    def __enter__(self) -> Self:
-        """Open."""
-        self.open()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close."""
-        self.close()
 
 
 class _ClosedError(Exception):

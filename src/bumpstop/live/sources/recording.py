@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import math
 import time
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 from bumpstop.errors import InputError
 from bumpstop.live.sample import JointSample
-from bumpstop.live.source import SourceEvent, SourceEventKind
+from bumpstop.live.source import Source, SourceEvent, SourceEventKind
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from bumpstop.recording import Recording
 
 
-class RecordingSource:
+class RecordingSource(Source):
     """Plays a recording: each row when it is due.
 
     Args:
@@ -65,14 +63,3 @@ class RecordingSource:
 
     def close(self) -> None:
         """Nothing is open."""
-
-    def __enter__(self) -> Self:
-        """Open."""
-        self.open()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close."""
-        self.close()

@@ -1,17 +1,15 @@
-"""The drive train that is assumed of an arm of which none is known."""
+"""The drive train of an arm: what is known of it, and what is assumed where nothing is."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.model.drive_train.drive_train import DriveTrain
-
-if TYPE_CHECKING:
-    from bumpstop.model.robot import Robot
+from bumpstop.model.drive_train.entry import DriveTrainStatus, least_known
+from bumpstop.model.serial_chain import SerialChain
 
 # Figures of the class; each is a round number about the middle of what is published:
 # docs/reference/robot/drive_train.md.
@@ -35,7 +33,25 @@ _PAYLOAD_OFFSET = 0.3
 _MIN_TORQUE = 2.0
 
 
-def assumed_drive_train(robot: Robot) -> DriveTrain:
+def drive_train_of(robot: SerialChain) -> DriveTrain:
+    """See :attr:`bumpstop.model.Robot.drive_train`."""
+    found = assumed_drive_train(robot)
+    for entry in robot.drive_train_entries:
+        found = found.with_values(entry.quantity, entry.values, entry.status, entry.source)
+    rotors = np.array([joint.rotor_inertia for joint in robot.joints])
+    if (rotors > 0).any():
+        words: list[DriveTrainStatus] = [
+            robot.inertia_status if robot.inertia_status in ("published", "unverified") else "assumed"
+        ]
+        if not (rotors > 0).all():
+            words.append(found.status["rotor_inertia"])
+        values = np.where(rotors > 0, rotors, found.rotor_inertia)
+        source = robot.inertia_source or "rotors of the robot's joints"
+        found = found.with_values("rotor_inertia", values, least_known(words), source)
+    return found
+
+
+def assumed_drive_train(robot: SerialChain) -> DriveTrain:
     """What is assumed of a robot's drive train, from its masses and lengths and its torque limits where known.
 
     Rated torque T of each joint is its torque limit, else the :func:`holding_torque`. Rotors: 0.01 kg m2 per Nm of T.
@@ -72,7 +88,7 @@ def assumed_drive_train(robot: Robot) -> DriveTrain:
     )
 
 
-def holding_torque(robot: Robot) -> FloatArray:
+def holding_torque(robot: SerialChain) -> FloatArray:
     """Torque that would hold the arm, stretched out as far as its links are long, with its rated payload (dof,).
 
     It does not depend on the pose: every mass is as far from a joint as the offsets in between are long together, and
@@ -97,7 +113,7 @@ def holding_torque(robot: Robot) -> FloatArray:
     return np.maximum(torque, _MIN_TORQUE)
 
 
-def _masses(robot: Robot) -> tuple[FloatArray, FloatArray]:
+def _masses(robot: SerialChain) -> tuple[FloatArray, FloatArray]:
     """Mass of each link [kg] and how far its centre is from its frame [m], assumed where unknown or implausible."""
     links = [joint.inertia for joint in robot.joints if joint.inertia is not None]
     if len(links) == robot.dof and not robot.inertia_doubts:

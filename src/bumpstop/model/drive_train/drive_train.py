@@ -2,60 +2,20 @@
 
 from __future__ import annotations
 
-import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from bumpstop.arrays import FloatArray, as_float_array
+from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError, near_matches
-
-if TYPE_CHECKING:
-    from bumpstop.model.robot import Robot
-
-DriveTrainStatus = Literal["published", "identified", "unverified", "assumed"]
-
-# Each quantity and its unit where a joint turns and where it slides.
-QUANTITIES: dict[str, tuple[str, str]] = {
-    "rotor_inertia": ("kg m2", "kg"),
-    "gear_stiffness": ("Nm/rad", "N/m"),
-    "gear_damping": ("1", "1"),
-    "servo_bandwidth": ("rad/s", "rad/s"),
-    "servo_position_gain": ("1/s", "1/s"),
-    "torque_limit": ("Nm", "N"),
-    "acceleration_feedforward": ("1", "1"),
-}
-# A gear that is as good as rigid has 1e9 Nm/rad; what is beyond these is a slip of the unit.
-_MAX = {"gear_damping": 10.0, "servo_bandwidth": 1e6, "servo_position_gain": 1e6}
-_MAX_OF_OTHERS = 1e12
-
-
-@dataclass(frozen=True, kw_only=True)
-class DriveTrainEntry:
-    """What is known of one quantity of a robot's drive train.
-
-    Attributes:
-        quantity: name of it, one of :class:`DriveTrain`.
-        values: one for each joint.
-        status: where they come from.
-        source: in words.
-    """
-
-    quantity: str
-    values: tuple[float, ...]
-    status: DriveTrainStatus
-    source: str
-
-    def __post_init__(self) -> None:
-        if self.quantity not in QUANTITIES:
-            near = near_matches(str(self.quantity), QUANTITIES)
-            raise InputError("quantity", f"{self.quantity!r} is none of a drive train", near)
-        checked_values(self.values, self.quantity, self.quantity, len(self.values))
-        check_status(self.status, f"{self.quantity} status")
+from bumpstop.model.drive_train.entry import QUANTITIES, DriveTrainEntry, DriveTrainStatus, check_status, checked_values
+from bumpstop.model.drive_train.entry_tables import entries_to_toml
+from bumpstop.model.serial_chain import SerialChain
+from bumpstop.text_files import write_text
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -144,7 +104,7 @@ class DriveTrain:
         }
         return replace(self, **changed)
 
-    def save(self, path: str | os.PathLike[str], robot: Robot, *, only: tuple[str, ...] | None = None) -> None:
+    def save(self, path: str | os.PathLike[str], robot: SerialChain, *, only: tuple[str, ...] | None = None) -> None:
         """Write a file that :func:`bumpstop.model.load_drive_train` reads.
 
         Args:
@@ -155,9 +115,22 @@ class DriveTrain:
         Raises:
             InputError: another number of joints, a quantity that is none, or a file that cannot be written.
         """
-        from bumpstop.model.drive_train.drive_train_file import save_drive_train
+        if self.dof != robot.dof:
+            raise InputError("drive_train", f"has {self.dof} joints", f"wanted {robot.dof}, as {robot.name} has")
+        for name in only or ():
+            if name not in QUANTITIES:
+                raise InputError("only", f"{name!r} is no quantity of a drive train", near_matches(name, QUANTITIES))
+        entries = [self.entry(name) for name in (QUANTITIES if only is None else only)]
+        write_text(path, entries_to_toml(entries, robot))
 
-        save_drive_train(self, path, robot, only=only)
+    def entry(self, quantity: str) -> DriveTrainEntry:
+        """One quantity with its status and source."""
+        return DriveTrainEntry(
+            quantity=quantity,
+            values=tuple(getattr(self, quantity).tolist()),
+            status=self.status[quantity],
+            source=self.source[quantity],
+        )
 
     def scaled(self, quantity: str, factor: float) -> DriveTrain:
         """The same drive train with one quantity times a factor, to see how much hangs on it; its status stays."""
@@ -178,85 +151,3 @@ class DriveTrain:
         )
 
     __hash__ = None  # type: ignore[assignment]
-
-
-def checked_values(values: Any, quantity: str, where: str, dof: int) -> FloatArray:
-    """The figures of one quantity (dof,), which one number may stand for.
-
-    Args:
-        values: one number, or one a joint.
-        quantity: name of it.
-        where: how errors call it.
-        dof: number of joints.
-
-    Raises:
-        InputError: another shape, or a value outside of what the quantity can have.
-    """
-    single = np.ndim(values) == 0 and not isinstance(values, str)
-    array = as_float_array([values] * dof if single else values, where, (dof,), finite=False).copy()
-    for joint, value in enumerate(array, start=1):
-        if quantity == "acceleration_feedforward":
-            if not 0 <= value <= 1:
-                raise InputError(f"{where}[{joint}]", f"is {value:g}", "wanted 0 to 1")
-            continue
-        most = _MAX.get(quantity, _MAX_OF_OTHERS)
-        if quantity == "torque_limit" and value == math.inf:
-            continue
-        if not (value > 0 and math.isfinite(value)):
-            unknown = ", or inf where it is unknown" if quantity == "torque_limit" else ""
-            raise InputError(f"{where}[{joint}]", f"is {value:g}", f"wanted a positive finite number{unknown}")
-        if value > most:
-            raise InputError(f"{where}[{joint}]", f"is {value:g}", f"wanted at most {most:g}")
-    return array
-
-
-def check_status(word: object, where: str) -> None:
-    """Refuse what is no status.
-
-    Raises:
-        InputError: it is none.
-    """
-    if word not in get_args(DriveTrainStatus):
-        raise InputError(where, f"{word!r} is none", "valid: " + ", ".join(get_args(DriveTrainStatus)))
-
-
-def least_known(words: Sequence[DriveTrainStatus]) -> DriveTrainStatus:
-    """The status of several figures together: that of the least known of them."""
-    order: tuple[DriveTrainStatus, ...] = get_args(DriveTrainStatus)
-    return max(words, key=order.index)
-
-
-def check_entries(robot: Robot) -> None:
-    """Refuse entries of a robot that do not fit its joints, or a quantity given twice.
-
-    Raises:
-        InputError: names the quantity.
-    """
-    seen: set[str] = set()
-    for entry in robot.drive_train_entries:
-        where = f"drive_train.{entry.quantity}"
-        if len(entry.values) != robot.dof:
-            raise InputError(where, f"has {len(entry.values)} values", f"wanted {robot.dof}, one for each joint")
-        if entry.quantity in seen:
-            raise InputError(where, "occurs twice", "give it once")
-        seen.add(entry.quantity)
-
-
-def drive_train_of(robot: Robot) -> DriveTrain:
-    """See :attr:`bumpstop.model.Robot.drive_train`."""
-    from bumpstop.model.drive_train.assumed import assumed_drive_train
-
-    found = assumed_drive_train(robot)
-    for entry in robot.drive_train_entries:
-        found = found.with_values(entry.quantity, entry.values, entry.status, entry.source)
-    rotors = np.array([joint.rotor_inertia for joint in robot.joints])
-    if (rotors > 0).any():
-        words: list[DriveTrainStatus] = [
-            robot.inertia_status if robot.inertia_status in ("published", "unverified") else "assumed"
-        ]
-        if not (rotors > 0).all():
-            words.append(found.status["rotor_inertia"])
-        values = np.where(rotors > 0, rotors, found.rotor_inertia)
-        source = robot.inertia_source or "rotors of the robot's joints"
-        found = found.with_values("rotor_inertia", values, least_known(words), source)
-    return found

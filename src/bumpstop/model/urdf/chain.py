@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -12,9 +14,11 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError, near_matches
 from bumpstop.model.inertia import LinkInertia, matrix3, merged, vector3
 from bumpstop.model.joint import Frame, Joint
-from bumpstop.model.robot import Robot
+from bumpstop.model.serial_chain import SerialChain
 from bumpstop.model.urdf.drives import with_drives
 from bumpstop.model.urdf.reader import OTHER_KINDS, UrdfJoint, UrdfTree, read_urdf
+
+Chain = TypeVar("Chain", bound=SerialChain)
 
 _GRIPPER_WORDS = ("finger", "gripper", "knuckle", "jaw")
 _MAX_FINGER_TRAVEL = 0.15  # [m]: no axis of an arm is as short
@@ -33,8 +37,10 @@ class _Body:
     leaving: list[UrdfJoint] = field(default_factory=list)
 
 
-def robot_from_urdf(path: Path, base: str | None, tip: str | None, *, strict_inertia: bool = False) -> Robot:
-    """Read the chain from ``base`` to ``tip``; see :meth:`bumpstop.model.Robot.from_urdf`."""
+def chain_from_urdf(
+    path: Path, base: str | None, tip: str | None, *, make: Callable[..., Chain], strict_inertia: bool = False
+) -> Chain:
+    """Read the chain from ``base`` to ``tip``; ``make`` takes its fields. As :meth:`bumpstop.model.Robot.from_urdf`."""
     for key, name in (("base", base), ("tip", tip)):
         if name is not None and not isinstance(name, str):
             raise InputError(key, f"{name!r} is no name", "wanted text")
@@ -89,7 +95,7 @@ def robot_from_urdf(path: Path, base: str | None, tip: str | None, *, strict_ine
     without = [repr(joint.link) for joint in joints if joint.inertia is None]
     if without:
         warnings.append(f"{path.name} has no inertia for {', '.join(without)}.")
-    robot = Robot(
+    robot = make(
         name=tree.name,
         joints=tuple(joints),
         tip_name=tip,

@@ -5,17 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from bumpstop.model.drive_train.drive_train import DriveTrainEntry
+from bumpstop.model.drive_train.assumed import drive_train_of
+from bumpstop.model.drive_train.entry import DriveTrainEntry
+from bumpstop.model.serial_chain import SerialChain
 from bumpstop.model.urdf.xml_elements import children, local
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-    from bumpstop.model.robot import Robot
+Chain = TypeVar("Chain", bound=SerialChain)
 
 _ROTOR = ("rotor_inertia", "rotorInertia", "motorInertia")  # the first is Drake's
 _RATIO = ("gear_ratio", "mechanicalReduction", "mechanical_reduction")
@@ -59,7 +61,7 @@ def transmission_rotors(robot: Element) -> dict[str, float]:
     return found
 
 
-def with_drives(robot: Robot, efforts: Sequence[float], rotors: Sequence[float], file: str) -> Robot:
+def with_drives(robot: Chain, efforts: Sequence[float], rotors: Sequence[float], file: str) -> Chain:
     """The robot with the entries of its drive train that a file has.
 
     Args:
@@ -81,10 +83,11 @@ def with_drives(robot: Robot, efforts: Sequence[float], rotors: Sequence[float],
         robot = replace(robot, drive_train_entries=(*robot.drive_train_entries, entry))
     told = ~np.isnan(known)
     if told.any() and not _placeholder(known[told]):
-        values = np.where(told, known, robot.drive_train.rotor_inertia)
+        assumed = drive_train_of(robot)
+        values = np.where(told, known, assumed.rotor_inertia)
         if not told.all():
             numbers = ", ".join(str(number) for number in 1 + np.flatnonzero(told))
-            source += f" for joint {numbers}; {robot.drive_train.source['rotor_inertia']} for the others"
+            source += f" for joint {numbers}; {assumed.source['rotor_inertia']} for the others"
         entry = DriveTrainEntry(
             quantity="rotor_inertia",
             values=tuple(values.tolist()),

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from bumpstop.recording.formats.table import RawRecording
-    from bumpstop.recording.recording import Recording
+    from bumpstop.recording.signals import Signals
 
 _RATES = (1.0, 1e5)  # [Hz]
 _SAME_RATE = 0.02  # of the stated rate, between it and that of the stamps
@@ -114,7 +114,7 @@ def retimed(raw: RawRecording, rate_hz: float) -> RawRecording:
     return replace(raw, values={**raw.values, "t": even[:, None]}, notes=(*raw.notes, *notes))
 
 
-def stamped_by_a_pc(recording: Recording) -> str:
+def stamped_by_a_pc(recording: Signals) -> str:
     """A sentence where stamps are uneven but the samples are not; empty: there is no sign of it.
 
     Positions tell: halfway between its neighbours a sample is where a smooth motion has it only at the true times.

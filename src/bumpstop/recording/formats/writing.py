@@ -13,17 +13,16 @@ import numpy as np
 from bumpstop.errors import InputError
 from bumpstop.output_files import write_csv, write_parquet
 from bumpstop.recording.formats.joint_state import messages
+from bumpstop.recording.signals import Signals
 
 if TYPE_CHECKING:
     import polars as pl
-
-    from bumpstop.recording.recording import Recording
 
 _ENDINGS = (".parquet", ".csv", ".mcap")
 _TOPIC = "/joint_states"
 
 
-def write(recording: Recording, path: Path) -> None:
+def write(recording: Signals, path: Path) -> None:
     """Write by the ending of the name; as ``Recording.save``."""
     if path.suffix not in _ENDINGS:
         raise InputError(str(path), f"{path.suffix!r} is no ending of a recording", "valid: " + ", ".join(_ENDINGS))
@@ -39,12 +38,12 @@ def write(recording: Recording, path: Path) -> None:
         raise InputError(str(path), f"cannot be written ({error.strerror or error})") from None
 
 
-def holds_current_as_effort(recording: Recording, path: Path) -> bool:
+def holds_current_as_effort(recording: Signals, path: Path) -> bool:
     """Whether the effort of a bag so written is motor current, and would be read as torque by default."""
     return path.suffix == ".mcap" and recording.tau is None and recording.current is not None
 
 
-def left_out(recording: Recording, path: Path) -> tuple[str, ...]:
+def left_out(recording: Signals, path: Path) -> tuple[str, ...]:
     """What a file with this ending does not hold of the recording."""
     lost = {
         "current": path.suffix == ".mcap" and recording.tau is not None and recording.current is not None,
@@ -56,7 +55,7 @@ def left_out(recording: Recording, path: Path) -> tuple[str, ...]:
     return tuple(name for name, is_lost in lost.items() if is_lost)
 
 
-def table_of(recording: Recording) -> pl.DataFrame:
+def table_of(recording: Signals) -> pl.DataFrame:
     """Columns ``t``, ``q_1`` .. and what else there is, as in formats of Parquet recordings."""
     import polars as pl
 
@@ -95,7 +94,7 @@ def arrays_of(table: pl.DataFrame) -> dict[str, Any]:
     return found
 
 
-def _write_mcap(recording: Recording, path: Path) -> None:
+def _write_mcap(recording: Signals, path: Path) -> None:
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 

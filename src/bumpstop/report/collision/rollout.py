@@ -15,7 +15,8 @@ from bumpstop.collision import monte_carlo
 from bumpstop.collision.contact_course import contact_course
 from bumpstop.collision.distribution.noise import contact_residual, noise_of_run
 from bumpstop.collision.distribution.transient_contact import body_displacement
-from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult, monte_carlo_trajectory
+from bumpstop.collision.trajectory.trajectory_evaluation import monte_carlo_trajectory
+from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult
 
 if TYPE_CHECKING:
     from bumpstop.collision import CollisionProblem, CollisionResult
@@ -179,7 +180,7 @@ class Rollouts:
 
 def _sampled(result: CollisionResult) -> CollisionResult:
     if isinstance(result, TrajectoryCollisionResult):
-        return monte_carlo_trajectory(result.problem, samples=_SAMPLES, seed=0)
+        return monte_carlo_trajectory(result.problem, result.evaluate, samples=_SAMPLES, seed=0)
     return monte_carlo(result.problem, result.curve, samples=_SAMPLES, seed=0)
 
 

@@ -18,7 +18,7 @@ from bumpstop.view.retimed_scenario import retimed_scenario
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
     from bumpstop.collision import Scenario
-    from bumpstop.view.page.page import Page
+    from bumpstop.view.page.panel_host import PanelHost
 
 _FRAME_S = 0.05
 
@@ -33,7 +33,7 @@ class PlaybackPanel:
         pose: of the arm at the time that is shown (dof,) [rad or m]; None: of the scenario.
     """
 
-    def __init__(self, page: Page) -> None:
+    def __init__(self, page: PanelHost) -> None:
         self._page = page
         self.pose: FloatArray | None = None
         self._closed = threading.Event()

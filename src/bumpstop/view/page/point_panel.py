@@ -16,7 +16,7 @@ from bumpstop.view.point_rows import PointRows, point_rows
 if TYPE_CHECKING:
     import polars as pl
 
-    from bumpstop.view.page.page import Page
+    from bumpstop.view.page.panel_host import PanelHost
 
 _NEAR = 0.012
 _ENDS = (0.02, 0.95)  # shares of the points at which colours end
@@ -31,7 +31,7 @@ class PointPanel:
         page: whose it is.
     """
 
-    def __init__(self, page: Page) -> None:
+    def __init__(self, page: PanelHost) -> None:
         self._page = page
         self._rows: PointRows | None = page.opened.points
         self._cancelled = threading.Event()

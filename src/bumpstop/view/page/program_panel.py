@@ -9,7 +9,7 @@ from bumpstop.report.markup import element
 
 if TYPE_CHECKING:
     from bumpstop.collision import Scenario
-    from bumpstop.view.page.page import Page
+    from bumpstop.view.page.panel_host import PanelHost
 
 
 class ProgramPanel:
@@ -19,7 +19,7 @@ class ProgramPanel:
         page: whose it is.
     """
 
-    def __init__(self, page: Page) -> None:
+    def __init__(self, page: PanelHost) -> None:
         self._page, self._program = page, page.opened.program
         if self._program is None:
             return

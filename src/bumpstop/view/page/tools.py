@@ -10,7 +10,7 @@ from bumpstop.errors import BumpstopError
 from bumpstop.report.markup import element
 
 if TYPE_CHECKING:
-    from bumpstop.view.page.page import Page
+    from bumpstop.view.page.panel_host import PanelHost
 
 
 class Tools:
@@ -20,7 +20,7 @@ class Tools:
         page: whose they are.
     """
 
-    def __init__(self, page: Page) -> None:
+    def __init__(self, page: PanelHost) -> None:
         self._page = page
         self.dragging = False
         gui = page.client.gui
