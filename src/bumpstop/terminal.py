@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import os
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import TYPE_CHECKING
 
@@ -46,10 +47,16 @@ def share(value: float, *, rests: bool = False) -> str:
 
 
 def terminal() -> Console:
-    """The terminal, which prints text as it is and folds only tables that are wider."""
+    """The terminal, which prints text as it is and folds only tables that are wider.
+
+    A pipe or a file has no width of its own: tables are not folded to the 80 columns that rich takes for it.
+    """
     from rich.console import Console
 
-    return Console(highlight=False, markup=False, soft_wrap=True)
+    console = Console(highlight=False, markup=False, soft_wrap=True)
+    if not console.is_terminal and "COLUMNS" not in os.environ:
+        console.width = _WIDTH
+    return console
 
 
 def text_of(show: Callable[[Console], None], width: int = _WIDTH, *, wrapped: bool = False) -> str:

@@ -84,13 +84,13 @@ def command(
 
 
 def _print(result: ProgramResult) -> None:
-    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     from bumpstop.program.evaluation import outcome_word
+    from bumpstop.terminal import terminal
 
-    console = Console(highlight=False, markup=False)
+    console = terminal()
     table = Table(box=None, pad_edge=False)
     bodies = result.cell.bodies
     several = ["body"] if len(bodies) > 1 else []
@@ -114,17 +114,16 @@ def _print(result: ProgramResult) -> None:
     console.print(table)
     for one in result.segments:
         if one.present.verdict is None:
-            console.print(f"lines {_lines(one)}, {one.segment.name}: {one.present.why}", soft_wrap=True)
+            console.print(f"lines {_lines(one)}, {one.segment.name}: {one.present.why}")
     for line, text in result.source.not_understood:
-        console.print(f"line {line} is not understood and left as it is: {text[:80]}", soft_wrap=True)
+        console.print(f"line {line} is not understood and left as it is: {text[:80]}")
     for note in result.source.notes:
-        console.print(f"note: {note}", soft_wrap=True)
+        console.print(f"note: {note}")
     won = sum(one.won_s for one in result.segments if math.isfinite(one.won_s))
     against = " and ".join(f"{body.scenario.contact.body}, {body.allowed_force:.4g} N allowed" for body in bodies)
     console.print(
         f"{result.source.language} against {against}: {result.present} as given, {result.written_outcome} as written, "
         f"{abs(won):.2f} s {'won' if won >= 0 else 'lost'}",
-        soft_wrap=True,
     )
     console.print(
         "Each segment with contact at its worst place. This is an engineering estimate, not a certified safety "

@@ -108,6 +108,7 @@ def test_toml_by_columns_and_by_rows(tmp_path: Path) -> None:
         ("velocity_deg_s", "speed", None, "deg/s"),
         ("Speed (°/s)", "speed", None, "deg/s"),
         ("Axis", "joint", None, ""),
+        ("Override [%]", "speed", None, "percent"),
     ],
 )
 def test_names_of_columns(name: str, quantity: str, joint: int | None, unit: str) -> None:

@@ -209,57 +209,33 @@ class ContactDynamics {
         return sum;
     }
 
-    /// Goes on by a share of a piece; all of it where `whole`.
-    void propagate(const Transitions& by, T* z, T r, T speed, T share, bool whole) const {
+    /// Lanes in contact, and lanes that are apart from the body, go on by a piece.
+    void move(State& at, MaskOf<T> in_contact, MaskOf<T> apart, T r, T speed) const {
         std::array<T, ContactSystem::max_size> x;
-        const auto take = [&](int h, const MaskOf<T>* lanes) {
-            std::copy_n(z, states_, x.begin());
-            x[std::size_t(states_)] = r;
-            x[std::size_t(states_) + 1] = speed;
-            if (lanes == nullptr) return by.add(h, x.data(), z, states_);
-            std::array<T, ContactSystem::max_states> to;
-            std::copy_n(z, states_, to.begin());
-            by.add(h, x.data(), to.data(), states_);
-            for (int i = 0; i < states_; ++i) z[i] = select(*lanes, to[std::size_t(i)], z[i]);
-        };
-        if (whole) return take(0, nullptr);
-        double part = 1;
-        for (int h = 0; h <= by.halvings(); ++h, part /= 2) {
-            const auto used = share >= T(part);
-            if (!any(used)) continue;
-            take(h, &used);
-            r = select(used, r + speed * (by_->piece * part), r);
-            share = select(used, share - T(part), share);
-        }
-        if (!any(share > T(0.0))) return;
-        // What is left is short: its series.
-        std::copy_n(z, states_, x.begin());
+        std::copy_n(at.z.begin(), states_, x.begin());
         x[std::size_t(states_)] = r;
         x[std::size_t(states_) + 1] = speed;
-        for (int k = 1; k <= 5; ++k) {
-            std::array<T, ContactSystem::max_size> rate;
-            std::fill_n(rate.begin(), states_, T(0.0));
-            by.add_rate(x.data(), rate.data(), states_);
-            const T factor = share * (by_->piece / k);
-            for (int i = 0; i < states_; ++i) {
-                x[std::size_t(i)] = rate[std::size_t(i)] * factor;
-                z[i] += x[std::size_t(i)];
-            }
-            x[std::size_t(states_)] = k == 1 ? speed * factor : T(0.0);
-            x[std::size_t(states_) + 1] = 0.0;
-        }
-    }
-
-    /// Lanes in contact, and lanes that are apart from the body, go on by a share of a piece.
-    void move(State& at, MaskOf<T> in_contact, MaskOf<T> apart, T r, T speed, T share, bool whole) const {
         for (const auto& [lanes, by] : {std::pair{in_contact, &by_->in_contact}, std::pair{apart, &by_->apart}}) {
             if (!any(lanes)) continue;
-            if (all(lanes)) return propagate(*by, at.z.data(), r, speed, share, whole);
+            if (all(lanes)) return by->add(x.data(), at.z.data(), states_);
             std::array<T, ContactSystem::max_states> z;
-            std::copy_n(at.z.begin(), states_, z.begin());
-            propagate(*by, z.data(), r, speed, share, whole);
+            std::copy_n(x.begin(), states_, z.begin());
+            by->add(x.data(), z.data(), states_);
             for (int i = 0; i < states_; ++i)
                 at.z[std::size_t(i)] = select(lanes, z[std::size_t(i)], at.z[std::size_t(i)]);
+        }
+    }
+    /// They go on by a share of a piece, one after the other: few lanes meet or part in the same piece.
+    void move(State& at, MaskOf<T> in_contact, MaskOf<T> apart, T r, T speed, T share) const {
+        const T pressed = select(in_contact, T(1.0), T(0.0)), moves = select(in_contact | apart, T(1.0), T(0.0));
+        for (int lane = 0; lane < Scalar<T>::lanes; ++lane) {
+            if (!(lane_of(moves, lane) > 0)) continue;
+            std::array<double, Transitions::padded> x{};
+            for (int i = 0; i < states_; ++i) x[std::size_t(i)] = lane_of(at.z[std::size_t(i)], lane);
+            x[std::size_t(states_)] = lane_of(r, lane);
+            x[std::size_t(states_) + 1] = lane_of(speed, lane);
+            (lane_of(pressed, lane) > 0 ? by_->in_contact : by_->apart).advance(x.data(), lane_of(share, lane));
+            for (int i = 0; i < states_; ++i) set_lane(at.z[std::size_t(i)], lane, x[std::size_t(i)]);
         }
     }
 
@@ -270,7 +246,10 @@ class ContactDynamics {
             const auto in_contact = open & at.in_contact(), loose = open & !at.in_contact();
             const T time = left * by_->piece, end = r + speed * time;
             State next = at;
-            move(next, in_contact, loose, r, speed, left, cut == 0);
+            if (cut == 0)
+                move(next, in_contact, loose, r, speed);
+            else
+                move(next, in_contact, loose, r, speed, left);
             T share = 1.0;  // of what is left, when arm and body meet or part
             auto meets = loose, parts = in_contact;
             const T force0 = dot(by_->force[0], at, r, speed), force1 = dot(by_->force[0], next, end, speed);
@@ -304,7 +283,7 @@ class ContactDynamics {
             const auto cuts = meets | parts;
             if (any(cuts)) {
                 State there = at;
-                move(there, parts, meets, r, speed, left * share, false);
+                move(there, parts, meets, r, speed, left * share);
                 for (int i = 0; i < states_; ++i)
                     next.z[std::size_t(i)] = select(cuts, there.z[std::size_t(i)], next.z[std::size_t(i)]);
             }

@@ -30,6 +30,24 @@ void multiply_add(const double* column, int stride, int rows, int columns, const
     if (i < rows) multiply_add_rows<1>(column + i, stride, columns, x, y + i);
 }
 
+/// The same for one vector of doubles, rows beside one another: `stride` rows, of which some may be padding.
+inline void multiply_add(const double* column, int stride, int columns, const double* x, double* y) {
+    using Native = Lanes<native_lanes>;
+    constexpr int together = 4;  // sums of registers of rows, which hide how long each addition takes
+    for (int i = 0; i < stride; i += together * native_lanes) {
+        Native sum[together];
+        const int count = std::min(together, (stride - i) / native_lanes);
+        const auto add = [&](auto registers) {
+            for (int r = 0; r < registers; ++r) sum[r] = Native::load(y + i + r * native_lanes);
+            for (int j = 0; j < columns; ++j)
+                for (int r = 0; r < registers; ++r)
+                    sum[r] += Native::load(column + j * stride + i + r * native_lanes) * x[j];
+            for (int r = 0; r < registers; ++r) sum[r].store(y + i + r * native_lanes);
+        };
+        count == together ? add(std::integral_constant<int, together>()) : add(count);
+    }
+}
+
 }  // namespace detail
 
 /// exp(A t) - 1 for t = duration, duration / 2, duration / 4 and so on, until A t is small. Kept without the 1: that keeps
@@ -37,7 +55,8 @@ void multiply_add(const double* column, int stride, int rows, int columns, const
 class Transitions {
   public:
     Transitions() = default;
-    Transitions(const detail::SquareMatrix& a, double duration) : size_(a.size()), stride_((a.size() + 3) / 4 * 4) {
+    Transitions(const detail::SquareMatrix& a, double duration)
+        : size_(a.size()), stride_((a.size() + 7) / 8 * 8), duration_(duration) {
         constexpr double small = 1.0 / 128;
         int halvings = 0;
         double t = duration;
@@ -55,17 +74,35 @@ class Transitions {
         }
     }
 
-    int halvings() const { return int(by_halving_.size()) - 1; }
-    /// Adds to the first `rows` of y what duration / 2^h changes of x.
+    /// Adds to the first `rows` of y what the duration changes of x.
     template <class T>
-    void add(int h, const T* x, T* y, int rows) const {
-        detail::multiply_add(by_halving_[std::size_t(h)].data(), stride_, rows, size_, x, y);
+    void add(const T* x, T* y, int rows) const {
+        detail::multiply_add(by_halving_[0].data(), stride_, rows, size_, x, y);
     }
-    /// Adds A x to the first `rows` of y.
-    template <class T>
-    void add_rate(const T* x, T* y, int rows) const {
-        detail::multiply_add(generator_.data(), stride_, rows, size_, x, y);
+    /// Takes x, of length `padded`, on by a share of the duration; the entries past A's are 0.
+    void advance(double* x, double share) const {
+        std::array<double, padded> y;
+        double part = 1;
+        for (const std::vector<double>& change : by_halving_) {
+            if (share >= part) {
+                std::copy_n(x, padded, y.begin());
+                detail::multiply_add(change.data(), stride_, size_, x, y.data());
+                std::copy_n(y.begin(), padded, x);
+                share -= part;
+            }
+            part /= 2;
+        }
+        // What is left is short: its series.
+        if (!(share > 0)) return;
+        std::array<double, padded> term;
+        std::copy_n(x, padded, term.begin());
+        for (int k = 1; k <= 5; ++k) {
+            y.fill(0.0);
+            detail::multiply_add(generator_.data(), stride_, size_, term.data(), y.data());
+            for (int i = 0; i < size_; ++i) x[i] += term[std::size_t(i)] = y[std::size_t(i)] * (share * duration_ / k);
+        }
     }
+    static constexpr int padded = (ContactSystem::max_size + 7) / 8 * 8;
 
   private:
     void keep(const detail::SquareMatrix& psi, std::vector<double>& out) const {
@@ -75,6 +112,7 @@ class Transitions {
     }
 
     int size_ = 0, stride_ = 0;
+    double duration_ = 0;
     std::vector<double> generator_;                ///< A, [column][row]
     std::vector<std::vector<double>> by_halving_;  ///< [halving][column][row]
 };
@@ -129,7 +167,7 @@ class ContactBlock {
                         z[std::size_t(j)] += jump[std::size_t(j)] * (change - ramp) + wound[std::size_t(j)] * ramp;
                 }
                 next = z;
-                by.add(0, z.data(), next.data(), states);
+                by.add(z.data(), next.data(), states);
                 next[std::size_t(states)] += speed * piece;
                 z = next;
                 for (std::size_t t = 0; t < tells.size(); ++t) {

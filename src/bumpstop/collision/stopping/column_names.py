@@ -27,7 +27,7 @@ _QUANTITIES = {
     "category": ("category", "cat"),
     "payload": ("payload", "load"),
     "extension": ("extension", "reach", "radius"),
-    "speed": ("speed", "velocity", "v"),
+    "speed": ("speed", "velocity", "override", "v"),
     "time": ("time", "duration", "t"),
     "distance": ("distance", "angle", "path", "travel", "overtravel", "displacement", "d", "s"),
 }

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from bumpstop.errors import InputError, near_matches
 from bumpstop.model.drive_train.drive_train import DriveTrain
 from bumpstop.model.drive_train.entry import QUANTITIES, DriveTrainEntry
 from bumpstop.model.drive_train.entry_tables import FORMAT_VERSION, entries_from_table
+from bumpstop.model.drive_train.mjcf import rotors_of_mjcf
 from bumpstop.model.robot import Robot
 from bumpstop.text_files import parse_toml, read_text
 
@@ -20,16 +22,19 @@ def load_drive_train(path: str | os.PathLike[str], robot: Robot) -> DriveTrain:
     """Read the drive train of a robot from a file (see docs/reference/robot/drive_train.md for its keys).
 
     Args:
-        path: of the file.
+        path: of the file: TOML; or MJCF (``.xml``), whose ``armature`` of joints is their rotor inertia.
         robot: whose joints it must name. What the file leaves out is :attr:`bumpstop.model.Robot.drive_train`'s.
 
     Raises:
         InputError: the file cannot be read, is of another robot's joints, or has a key or value that cannot be used;
             names the file and the key.
     """
+    found = robot.drive_train
+    if Path(path).suffix.lower() == ".xml":
+        entry = rotors_of_mjcf(Path(path), robot)
+        return found.with_values(entry.quantity, entry.values, entry.status, entry.source)
     data = parse_toml(read_text(path, "wanted a drive train file (TOML)"), str(path))
     try:
-        found = robot.drive_train
         for entry in _entries_of_file(data, robot):
             found = found.with_values(entry.quantity, entry.values, entry.status, entry.source)
         return found

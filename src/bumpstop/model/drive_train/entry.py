@@ -53,6 +53,33 @@ class DriveTrainEntry:
         check_status(self.status, f"{self.quantity} status")
 
 
+def entry_of_some(
+    quantity: str, known: FloatArray, others: FloatArray, source: str, others_source: str
+) -> DriveTrainEntry:
+    """What a file tells of a quantity of some joints or all.
+
+    Args:
+        quantity: name of it.
+        known: one for each joint, nan where the file tells none.
+        others: what is taken there, one for each joint.
+        source: of what is known, in words.
+        others_source: of the others.
+
+    Returns:
+        ``"unverified"`` where every joint is told, else ``"assumed"``.
+    """
+    told = ~np.isnan(known)
+    if not told.all():
+        numbers = ", ".join(str(number) for number in 1 + np.flatnonzero(told))
+        source += f" for joint {numbers}; {others_source} for the others"
+    return DriveTrainEntry(
+        quantity=quantity,
+        values=tuple(np.where(told, known, others).tolist()),
+        status="unverified" if told.all() else "assumed",
+        source=source,
+    )
+
+
 def checked_values(values: Any, quantity: str, where: str, dof: int) -> FloatArray:
     """The figures of one quantity (dof,), which one number may stand for.
 

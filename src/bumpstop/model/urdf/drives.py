@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from bumpstop.model.drive_train.assumed import drive_train_of
-from bumpstop.model.drive_train.entry import DriveTrainEntry
+from bumpstop.model.drive_train.entry import DriveTrainEntry, entry_of_some
 from bumpstop.model.serial_chain import SerialChain
 from bumpstop.model.urdf.xml_elements import children, local
 
@@ -84,16 +84,7 @@ def with_drives(robot: Chain, efforts: Sequence[float], rotors: Sequence[float],
     told = ~np.isnan(known)
     if told.any() and not _placeholder(known[told]):
         assumed = drive_train_of(robot)
-        values = np.where(told, known, assumed.rotor_inertia)
-        if not told.all():
-            numbers = ", ".join(str(number) for number in 1 + np.flatnonzero(told))
-            source += f" for joint {numbers}; {assumed.source['rotor_inertia']} for the others"
-        entry = DriveTrainEntry(
-            quantity="rotor_inertia",
-            values=tuple(values.tolist()),
-            status="unverified" if told.all() else "assumed",
-            source=source,
-        )
+        entry = entry_of_some("rotor_inertia", known, assumed.rotor_inertia, source, assumed.source["rotor_inertia"])
         robot = replace(robot, drive_train_entries=(*robot.drive_train_entries, entry))
     return robot
 

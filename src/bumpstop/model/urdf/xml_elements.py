@@ -1,4 +1,4 @@
-"""What a URDF's XML holds: elements, attributes and numbers, each refused by name where it cannot be used."""
+"""Elements, attributes and numbers of a robot description in XML, each refused by name where it cannot be used."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ _MAX = {"m": 1e3, "rad": 1e3, "kg": 1e6, "kg m2": 1e6, "": 1e9}
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", re.ASCII)
 
 
-def parse(path: Path) -> Element:
-    """The root element of a file. Whatever could expand, grow or read further files is refused."""
+def parse(path: Path, kind: str = "a URDF file") -> Element:
+    """The root element of a file of a kind. Whatever could expand, grow or read further files is refused."""
     # Imports are light: built-in robots need no XML.
     from xml.etree.ElementTree import ParseError
 
     from defusedxml.common import DefusedXmlException
     from defusedxml.ElementTree import fromstring
 
-    where, wanted = str(path), "wanted a URDF file"
+    where, wanted = str(path), f"wanted {kind}"
     try:
         with path.open("rb") as file:
             content = file.read(MAX_BYTES + 1)
@@ -49,13 +49,13 @@ def parse(path: Path) -> Element:
         root: Element = fromstring(content, forbid_dtd=True)
     except DefusedXmlException:
         problem = "has a document type or entities, which can be made to fill the memory"
-        raise InputError(where, problem, "wanted a URDF file without them") from None
+        raise InputError(where, problem, f"{wanted} without them") from None
     except ParseError as error:
         if b"xacro:" in content:  # with a prefix that nobody declared
             raise _xacro(where) from None
         raise InputError(where, f"is not XML ({error})", wanted) from None
     except (ValueError, LookupError) as error:  # encodings that Python or expat does not know
-        raise InputError(where, f"is not XML ({error})", "wanted a URDF file in UTF-8") from None
+        raise InputError(where, f"is not XML ({error})", f"{wanted} in UTF-8") from None
     return root
 
 
