@@ -51,7 +51,7 @@ def print_summary(result: CollisionResult, console: Console, *, case: str = "") 
     from rich.text import Text
 
     from bumpstop.collision.distribution.distribution import finite_mean
-    from bumpstop.collision.notes import sample_notes
+    from bumpstop.collision.notes import line_end_notes, sample_notes
     from bumpstop.collision.scenario.unused_keys import unused_notes
     from bumpstop.collision.verdict.alarm_rate import alarm_rate
 
@@ -106,7 +106,8 @@ def print_summary(result: CollisionResult, console: Console, *, case: str = "") 
         console.print(f"{other.scenario.arm.model} arm instead: peak force {quantiles} N{judged}")
     if math.isinf(result.peak_force.mean):
         mean = finite_mean(result.peak_force)
-        console.print(f"mean peak force of the collisions that have a bound: {_figure(mean)} N")
+        if not math.isnan(mean):
+            console.print(f"mean peak force of the collisions that have a bound: {_figure(mean)} N")
     triggers = [
         f"{j} ({100 * p:.3g} %)"
         for j, p in sorted(enumerate(result.trigger_joint_probability, start=1), key=lambda item: -item[1])
@@ -119,7 +120,8 @@ def print_summary(result: CollisionResult, console: Console, *, case: str = "") 
     )
     console.print(alarm_rate(result.problem).words)
     # What the figures above are not about; what was assumed otherwise is in the report.
-    for note in (*unused_notes(result.scenario), *sample_notes(result), *result.end_notes()):
+    ends = (*result.end_notes(), *line_end_notes(result))
+    for note in (*unused_notes(result.scenario), *sample_notes(result), *ends):
         console.print(f"note: {note}")
     kind = (
         "integrated distribution" if integrated else f"sampled distribution, {result.samples} runs, seed {result.seed}"
