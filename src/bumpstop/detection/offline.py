@@ -23,7 +23,6 @@ from bumpstop.recording.checks.stamps import stamped_by_a_pc
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from bumpstop.arrays import FloatArray
     from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot

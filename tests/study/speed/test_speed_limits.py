@@ -341,6 +341,7 @@ def test_slow_lines_are_followed_as_far_as_the_scenario_s_own() -> None:
     for case in (short, load_scenario(LINE)):
         found = speed_limits(case, q, direction, np.array([0.005]))
         assert found.speed[0] == pytest.approx(0.005)
+        # Followed to its own end, not to that of a batch: what it presses with then is the same at every speed.
         slow = worst_directions(CollisionProblem.from_scenario(case), q, direction, 0.3, np.array([0.005]))
         assert slow.found.speed[0] == pytest.approx(0.005)
 
@@ -357,6 +358,6 @@ def test_more_latency_makes_no_pose_safe_at_higher_speeds(cone_deg: float) -> No
             ).rows["limit_mm_s"]
             for latency in (0.0, 0.003, 0.02, 0.07)
         ]
-        # A search ends 1 % below a speed that fails.
-        assert all((later <= sooner * 1.011).all() for sooner, later in itertools.pairwise(limits))
+        # A search ends up to two hundredths below the highest speed that is met.
+        assert all((later <= sooner * 1.0201).all() for sooner, later in itertools.pairwise(limits))
         assert (limits[-1] < limits[0]).any()

@@ -295,7 +295,9 @@ def _refuse(reasons: list[tuple[int, str, str]], raw: RawRecording, good: int, m
         first = "; ".join(f"{raw.numbered} {row} ({why})" for row, why in _as_list(reasons)[:3])
         problem = f"{len(reasons)} of {raw.rows_read} rows are bad ({100 * share:.3g} %): {first}"
         # Stamps of a busy PC fall on one another: the rows are good, and their rate is known.
-        even = "; rows sampled evenly need no stamps: give their rate (--rate, or rate_hz of a column file)" if doubled > len(reasons) / 2 else ""
+        even = ""
+        if doubled > len(reasons) / 2:
+            even = "; rows sampled evenly need no stamps: give their rate (--rate, or rate_hz of a column file)"
         raise InputError(str(path), problem, f"at most {100 * max_bad:g} % may be (--max-bad){even}")
     if good < 2:
         raise InputError(str(path), f"has {good} usable rows", "wanted at least 2")

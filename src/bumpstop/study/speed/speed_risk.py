@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from bumpstop.collision import evaluate_batch
 from bumpstop.study.requirement.risk import allowed_force
@@ -21,8 +22,8 @@ def speed_risks(
 ) -> tuple[FloatArray, FloatArray]:
     """Probability of exceeding a limit (N,), and the force exceeded with the accepted probability (N,) [N].
 
-    Lines slower than the problem's own are followed at least as far as it is, in powers of two of its duration. Both
-    are NaN where there is no distribution, as at a singularity.
+    Lines slower than the problem's own are followed as far as it is, which takes them longer. Both are NaN where there
+    is no distribution, as at a singularity.
 
     Args:
         problem: a straight line of the tip; its pose and velocity are replaced.
@@ -32,15 +33,23 @@ def speed_risks(
     """
     limit, accepted = allowed_force(problem), problem.scenario.verdict.accepted_probability
     over, force = np.empty(len(q)), np.empty(len(q))
-    factor = np.linalg.norm(velocity, axis=1) / np.linalg.norm(problem.velocity)
-    halvings = np.floor(np.log2(np.minimum(factor, 1.0)))
-    for number in np.unique(halvings):
-        rows = np.flatnonzero(halvings == number)
+
+    def follow(rows: npt.NDArray[np.int64], factor: float) -> npt.NDArray[np.bool_]:
+        """Follow rows as long as it takes at ``factor`` times the problem's speed; which have come to no end."""
         found = evaluate_batch(
-            _followed(problem, 2.0**number), q[rows], velocity[rows], probabilities=[1 - accepted], limits_N=[limit],
+            _followed(problem, factor), q[rows], velocity[rows], probabilities=[1 - accepted], limits_N=[limit],
             threads=threads,
         )  # fmt: skip
         over[rows], force[rows] = found.exceedance[:, 0], found.quantile[:, 0]
+        return np.asarray(found.end == "motion_end")
+
+    factor = np.minimum(np.linalg.norm(velocity, axis=1) / np.linalg.norm(problem.velocity), 1.0)
+    # A batch has one duration. Most are detected in half of theirs; the others are followed to their own end, alone.
+    halvings = np.ceil(np.log2(factor))
+    for number in np.unique(halvings):
+        rows = np.flatnonzero(halvings == number)
+        for row in rows[follow(rows, 2.0**number) & (factor[rows] < 2.0**number)]:
+            follow(np.array([row]), float(factor[row]))
     return over, force
 
 
