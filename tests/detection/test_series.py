@@ -105,3 +105,20 @@ def test_what_was_found_at_another_rate_is_refused(fit: DynamicsModel) -> None:
     assert detect(recording, UR5E, fit, Thresholds(np.full(6, THETA), period_s=DT)).events == ()
     with pytest.raises(bs.InputError, match="largest_signal: is not available with fitted dynamics"):
         detect(recording, UR5E, fit, [THETA] * 6, DetectorSettings(largest_signal=(9.0,) * 6))
+
+
+def test_feedback_frozen_in_motion_is_a_gap_and_makes_no_alarm(fit: DynamicsModel) -> None:
+    """An arm that seems to stand, and then is elsewhere, was found to be hit by thousands of newtonmetres."""
+    whole = log(3, 3000)
+    q, tau = whole.q.copy(), whole.tau.copy()
+    q[1000:1160], tau[1000:1160] = q[1000], tau[1000]
+    run = detect(Recording(t=whole.t, q=q, tau=tau), UR5E, fit, [THETA] * 6)
+    assert run.events == ()
+    rows = run.no_data_rows()
+    assert rows["frozen"] == 159
+    assert run.no_data[1001:1160].all()
+    assert run.no_data.sum() == pytest.approx(159 + 2 / CUTOFF_HZ / DT, abs=3)
+    assert any("Frozen feedback in 159 rows" in note for note in run.notes)
+    # A standing arm of a simulator repeats itself, and may be allowed to.
+    allowed = detect(Recording(t=whole.t, q=q, tau=tau), UR5E, fit, [1e9] * 6, DetectorSettings(frozen_s=np.inf))
+    assert "frozen" not in allowed.no_data_rows()

@@ -129,3 +129,16 @@ def test_samples_that_are_uneven_themselves_are_left_as_they_are() -> None:
     assert stamped_by_a_pc(taken) == ""
     still = replace(taken, q=np.full((t.size, 6), 0.2))
     assert stamped_by_a_pc(still) == ""
+
+
+def test_stamps_that_fall_on_one_another_ask_for_the_rate(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    t = np.maximum.accumulate(np.round(PERIOD * np.arange(3000) + rng.uniform(0, 0.006, 3000), 6))
+    path = tmp_path / "late.csv"
+    rows = np.column_stack([t, np.sin(t)[:, None] * np.ones(6), np.cos(t)[:, None] * np.ones(6)])
+    names = [*(f"q_{j}" for j in range(1, 7)), *(f"tau_{j}" for j in range(1, 7))]
+    np.savetxt(path, rows, delimiter=",", header=",".join(["t", *names]), comments="")
+    told = r"are bad .*doubled time.*--max-bad\); rows sampled evenly .*--rate, or rate"
+    with pytest.raises(bs.InputError, match=told):
+        Recording.load(path)
+    assert Recording.load(path, rate_hz=250.0).t.size == t.size

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.collision.distribution.distribution import NEGLIGIBLE
 from bumpstop.collision.probability_text import percent
 from bumpstop.collision.scenario.unused_keys import unused_notes
 from bumpstop.collision.verdict.alarm_rate import alarm_rate
@@ -43,7 +42,6 @@ def notes_of(result: CollisionOutcome, warnings: tuple[str, ...]) -> list[str]:
         )
     notes.extend(result.end_notes())
     notes.extend(line_end_notes(result))
-    notes.extend(swing_notes(result))
     unmonitored = [str(j + 1) for j in np.flatnonzero(~np.isfinite(problem.thresholds))]
     if unmonitored:
         notes.append(f"Not monitored: joint {', '.join(unmonitored)}.")
@@ -84,20 +82,6 @@ def line_end_notes(result: CollisionOutcome) -> list[str]:
             "after that."
         )
     return notes
-
-
-def swing_notes(result: CollisionOutcome) -> list[str]:
-    """Whether an arm that reverses may press harder than it does as long as it is followed."""
-    if result.problem.trajectory is not None:
-        return []
-    share = result.left_in_contact_probability
-    if not share > NEGLIGIBLE:
-        return []
-    return [
-        f"In {percent(share)} of cases the reversing arm has not left the body where its motion is followed no "
-        "farther: beside a singularity it swings forward again, or does not get back. Its peak force is that until "
-        "then; later it may press harder."
-    ]
 
 
 def _elastic_notes(result: CollisionOutcome) -> list[str]:

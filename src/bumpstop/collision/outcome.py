@@ -17,6 +17,7 @@ from bumpstop.collision.distribution.contact_duration import (
     integrated_contact_duration,
     may_be_left_in_contact,
     monte_carlo_contact_duration,
+    monte_carlo_left_in_contact,
 )
 from bumpstop.collision.distribution.distribution import NEGLIGIBLE, Distribution, SampledDistribution
 from bumpstop.collision.distribution.transient_contact import ImpactBounds, impact_bounds
@@ -90,9 +91,12 @@ class CollisionOutcome:
 
     @property
     def left_in_contact_probability(self) -> float:
-        """Detected, and in clamped contact where the reversing arm is followed no farther; integrated results only."""
-        if self.kind != "exact" or self.problem.gives_way or self.scenario.reaction.kind == "stop":
+        """Detected, and in clamped contact where the reversing arm is followed no farther."""
+        if self.problem.gives_way or self.scenario.reaction.kind == "stop":
             return 0.0
+        if self.runs is not None:
+            tick, offset = self.runs["tick"], self.runs["offset"]
+            return monte_carlo_left_in_contact(self.problem, self.curve.line, tick, offset)
         # Mostly there is none, and to look is a tenth of the work.
         if not may_be_left_in_contact(self.problem, self.curve.line, self.integral):
             return 0.0
@@ -176,7 +180,7 @@ class CollisionOutcome:
         if self.unbounded_because is None:
             return (
                 f"{share} of collisions are not detected before the motion ends. They count with the greatest force "
-                "until then, and then the arm stands."
+                "until the arm stands."
             )
         return (
             f"{share} of collisions are not detected {self.unbounded_because}. They count as over every limit: their "

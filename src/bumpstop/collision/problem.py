@@ -178,7 +178,7 @@ class CollisionProblem:
         """How the arm moves, to follow its name: ``at 50 mm/s``."""
         if self.trajectory is not None:
             return f"along a trajectory of {self.trajectory.duration:.4g} s"
-        return f"at {1e3 * math.hypot(*self.scenario.motion.velocity):g} mm/s"
+        return f"at {1e3 * math.hypot(*self.scenario.motion.velocity):.4g} mm/s"
 
     @cached_property
     def contact_point(self) -> tuple[int, FloatArray]:

@@ -99,7 +99,8 @@ def print_probabilities(result: CollisionOutcome, console: Console) -> None:
     integrated = result.kind == "exact"
     if math.isinf(result.peak_force.mean):
         mean = finite_mean(result.peak_force)
-        console.print(f"mean peak force of the collisions that have a bound: {_figure(mean)} N")
+        if not math.isnan(mean):
+            console.print(f"mean peak force of the collisions that have a bound: {_figure(mean)} N")
     triggers = [
         f"{j} ({100 * p:.3g} %)"
         for j, p in sorted(enumerate(result.trigger_joint_probability, start=1), key=lambda item: -item[1])

@@ -23,7 +23,6 @@ from bumpstop.recording.checks.stamps import stamped_by_a_pc
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from bumpstop.arrays import FloatArray
     from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
@@ -49,7 +48,7 @@ def detect(
     residual, and this is a run of :class:`Detector`. Without, prediction uses zero-phase filters, which look
     ahead: it is an analysis of a recording, not what a loop would have seen. Such a residual is always direct. It has
     no data inside a gap, where rows are made up, and within a period of the cut-off beside one of more than 0.1 s and
-    ten intervals, where the filter knows one side of the motion only.
+    ten intervals, where the filter knows one side of the motion only. Feedback that is frozen is such a gap.
 
     Args:
         recording: with currents for a joint model, with joint torque otherwise.
@@ -91,7 +90,9 @@ def detect(
     if law.model_errors > 0:
         raise InputError("model_errors", "is not available with fitted dynamics", "they have no errors of currents")
     doubt = stamped_by_a_pc(recording)
-    motion, residual = model.residual(recording)
+    repeats = _frozen_rows(recording, given.frozen_s)
+    live = _without(recording, repeats)
+    motion, residual = model.residual(live)
     detector = Detector(with_some_inertia(robot), None, law, given)
     period = period_of(motion.t, given, law)
     unscaled = np.isin(np.arange(robot.dof), model.unscaled)
@@ -99,9 +100,10 @@ def detect(
         # What is no torque in Nm says nothing of a force.
         noise = np.where(unscaled, np.inf, detector.noise_sd)
         detector = Detector(detector.robot, None, law, replace(given, noise_sd=tuple(noise.tolist())))
-    dark = near_gaps(motion.t, recording.t, 1 / model.cutoff_hz)
-    frozen = _frozen(recording, motion.t, given.frozen_s)
-    dark |= frozen
+    frozen = np.zeros(motion.t.size, dtype=bool)
+    for first, last in repeats:
+        frozen |= (motion.t > recording.t[first]) & (motion.t <= recording.t[last])
+    dark = near_gaps(motion.t, live.t, 1 / model.cutoff_hz) | frozen
     seen = np.flatnonzero(~dark)
     decision = _native.AlarmSettings()
     detector.fill_alarm_settings(decision)
@@ -175,20 +177,29 @@ def detect(
     )
 
 
-def _frozen(recording: Recording, t: FloatArray, frozen_s: float) -> npt.NDArray[np.bool_]:
-    """Times (N,) at which positions and signals of the recording had stood still for longer than ``frozen_s``.
+def _frozen_rows(recording: Recording, frozen_s: float) -> list[tuple[int, int]]:
+    """First and last rows of parts in which positions and signals stand still for longer than ``frozen_s``.
 
     As the loop's guard has it of an arm at rest: at least five rows are the same.
     """
     signals = [one for one in (recording.q, recording.current, recording.tau, recording.qd) if one is not None]
     same = np.all([(np.diff(one, axis=0) == 0).all(axis=1) for one in signals], axis=0)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
-    found = np.zeros(t.size, dtype=bool)
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
-        begin, end = recording.t[first] + frozen_s, recording.t[last]
-        if last - first >= _MIN_REPEATS and end > begin:
-            found |= (t > max(begin, recording.t[first + _MIN_REPEATS - 1])) & (t <= end)
-    return found
+    return [
+        (int(first), int(last))
+        for first, last in zip(edges[::2], edges[1::2], strict=True)
+        if last - first >= _MIN_REPEATS and recording.t[last] - recording.t[first] > frozen_s
+    ]
+
+
+def _without(recording: Recording, repeats: list[tuple[int, int]]) -> Recording:
+    """The recording without what repeats: a moving arm that seems to stand, and then jumps, is no motion to filter."""
+    if not repeats:
+        return recording
+    kept = np.ones(recording.t.size, dtype=bool)
+    for first, last in repeats:
+        kept[first + 1 : last + 1] = False
+    return recording.rows(kept)
 
 
 def residual_record(

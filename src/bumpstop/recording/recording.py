@@ -16,6 +16,7 @@ from bumpstop.recording.read_report import ReadReport
 from bumpstop.recording.signals import Signals
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
     import polars as pl
 
 _NOTHING_READ = ReadReport()
@@ -145,11 +146,15 @@ class Recording(Signals):
         if rows.stop - rows.start < 2:
             problem = f"fewer than 2 rows lie between {start_s:g} s and {end_s:g} s"
             raise InputError("between", problem, f"it lasts from {self.t[0]:g} s to {self.t[-1]:g} s")
+        gaps = tuple(gap for gap in self.report.gaps if start_s <= gap[0] and gap[0] + gap[1] <= end_s)
+        begin = float(self.t[0]) if self.cut_from is None else self.cut_from
+        return replace(self.rows(rows), report=replace(self.report, gaps=gaps), cut_from=begin)
+
+    def rows(self, chosen: slice | npt.NDArray[np.bool_]) -> Recording:
+        """The rows of a slice or a mask (N,); what was found while reading stays as it is."""
         cut: dict[str, Any] = {
-            name: None if value is None else value[rows]
+            name: None if value is None else value[chosen]
             for name in ("t", "q", "qd", "current", "tau", "q_ref", "wrench")
             for value in (getattr(self, name),)
         }
-        gaps = tuple(gap for gap in self.report.gaps if start_s <= gap[0] and gap[0] + gap[1] <= end_s)
-        begin = float(self.t[0]) if self.cut_from is None else self.cut_from
-        return replace(self, **cut, report=replace(self.report, gaps=gaps), cut_from=begin)
+        return replace(self, **cut)

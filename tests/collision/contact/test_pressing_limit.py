@@ -55,6 +55,15 @@ def test_the_blow_takes_the_arm_s_energy() -> None:
     assert fast.pressing_limit.peak_force == pytest.approx(expected, rel=0.1)
 
 
+def test_no_latency_takes_the_blow_away() -> None:
+    """A reaction that is due after the motion ends has no state: the arm was taken for one that stands."""
+    at_once = pressed()
+    for latency in (0.004, 0.05, 0.29, 0.4):
+        late = pressed(reaction={"latency_s": latency})
+        assert late.undetected_probability == pytest.approx(1.0)
+        assert late.pressing_limit == at_once.pressing_limit
+
+
 @pytest.mark.parametrize("samples", [None, 500])
 def test_the_verdict_uses_it(samples: int | None) -> None:
     case = scenario(**DEAF, contact={"stiffness_N_m": None, "body": "thigh_knee", "limits": "ts15066", "area_cm2": 10})

@@ -25,3 +25,11 @@ def test_of_collisions_cut_off_by_the_end_of_the_motion() -> None:
     assert math.isinf(exact.peak_force.mean)
     assert 0.2 < exact.undetected_probability < 0.8
     assert finite_mean(exact.peak_force) == pytest.approx(finite_mean(sampled.peak_force), rel=0.03)
+
+
+@pytest.mark.parametrize("samples", [None, 500])
+def test_where_no_collision_has_a_bound_no_mean_is_told(samples: int | None) -> None:
+    scenario = control_group(detector__thresholds_Nm=[1e6] * 7, motion__duration_s=0.5)
+    result = bs.evaluate(scenario) if samples is None else bs.evaluate(scenario, samples=samples)
+    assert math.isinf(result.peak_force.mean)
+    assert "nan" not in str(result).split()

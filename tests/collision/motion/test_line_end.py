@@ -54,6 +54,7 @@ def test_more_latency_makes_no_collision_weaker_at_a_joint_limit(kind: str) -> N
     assert np.diff(np.asarray(shares, dtype=float)).min() > -1e-12
     assert any("brakes at its acceleration limits; no reaction begins" in note for note in result.notes)
     assert any("joint 2 reaches its limit, after" in note for note in result.notes)
+    assert "brakes at its acceleration limits; no reaction begins" in " ".join(str(result).split())
 
 
 @pytest.mark.parametrize("latency", [0.0, 0.012])

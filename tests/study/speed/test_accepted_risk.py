@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bumpstop.arrays import FloatArray
-from bumpstop.collision import BatchResult, CollisionProblem, evaluate, evaluate_batch, load_scenario
+from bumpstop.collision import CollisionProblem, evaluate, evaluate_batch, load_scenario
 from bumpstop.study.pose_batch import PoseBatch
 from bumpstop.study.prediction import stopping_time_per_speed
 from bumpstop.study.requirement.risk import allowed_force
@@ -17,6 +17,7 @@ from bumpstop.study.speed import speed_limit
 from bumpstop.study.speed.own_motion import own_speeds
 from bumpstop.study.speed.slowing import slow_down
 from bumpstop.study.speed.speed_limit import SpeedLimits, speed_limits
+from bumpstop.study.speed.speed_risk import speed_risks
 from bumpstop.study.speed.workspace_speed_limits import safe_poses
 from bumpstop.study.speed.worst_direction import _Search
 from study.speed_limit_cases import PICK
@@ -106,16 +107,16 @@ def test_of_the_crests_below_a_speed(
     gain = stopping_time_per_speed(problem, PoseBatch(problem, q, direction).joint_rates(q))
     looked: list[float] = []
 
-    def noted(*args: Any, **settings: Any) -> BatchResult:
-        found = evaluate_batch(*args, **settings)
-        looked.append(float(found.exceedance[:, 0].max()))
-        return found
+    def noted(*args: Any, **settings: Any) -> tuple[FloatArray, FloatArray]:
+        over, force = speed_risks(*args, **settings)
+        looked.append(float(over.max()))
+        return over, force
 
     def below(risk: float) -> float:
         asked, own = accepting(problem, risk), np.zeros(1)
         return float(speed_limit._below_all_crests(asked, q, direction, np.array([top]), own, gain, 1)[0][0])
 
-    monkeypatch.setattr(speed_limit, "evaluate_batch", noted)
+    monkeypatch.setattr(speed_limit, "speed_risks", noted)
     assert below(0.999999) == top
     at_values, beside = looked
     assert (beside > 1.06 * at_values) if between else (at_values > 1.06 * beside)

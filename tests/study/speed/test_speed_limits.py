@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import tracemalloc
@@ -329,3 +330,34 @@ def test_every_slower_speed_is_safe_where_the_body_is_at_a_fixed_distance() -> N
     evaluations = evaluate_batch(case, poses, slower[:, None] * direction, limits_N=[limit])
     assert evaluations.exceedance.max() <= case.verdict.accepted_probability
     assert found.risk[0] == pytest.approx(evaluations.exceedance[-1, 0])
+
+
+def test_slow_lines_are_followed_as_far_as_the_scenario_s_own() -> None:
+    """Within the scenario's own time, slow arms would press too little to be detected, and no slow speed were safe."""
+    short = load_scenario(LINE, {"motion.duration_s": 0.1})
+    problem = CollisionProblem.from_scenario(short)
+    q, direction = problem.q[None], (problem.velocity / np.linalg.norm(problem.velocity))[None]
+    assert bs.evaluate(short.with_values({"motion.speed_mm_s": 5.0})).undetected_probability > 0.5
+    for case in (short, load_scenario(LINE)):
+        found = speed_limits(case, q, direction, np.array([0.005]))
+        assert found.speed[0] == pytest.approx(0.005)
+        # Followed to its own end, not to that of a batch: what it presses with then is the same at every speed.
+        slow = worst_directions(CollisionProblem.from_scenario(case), q, direction, 0.3, np.array([0.005]))
+        assert slow.found.speed[0] == pytest.approx(0.005)
+
+
+@pytest.mark.parametrize("cone_deg", [0.0, 25.0])
+def test_more_latency_makes_no_pose_safe_at_higher_speeds(cone_deg: float) -> None:
+    for name in (HAND, LINE):
+        case = load_scenario(name, {"motion.duration_s": 0.3})
+        limits = [
+            run(
+                WorkspaceSpeedLimits(
+                    case.with_values({"reaction.latency_s": latency}), poses=6, seed=3, cone_deg=cone_deg
+                )
+            ).rows["limit_mm_s"]
+            for latency in (0.0, 0.003, 0.02, 0.07)
+        ]
+        # A search ends up to two hundredths below the highest speed that is met.
+        assert all((later <= sooner * 1.0201).all() for sooner, later in itertools.pairwise(limits))
+        assert (limits[-1] < limits[0]).any()

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop.collision.curve import AT_REST, StoppingCurve, states_at_reactions
+from bumpstop.collision.curve import AT_REST, StoppingCurve, states_at_reactions, stopping_curve
 from bumpstop.model import gravity_torque, mass_matrix
 
 if TYPE_CHECKING:
@@ -53,9 +53,11 @@ def pressing_limit(problem: CollisionProblem, curve: StoppingCurve) -> PressingL
         return None
     robot = problem.robot
     largest = problem.offset_size * (_REACH_SD if problem.scenario.contact.offset_law == "half_normal" else 1.0)
-    q, qd = states_at_reactions(problem, curve)
-    touches = max(1, int((curve.tick_distance <= largest).sum()))
-    q, qd, lever = q[:touches], qd[:touches], np.abs(curve.torque_per_newton[:touches])
+    # Undetected there is no reaction, and no latency before one: the arm is met as it moves at the ticks themselves.
+    own = stopping_curve(replace(problem, latency_steps=0)) if problem.latency_steps else curve
+    q, qd = states_at_reactions(problem, own)
+    touches = max(1, int((own.tick_distance <= largest).sum()))
+    q, qd, lever = q[:touches], qd[:touches], np.abs(own.torque_per_newton[:touches])
     with np.errstate(divide="ignore"):
         holds = (limit + np.abs(gravity_torque(robot, q))) / lever
     static, joint = holds.min(axis=1), holds.argmin(axis=1)

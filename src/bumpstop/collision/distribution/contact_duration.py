@@ -264,16 +264,29 @@ def monte_carlo_contact_duration(
 ) -> FloatArray:
     """Contact time [s] of every run (runs,); NaN for runs without contact or without a reaction that ends it."""
     result = np.full(tick.shape, np.nan)
-    detected = tick >= 0
-    ticks = np.unique(tick[detected])
-    if not ticks.size:
-        return result
-    groups = {int(k): np.flatnonzero(tick == k) for k in ticks}
-    least = np.array([offset[groups[int(k)]].min() for k in ticks])
-    spans = ReleaseTimes(problem, curve, ticks, least)
+    spans, groups = _runs_by_tick(problem, curve, tick, offset)
     for k, runs in groups.items():
         result[runs] = spans.at(k, offset[runs])
     return result
+
+
+def monte_carlo_left_in_contact(
+    problem: CollisionProblem, curve: LineStoppingCurve, tick: np.ndarray, offset: FloatArray
+) -> float:
+    """Share of all runs that the arm still presses where its reaction is followed no farther."""
+    spans, groups = _runs_by_tick(problem, curve, tick, offset)
+    left = (int(spans.left_in_contact(k, offset[runs]).sum()) for k, runs in groups.items() if k < curve.ticks)
+    return sum(left) / tick.size
+
+
+def _runs_by_tick(
+    problem: CollisionProblem, curve: LineStoppingCurve, tick: np.ndarray, offset: FloatArray
+) -> tuple[ReleaseTimes, dict[int, np.ndarray]]:
+    """The reactions of all detected runs, and the runs of each by its tick."""
+    ticks = np.unique(tick[tick >= 0])
+    groups = {int(k): np.flatnonzero(tick == k) for k in ticks}
+    least = np.array([offset[runs].min() for runs in groups.values()])
+    return ReleaseTimes(problem, curve, ticks, least), groups
 
 
 def antiderivatives(x: FloatArray, order: int) -> FloatArray:

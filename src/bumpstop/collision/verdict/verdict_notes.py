@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bumpstop.collision.distribution.distribution import NEGLIGIBLE
 from bumpstop.collision.probability_text import percent
 from bumpstop.collision.verdict.finer_steps import JudgedForce, finer_steps
 from bumpstop.collision.verdict.unit_slips import unit_slips
@@ -40,6 +41,7 @@ def verdict_notes(result: CollisionOutcome, verdict: Verdict, evaluate: Callable
         *_rest_note(result),
         *_assumed_arm_note(result),
         *_sooner_note(result),
+        *_swing_note(result),
         *finer_steps(result, verdict, evaluate),
         *unit_slips(result),
     ]
@@ -88,6 +90,20 @@ def _sooner_note(result: CollisionOutcome) -> list[str]:
     return [
         f"An arm that reacts sooner than after reaction.latency_s gets up to {1e3 * farther.max():.3g} mm farther "
         f"here, as beside a singularity: {what} the latest reaction alone. Look at shorter latencies, too."
+    ]
+
+
+def _swing_note(result: CollisionOutcome) -> list[str]:
+    """Whether an arm that reverses may press harder than it does as long as it is followed."""
+    if result.problem.trajectory is not None:
+        return []
+    share = result.left_in_contact_probability
+    if not share > NEGLIGIBLE:
+        return []
+    return [
+        f"In {percent(share, integrated=result.kind == 'exact')} of cases the reversing arm has not left the body "
+        "where its motion is followed no farther: beside a singularity it swings forward again, or does not get back. "
+        "Its peak force is that until then; later it may press harder."
     ]
 
 

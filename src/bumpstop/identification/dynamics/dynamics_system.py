@@ -40,6 +40,7 @@ _ROUNDS = 4  # of the joints' weights
 # Parameters are left out of a joint's predictions where its held-out error falls to this share of it.
 _CLEARLY_LESS = 0.98
 _MIN_SIGN_SPEED = 1e-4  # [rad/s or m/s]
+_ROUNDING = 1e-12  # of a mean square
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,8 +267,10 @@ class System:
     def unexplained(self) -> FloatArray:
         """Share (n,) of the variance of filtered torques that is left on held-out fifths; NaN where there is none."""
         spread = self.spread(self.wanted - self.rows.used * (self.wanted.sum(axis=0) / self.counts)) ** 2
+        # A constant torque has none but rounding.
+        varies = spread > _ROUNDING * self.spread(self.wanted) ** 2
         with np.errstate(divide="ignore", invalid="ignore"):
-            share: FloatArray = np.where(spread > 0, self.held_out() / spread, np.nan)
+            share: FloatArray = np.where(varies, self.held_out() / spread, np.nan)
         return share
 
     def held_out_parts(self, folds: Folds = SPREAD) -> FloatArray:

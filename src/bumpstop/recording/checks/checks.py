@@ -294,6 +294,10 @@ def _refuse(reasons: list[tuple[int, str, str]], raw: RawRecording, good: int, m
         share = len(reasons) / raw.rows_read
         first = "; ".join(f"{raw.numbered} {row} ({why})" for row, why in _as_list(reasons)[:3])
         problem = f"{len(reasons)} of {raw.rows_read} rows are bad ({100 * share:.3g} %): {first}"
-        raise InputError(str(path), problem, f"at most {100 * max_bad:g} % may be (--max-bad)")
+        # Stamps of a busy PC fall on one another: the rows are good, and their rate is known.
+        even = ""
+        if doubled > len(reasons) / 2:
+            even = "; rows sampled evenly need no stamps: give their rate (--rate, or rate_hz of a column file)"
+        raise InputError(str(path), problem, f"at most {100 * max_bad:g} % may be (--max-bad){even}")
     if good < 2:
         raise InputError(str(path), f"has {good} usable rows", "wanted at least 2")

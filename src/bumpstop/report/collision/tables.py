@@ -59,9 +59,9 @@ class FiguresSection(Section):
             paragraph(f"Computed with the {method_words(result)}. ", text),
             table(headings, [_row(*row) for row in rows], caption="Every quantity", numbers=True),
         ]
-        if math.isinf(result.peak_force.mean):
-            mean = quantity(finite_mean(result.peak_force), "N")
-            found.append(paragraph(f"The mean peak force of the collisions that have a bound is {mean}."))
+        if math.isinf(result.peak_force.mean) and not math.isnan(mean := finite_mean(result.peak_force)):
+            words = quantity(mean, "N")
+            found.append(paragraph(f"The mean peak force of the collisions that have a bound is {words}."))
         if result.contact_duration is None:
             found.append(paragraph("There is no contact time: a stopped arm keeps the body clamped."))
         return found

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from bumpstop.collision import CollisionProblem, evaluate_batch
+from bumpstop.collision import CollisionProblem
 from bumpstop.study.pose_batch import PoseBatch
 from bumpstop.study.prediction import predicted_speed_limit, stopping_time_per_speed, undetected_force
 from bumpstop.study.requirement.risk import allowed_force
 from bumpstop.study.requirement.sampling_ripple import RippleScan, has_ripple
+from bumpstop.study.speed.speed_risk import speed_risks
 from bumpstop.study.speed.speed_search import CLOSE, MIN_SPEED, SearchRange, highest_met
 
 if TYPE_CHECKING:
@@ -76,14 +77,10 @@ def speed_limits(
     risk = np.full(count, np.nan)
 
     def tried(rows: npt.NDArray[np.int64], speed: FloatArray) -> tuple[npt.NDArray[np.bool_], FloatArray]:
-        found = evaluate_batch(
-            problem, q[rows], direction[rows] * speed[:, None], probabilities=[1 - accepted], limits_N=[limit],
-            threads=threads,
-        )  # fmt: skip
-        over = found.exceedance[:, 0]
+        over, force = speed_risks(problem, q[rows], direction[rows] * speed[:, None], threads=threads)
         good = over <= accepted
         risk[rows[good]] = over[good]
-        return good, found.quantile[:, 0]
+        return good, force
 
     within = SearchRange(
         first=np.clip(guess, np.minimum(_FIRST, max_speed), max_speed),
@@ -122,9 +119,7 @@ def _below_all_crests(
         rows = np.repeat(list(trials), [each.size for each in trials.values()])
         speed = np.concatenate(list(trials.values()))
         evaluations += rows.size
-        over = evaluate_batch(
-            problem, q[rows], direction[rows] * speed[:, None], limits_N=[limit], threads=threads
-        ).exceedance[:, 0]
+        over, _ = speed_risks(problem, q[rows], direction[rows] * speed[:, None], threads=threads)
         ends = np.cumsum([each.size for each in trials.values()])
         return dict(zip(trials, np.split(over, ends[:-1]), strict=True))
 

@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
-from bumpstop.collision import evaluate_batch
 from bumpstop.study.directions import cone_directions, tilted
 from bumpstop.study.pose_batch import PoseBatch
 from bumpstop.study.prediction import predicted_speed_limit, stopping_time_per_speed, undetected_force
 from bumpstop.study.requirement.risk import allowed_force
 from bumpstop.study.speed.speed_limit import SpeedLimits, speed_limits
+from bumpstop.study.speed.speed_risk import speed_risks
 from bumpstop.study.speed.speed_search import CLOSE
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ class _Search:
 
     def __init__(self, problem: CollisionProblem, q: FloatArray, direction: FloatArray, found: SpeedLimits) -> None:
         self.problem, self.q, self.direction, self.found = problem, q, direction, found
-        self._limit, self._accepted = allowed_force(problem), problem.scenario.verdict.accepted_probability
+        self._accepted = problem.scenario.verdict.accepted_probability
 
     def settle(self, candidates: FloatArray) -> FloatArray:
         """Lower speeds until no candidate (N, M, 3) passes; the force of each (N, M) [N] at the accepted risk."""
@@ -173,17 +173,10 @@ class _Search:
     def _laws(self, rows: Rows, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Risk, and force at the accepted risk [N], of directions (M, 3) of rows (M,) at their speeds."""
         speed = np.maximum(self.found.speed[rows], 1e-6)
-        evaluations = evaluate_batch(
-            self.problem,
-            self.q[rows],
-            direction * speed[:, None],
-            probabilities=[1 - self._accepted],
-            limits_N=[self._limit],
-        )
+        over, force = speed_risks(self.problem, self.q[rows], direction * speed[:, None])
         self.found = replace(self.found, evaluations=self.found.evaluations + len(rows))
         # Without a distribution, as at a singularity, no speed is safe either.
-        over = np.nan_to_num(evaluations.exceedance[:, 0], nan=np.inf)
-        return over, np.nan_to_num(evaluations.quantile[:, 0], nan=np.inf, posinf=np.inf)
+        return np.nan_to_num(over, nan=np.inf), np.nan_to_num(force, nan=np.inf, posinf=np.inf)
 
 
 def _formula_worst(problem: CollisionProblem, q: FloatArray, own: FloatArray, angle: float) -> FloatArray:
