@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from bumpstop.collision.problem import CollisionProblem
 from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.picture import LAW, LIMIT, Picture, axes
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
     from bumpstop.measure import MeasurementPlan
     from bumpstop.measure.planning.measured_situation import MeasuredSituation
+    from bumpstop.measure.planning.plan import PlannedShot
 
 _MANY = 60  # situations that a figure can still name
 
@@ -38,7 +40,7 @@ class ShotsPart(Part):
             (
                 str(shot.number),
                 shot.situation,
-                number(shot.speed_mm_s),
+                _speed(shot, plan.situation(shot.situation)),
                 number(shot.predicted_N),
                 f"{number(shot.low_N)} to {number(shot.high_N)}",
                 "",
@@ -87,34 +89,50 @@ class PlacesPart(Part):
         self._plan = plan
 
     def content(self) -> list[Html]:
-        """One row for each situation, and how to place the gauge."""
+        """Where the gauge stands, how the arm comes to it, and what else to know."""
         plan = self._plan
-        rows = [
+        places = [
             (
                 each.name,
                 each.gauge.words,
                 "fixed to the ground" if each.clamped else "on a slide, with the mass of the body",
                 _vector([1e3 * part for part in each.contact_point], 1),
                 _vector(each.normal.tolist(), 3),
-                number(1e3 * each.approach),
-                _vector([1e3 * part for part in each.start_point], 1),
             )
             for each in plan.situations
         ]
-        headings = (
-            *("situation", "gauge", "held", "contact point, mm", "normal", "approach, mm"),
-            "contact point at the start, mm",
-        )
+        motions = [
+            (
+                each.name,
+                "line" if each.onset_s is None else f"trajectory, {each.onset_s:.3f} s after its start",
+                _joints(each),
+                _vector([1e3 * part for part in each.start_point], 1),
+                number(1e3 * each.approach),
+            )
+            for each in plan.situations
+        ]
         notes = [f"{each.name}: {note}" for each in plan.situations for note in each.notes]
         sources = sorted({f"{each.gauge.words}: {each.gauge.status} ({each.gauge.source})" for each in plan.situations})
         return [
             paragraph(
                 "All in the base frame of the robot. The pad's face lies across the normal, its middle at the contact "
-                "point; the spring yields along the normal. The motion begins so far before the gauge that the arm has "
+                "point; the spring yields along the normal. A line begins so far before the gauge that the arm has "
                 "its full speed when it touches, and a quarter of that way more. The detector and the reaction are "
                 "those of the scenario: they stay on."
             ),
-            table(headings, rows, caption="Where each situation is measured"),
+            table(
+                ("situation", "gauge", "held", "contact point, mm", "normal"),
+                places,
+                caption="Where each situation is measured",
+            ),
+            table(
+                (
+                    *("situation", "motion", "joint positions at contact, deg or mm"),
+                    *("contact point at the start, mm", "way to the gauge, mm"),
+                ),
+                motions,
+                caption="How the arm comes to the gauge",
+            ),
             element("h3", "Where the gauges come from"),
             bullets(sources),
             *([element("h3", "Notes"), bullets(notes)] if notes else []),
@@ -172,6 +190,21 @@ class BandsPart(Part):
 
     def _speeds(self, situation: MeasuredSituation) -> list[float]:
         return [shot.speed_mm_s for shot in self._plan.shots if shot.situation == situation.name]
+
+
+def _speed(shot: PlannedShot, situation: MeasuredSituation) -> str:
+    """In mm/s; of a trajectory also as percent of its own, which is what a controller is told."""
+    share = shot.speed_mm_s / situation.speed_mm_s
+    return number(shot.speed_mm_s) + ("" if situation.onset_s is None else f" ({100 * share:.3g} %)")
+
+
+def _joints(situation: MeasuredSituation) -> str:
+    joints = CollisionProblem.from_scenario(situation.measured).robot.joints
+    shown = [
+        math.degrees(q) if joint.kind == "revolute" else 1e3 * q
+        for q, joint in zip(situation.pose.tolist(), joints, strict=True)
+    ]
+    return _vector(shown, 2)
 
 
 def _own(speed: float, situation: MeasuredSituation) -> bool:
