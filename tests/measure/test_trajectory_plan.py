@@ -74,10 +74,10 @@ def test_slower_is_the_same_path_with_longer_times(tmp_path: Path) -> None:
 
 
 def test_undetected_contact_counts_where_the_motion_ends_at_rest() -> None:
-    deaf = path(detector__thresholds_Nm=[1e4] * 7, motion__contact_onset_s=2.9)
-    found = shot_force(deaf)
+    insensitive = path(detector__thresholds_Nm=[1e4] * 7, motion__contact_onset_s=2.9)
+    found = shot_force(insensitive)
     assert found.undetected > 0.999
-    assert found.median == pytest.approx(bs.evaluate(deaf).peak_force.quantile(0.5), rel=1e-3)
+    assert found.median == pytest.approx(bs.evaluate(insensitive).peak_force.quantile(0.5), rel=1e-3)
 
 
 def test_a_trajectory_needs_its_place() -> None:
