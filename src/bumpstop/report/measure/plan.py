@@ -9,6 +9,7 @@ from bumpstop.collision.problem import CollisionProblem
 from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.picture import LAW, LIMIT, Picture, axes
+from bumpstop.report.print_style import print_style
 from bumpstop.report.section import Part
 from bumpstop.terminal import number
 
@@ -21,6 +22,13 @@ if TYPE_CHECKING:
     from bumpstop.measure.planning.measured_situation import MeasuredSituation
     from bumpstop.measure.planning.plan import PlannedShot
 
+# Room to write, on paper as well.
+_STYLE = """\
+#shots table { width: 100%; }
+#shots td { white-space: nowrap; }
+#shots :is(td, thead th):nth-child(6) { min-width: 4.5rem; }
+#shots :is(td, thead th):nth-child(7) { min-width: 8rem; }
+"""
 _MANY = 60  # situations that a figure can still name
 
 
@@ -38,8 +46,8 @@ class ShotsPart(Part):
         plan = self._plan
         rows = [
             (
-                str(shot.number),
                 shot.situation,
+                str(shot.number),
                 _speed(shot, plan.situation(shot.situation)),
                 number(shot.predicted_N),
                 f"{number(shot.low_N)} to {number(shot.high_N)}",
@@ -49,7 +57,7 @@ class ShotsPart(Part):
             )
             for shot in plan.shots
         ]
-        headings = ("shot", "situation", "speed, mm/s", "expected, N", "5 % to 95 %, N", "measured, N", "remark")
+        headings = ("situation", "shot", "speed, mm/s", "expected, N", "5 % to 95 %, N", "measured, N", "remark")
         return [
             paragraph(
                 "Each shot is the one that is expected to narrow the peak forces of all situations most, after those "
@@ -171,7 +179,7 @@ class BandsPart(Part):
             return []
 
         def draw(figure: Figure) -> None:
-            panel = axes(figure, left=1.5)
+            panel = axes(figure, left=1.8)
             for i, situation in enumerate(chosen):
                 shot = next(s for s in plan.shots if s.situation == situation.name and _own(s.speed_mm_s, situation))
                 panel.plot([shot.low_N, shot.high_N], [i, i], color=LAW, linewidth=6, alpha=0.35, solid_capstyle="butt")
@@ -228,4 +236,6 @@ def write_plan_page(plan: MeasurementPlan, folder: Path) -> Path:
     """
     parts: list[Part] = [ShotsPart(plan), PlacesPart(plan), BandsPart(plan)]
     about = f"{plan.situations[0].scenario.robot}: {len(plan.shots)} shots in {len(plan.situations)} situations"
-    return write_document(Document("Measurement plan", "bumpstop: measure", "measurement plan", parts, about), folder)
+    style = _STYLE + print_style(f"Measurement plan, {about}")
+    document = Document("Measurement plan", "bumpstop: measure", "measurement plan", parts, about, style)
+    return write_document(document, folder)
