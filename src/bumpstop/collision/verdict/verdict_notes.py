@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.collision.probability_text import percent
+from bumpstop.collision.verdict.as_given import as_given
 from bumpstop.collision.verdict.finer_steps import finer_steps
 from bumpstop.collision.verdict.unit_slips import unit_slips
 
@@ -29,7 +30,7 @@ _REACTIONS, _FARTHER = 64, 0.02
 def verdict_notes(result: CollisionResult) -> list[str]:
     """All of them, in the order in which they are read."""
     return [
-        *_uncertainty_note(result),
+        *as_given(result.scenario),
         *_nothing_hit_note(result),
         *_pressure_note(result),
         *_normal_note(result),
@@ -38,17 +39,6 @@ def verdict_notes(result: CollisionResult) -> list[str]:
         *_sooner_note(result),
         *finer_steps(result),
         *unit_slips(result),
-    ]
-
-
-def _uncertainty_note(result: CollisionResult) -> list[str]:
-    """The numbers are taken for known, and the scenario says that they are not."""
-    inputs = len(result.scenario.uncertainty)
-    if not inputs:
-        return []
-    return [
-        f"This is the scenario as given: that {inputs} of its numbers are uncertain ([uncertainty]) is left out. See "
-        "bumpstop.evaluate_uncertain, or bumpstop evaluate."
     ]
 
 
