@@ -11,6 +11,7 @@ import pytest
 import bumpstop as bs
 from bumpstop.collision import CollisionProblem
 from bumpstop.collision.trajectory.trajectory import point_places
+from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult
 from bumpstop.errors import InputError
 from bumpstop.measure import MeasurementPlan, load_plan, plan_measurements, write_plan
 from bumpstop.measure.learning.plan_calibration import calibrate_plan
@@ -87,8 +88,10 @@ def test_a_trajectory_needs_its_place() -> None:
 
 def test_the_gauge_stands_where_contact_is_hardest() -> None:
     situation = MeasuredSituation.of("x", path())
-    onset = situation.onset_s
-    assert onset == bs.evaluate(path()).onset
+    onset, found = situation.onset_s, bs.evaluate(path())
+    assert isinstance(found, TrajectoryCollisionResult)
+    assert onset is not None
+    assert onset == found.onset
     problem = CollisionProblem.from_scenario(path())
     assert problem.trajectory is not None
     at = point_places(problem.trajectory, problem.robot, problem.contact_point, np.array([onset - 1e-5, onset]))
