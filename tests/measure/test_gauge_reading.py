@@ -148,6 +148,7 @@ DAMAGES: dict[str, tuple[str, bool, Damage, GaugeFormat]] = {
     "kilonewtons called newtons": ("wrong_unit", True, lambda t, f: (t, f / 1e3), GaugeFormat()),
     "newtons called kilonewtons": ("wrong_unit", True, lambda t, f: (t, f), GaugeFormat(force_unit="kN")),
     "time for force": ("wrong_column", True, lambda t, f: (t, t + 1), GaugeFormat()),
+    "force for time": ("wrong_column", True, lambda t, f: (f, t), GaugeFormat()),
     "an empty channel": ("wrong_column", True, lambda t, f: (t, 0 * f), GaugeFormat()),
     "an integral": ("wrong_column", True, lambda t, f: (t, np.cumsum(np.abs(f))), GaugeFormat()),
     "a spike": ("spike", True, lambda t, f: (t, np.where(np.arange(t.size) == 900, 900.0, f)), GaugeFormat()),
@@ -205,6 +206,44 @@ def test_counts(tmp_path: Path) -> None:
     assert {f.name: f.count for f in damaged(tmp_path, "repeated").faults} == {"repeated": 6250}
     assert [f.count for f in damaged(tmp_path, "resampled by holding").faults if f.name == "resampled"] == [10]
     assert [f.count for f in damaged(tmp_path, "resampled along straight lines").faults] == [10]
+
+
+@pytest.mark.parametrize("digits", [1, 2, 6])
+@pytest.mark.parametrize("every", [3, 7, 25])
+def test_straight_lines_are_seen_in_what_a_device_writes(tmp_path: Path, every: int, digits: int) -> None:
+    """With noise, and rounded to the digits of the file."""
+    time, force = pressed(noise=0.5 if digits == 1 else 0.3)
+    lines = np.round(np.interp(time, time[::every], force[::every]), digits)
+    reading = read_gauge(write(tmp_path / "curve.csv", time, lines))
+    assert [f.count for f in reading.faults if f.name == "resampled"] == [every], reading.faults
+
+
+@pytest.mark.parametrize("digits", [0, 1, 2, 9])
+@pytest.mark.parametrize("noise", [0.0, 0.05, 0.3])
+def test_whole_curves_are_not_called_resampled(tmp_path: Path, noise: float, digits: int) -> None:
+    """Smooth, with a kink where contact begins, and with few digits."""
+    curves = [pressed(noise=noise, rate=rate) for rate in (1000.0, 5000.0)]
+    for mass in (0.6, 8.0):
+        time, force, _ = sprung_mass(mass, 60e3, 0.25, rate=5000.0)
+        curves.append((time, force + noise * np.random.default_rng(1).standard_normal(time.size)))
+    for time, force in curves:
+        reading = read_gauge(write(tmp_path / "curve.csv", time, np.round(force, digits)))
+        assert "resampled" not in {fault.name for fault in reading.faults}, reading.faults
+
+
+def test_a_saturated_plateau_is_not_called_cut_off_below(tmp_path: Path) -> None:
+    """The median of a contact that lasts is the plateau itself."""
+    time, force = pressed()
+    force = np.where((time > 0) & (time < 0.9), force + 40, force)
+    reading = read_gauge(write(tmp_path / "curve.csv", time, np.minimum(force, 60.0)))
+    assert [fault.name for fault in reading.faults if fault.name in ("saturated", "clipped")] == ["saturated"]
+
+
+def test_swapped_columns_are_named_and_nothing_else(tmp_path: Path) -> None:
+    time, force = pressed()
+    (fault,) = read_gauge(write(tmp_path / "curve.csv", force, time)).faults
+    assert fault.text.startswith("Column 'Time [s]' goes back ")
+    assert fault.text.endswith(" times: it is no time.")
 
 
 def test_round_trip_of_a_recording(tmp_path: Path) -> None:

@@ -78,9 +78,3 @@ def test_latency_counts_between_steps() -> None:
 def test_never_detected() -> None:
     with pytest.raises(InputError, match=r"detector.thresholds_Nm: 100 % of the shots are never detected"):
         shot_force(rigid(**_GAUGE, detector__thresholds_Nm=[1e6] * 6, motion__velocity_mm_s=[0, 0, -5]))
-
-
-def test_trajectory_is_refused() -> None:
-    scenario = bs.load_scenario("examples/06_pick_and_place_trajectory.toml")
-    with pytest.raises(InputError, match=r"motion.kind: 'trajectory' is not available"):
-        shot_force(scenario)

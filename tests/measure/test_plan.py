@@ -228,8 +228,6 @@ def test_bad_input() -> None:
         plan_measurements([])
     with pytest.raises(InputError, match="situation: 'a' is named twice"):
         plan_measurements([("a", rigid()), ("a", rigid())])
-    with pytest.raises(InputError, match=r"a: motion.kind: 'trajectory' is not available"):
-        plan_measurements([("a", bs.load_scenario("examples/06_pick_and_place_trajectory.toml"))])
     with pytest.raises(InputError, match="robot: the situations are of 2 robots: sia5d, ur10e"):
         plan_measurements([("a", rigid()), ("b", bs.load_scenario("examples/01_hand_downward.toml"))])
     with pytest.raises(InputError, match=r"speeds: 1.5 cannot be used; wanted shares of the speed"):
@@ -241,14 +239,6 @@ def test_bad_input() -> None:
     insensitive = rigid(detector__thresholds_Nm=[math.inf] * 5 + [1e6], motion__velocity_mm_s=[0, 0, -10])
     with pytest.raises(InputError, match="no shot would be detected for certain"):
         plan_measurements([("a", insensitive)], points=32)
-
-
-def test_trajectories_among_lines_are_left_out_with_a_note() -> None:
-    trajectory = bs.load_scenario("examples/06_pick_and_place_trajectory.toml")
-    line = bs.load_scenario("examples/01_hand_downward.toml")
-    made = plan_measurements([("line", line), ("path", trajectory)], speed_shares=[1.0], points=32, shots=1)
-    assert [each.name for each in made.situations] == ["line"]
-    assert any(note.startswith("path is left out: its motion is a trajectory") for note in made.notes)
 
 
 def test_what_is_known_is_no_parameter() -> None:

@@ -74,7 +74,13 @@ def test_over_the_inputs() -> None:
 @pytest.mark.parametrize(
     ("changes", "arguments", "said"),
     [
-        ({"contact__kind": "free", "contact__limits": "ts15066"}, {}, "no rigid arm on a line"),
+        ({"contact__kind": "free", "contact__limits": "ts15066"}, {}, "contact.kind: 'free' is not available"),
+        ({"contact__damping_Ns_m": 50.0}, {}, "contact.damping_Ns_m: 50.0 is not available: rare collisions are drawn"),
+        (
+            {"contact__gauge_spring_N_m": 75e3, "contact__gauge_mass_kg": 0.5},
+            {},
+            "contact.gauge_mass_kg: 0.5 is not available: rare collisions are drawn for a rigid arm on a line",
+        ),
         ({}, {"force": -1.0}, "wanted a force of 0 N or more"),
         ({}, {"runs": 3}, "wanted a whole number from 100"),
     ],
@@ -84,3 +90,12 @@ def test_refusals(changes: dict[str, object], arguments: dict[str, float], said:
         rare_exceedance(control_group(**changes), **{"force": 100.0, **arguments})  # type: ignore[arg-type]
     with pytest.raises(bs.InputError, match="no distribution"):
         overall_probability(control_group(uncertainty={"contact.area_cm2": {"interval": [0.9, 1.1]}}))
+
+
+def test_trajectories_and_elastic_arms_are_refused_by_name() -> None:
+    path = bs.load_scenario("examples/06_pick_and_place_trajectory.toml")
+    with pytest.raises(bs.InputError, match=r"motion.kind: 'trajectory' is not available: rare collisions are drawn"):
+        rare_exceedance(path, 85.0)
+    elastic = bs.load_scenario("examples/05_ur10e.toml").with_values({"arm.model": "elastic"})
+    with pytest.raises(bs.InputError, match=r"arm.model: 'elastic' is not available: rare collisions are drawn"):
+        rare_exceedance(elastic, 85.0)

@@ -17,6 +17,7 @@ from bumpstop.campaign.campaign_summary import summarise, summary_lines
 from bumpstop.campaign.numbering import Numbering
 from bumpstop.collision import CollisionProblem, Scenario, evaluate_batch
 from bumpstop.collision.scenario.settings_file import files_of, scenario_data
+from bumpstop.collision.verdict.as_given import as_given
 from bumpstop.errors import InputError
 from bumpstop.shards import ShardedJob, code_digest, digest, to_jsonable, versions
 from bumpstop.study.directions import spread_directions
@@ -223,9 +224,14 @@ class Campaign(ShardedJob):
 
     def summarise(self, volumes: Iterable[pl.DataFrame]) -> dict[str, Any]:  # noqa: D102
         names = [[choice.name for choice in choices] for choices in self.setups]
-        return {"study": self.name, "poses": self.poses, "shards": self.shards} | summarise(
-            volumes, names, self.speeds_mm_s
-        )
+        notes = self.notes
+        found = {"study": self.name, "poses": self.poses, "shards": self.shards}
+        return found | summarise(volumes, names, self.speeds_mm_s) | ({"notes": notes} if notes else {})
+
+    @property
+    def notes(self) -> list[str]:
+        """What makes its verdicts mean less, by robot."""
+        return [f"{each.name}: {note}" for each in self.robots if each.scenario for note in as_given(each.scenario)]
 
     def lines(self, summary: Mapping[str, Any]) -> list[str]:  # noqa: D102
         return summary_lines(summary)

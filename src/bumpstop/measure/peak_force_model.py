@@ -11,17 +11,14 @@ import numpy as np
 
 from bumpstop import _native
 from bumpstop.collision.contact_course import arm_in_contact
-from bumpstop.collision.curve import StoppingCurve, stopping_curve
 from bumpstop.collision.distribution.noise import contact_residual
-from bumpstop.collision.problem import CollisionProblem
 from bumpstop.errors import InputError
+from bumpstop.measure.traced_motion import TracedMotion
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
     from bumpstop.collision.scenario.scenario import Scenario
 
-# Steps before contact: the arm is at full speed from the start.
-_LEAD = 4
 # Ticks fall anywhere relative to the contact: so many phases stand for all.
 _PHASES = 8
 # Reactions that are simulated; the peak force of one that begins between them is interpolated.
@@ -73,7 +70,7 @@ class ShotForce:
         return float(np.interp(p, cumulated, self.force))
 
 
-def shot_force(scenario: Scenario, latency: float | None = None) -> ShotForce:
+def shot_force(scenario: Scenario, latency: float | None = None, *, speed: float = 1.0) -> ShotForce:
     """Peak force of a collision at full speed, of clamped and free contact, rigid and elastic arms.
 
     The motion is traced once, with a reaction that may begin in any simulation step. The undisturbed collision gives
@@ -81,26 +78,25 @@ def shot_force(scenario: Scenario, latency: float | None = None) -> ShotForce:
     peak force over the begin of the reaction. The noise counts as white.
 
     Args:
-        scenario: of a line; its offset and its start from rest do not count, the contact is at its pose.
+        scenario: of a line, whose offset and start from rest do not count: the contact is at its pose. Or of a
+            trajectory, with the time at which it meets the gauge.
         latency: from detection to the begin of the reaction with its dead time [s]; None: the scenario's.
+        speed: of a trajectory, as a share of its own.
 
     Raises:
-        InputError: the motion is a trajectory, or nothing is ever detected.
+        InputError: a trajectory has no such time, or nothing is ever detected.
     """
-    if scenario.motion.kind == "trajectory":
-        problem = "a gauge is hit on a line, at one place"
-        raise InputError("motion.kind", f"'trajectory' is not available: {problem}", "give the line at that place")
     late = scenario.reaction.latency_s + scenario.reaction.dead_time_s if latency is None else latency
     window = max(_FIRST_WINDOW_S, 2 * late)
     while True:
-        collision = TracedCollision(scenario, window)
+        collision = TracedCollision(scenario, window, speed)
         weights = collision.detections(late)
         undetected = max(0.0, 1.0 - float(weights.sum()) / _PHASES)
         over = collision.problem.gets_away or collision.ended or window > _LAST_WINDOW_S
         if undetected < MAX_UNDETECTED or over:
             break
         window *= 2.0
-    if undetected > MAX_UNDETECTED and not collision.problem.gets_away:
+    if undetected > MAX_UNDETECTED and not collision.undetected_counts:
         raise InputError(
             "detector.thresholds_Nm",
             f"{100 * undetected:.3g} % of the shots are never detected: no peak force can be expected",
@@ -112,23 +108,15 @@ def shot_force(scenario: Scenario, latency: float | None = None) -> ShotForce:
 class TracedCollision:
     """A motion against a body that stands a few steps ahead, with ticks in every simulation step."""
 
-    def __init__(self, scenario: Scenario, window: float) -> None:
-        step = scenario.simulation.step_s
-        steps = _LEAD + math.ceil(window / step)
-        motion = scenario.motion.model_copy(update={"start": "moving", "duration_s": steps * step})
-        checked = CollisionProblem.from_scenario(scenario.model_copy(update={"motion": motion}))
-        self.period = checked.period_steps
-        # A latency would only shift the begin of the reaction, which is free here.
-        self.problem = replace(checked, period_steps=1, latency_steps=0)
-        self.curve: StoppingCurve = stopping_curve(self.problem, whole=True)
-        self.step = step
-        distance = self.curve.distance
-        self.contact_step = min(_LEAD, distance.size - 1)
-        self.offset = float(distance[self.contact_step])
+    def __init__(self, scenario: Scenario, window: float, speed: float = 1.0) -> None:
+        motion = TracedMotion.of(scenario, window, speed)
+        self.problem, self.curve, self.offset = motion.problem, motion.curve, motion.offset
+        self.period, self.step = motion.period_steps, scenario.simulation.step_s
+        self.contact_step, self.ended = motion.contact_step, motion.ended
+        # Without a detection the peak force is that of the undisturbed collision.
+        self.undetected_counts = self.problem.gets_away or motion.rests
         self.arm = arm_in_contact(self.problem, self.curve, self.offset)
-        last = min(distance.size, steps + 1)
-        self.path = distance[:last]
-        self.ended = self.curve.end in ("joint_limit", "singularity")
+        self.path = self.curve.distance[: motion.contact_step + math.ceil(window / self.step) + 1]
         self.undisturbed = self._course(self.path)
 
     def _course(self, path: FloatArray) -> _native.ContactCourse:
@@ -180,7 +168,7 @@ class TracedCollision:
         peaks = self._reacting(nodes)
         forces = np.interp(np.clip(begin[chosen], low, high), nodes, peaks)
         probability = weights[chosen] / _PHASES
-        if self.problem.gets_away and undetected > 0:
+        if self.undetected_counts and undetected > 0:
             forces, probability = np.append(forces, self.undisturbed.peak), np.append(probability, undetected)
         order = np.argsort(forces, kind="stable")
         return ShotForce(forces[order], probability[order], undetected)

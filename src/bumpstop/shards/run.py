@@ -41,7 +41,7 @@ class JobResult(Displayed, Generic[Job]):
 
     def __str__(self) -> str:
         """What the command prints."""
-        return "\n".join(self.study.lines(self.summary))
+        return self.study.text(self.summary)
 
     def to_frame(self) -> pl.DataFrame:
         """The rows, as a data frame."""

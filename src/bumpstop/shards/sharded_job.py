@@ -59,7 +59,11 @@ class ShardedJob(ABC):
 
     @abstractmethod
     def lines(self, summary: Mapping[str, Any]) -> list[str]:
-        """What a person reads of a summary on the terminal."""
+        """What a person reads of a summary on the terminal, but for its notes."""
+
+    def text(self, summary: Mapping[str, Any]) -> str:
+        """All that a person reads of a summary: its lines, then its ``notes``."""
+        return "\n".join([*self.lines(summary), *(f"note: {note}" for note in summary.get("notes", []))])
 
     @abstractmethod
     def settings(self) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.collision.scenario.settings_file import files_of, scenario_data
+from bumpstop.collision.verdict.as_given import as_given
 from bumpstop.errors import InputError
 from bumpstop.shards import ShardedJob, code_digest, digest, to_jsonable, versions
 
@@ -53,7 +54,8 @@ class Study(ShardedJob):
     def summarise(self, volumes: Iterable[pl.DataFrame]) -> dict[str, Any]:  # noqa: D102
         import polars as pl
 
-        return self.summary(pl.concat(list(volumes)))
+        notes = as_given(self.scenario)
+        return self.summary(pl.concat(list(volumes))) | ({"notes": notes} if notes else {})
 
     def settings(self) -> dict[str, Any]:
         """Everything but the scenario that decides the rows, by the names of the fields."""

@@ -16,6 +16,7 @@ from bumpstop.errors import InputError
 from bumpstop.uncertainty.assumed_search import AssumedSearch, search_assumed, swapping_inputs
 from bumpstop.uncertainty.cases import TornadoBar, UncertainCase
 from bumpstop.uncertainty.conclusion import JudgedCases, at_rank, conclude, rank_of, verdict_of
+from bumpstop.uncertainty.dependence import dependence_note
 from bumpstop.uncertainty.point_evaluation import PointEvaluator, Points
 from bumpstop.uncertainty.result import UncertainResult
 
@@ -90,6 +91,10 @@ def evaluate_uncertain(
             lambda points: (evaluator.exceedance_ratio(points) <= 1) != holds,
         )
     conclusion, reason = conclude(evaluator, cases, confidence, deciding)
+    notes = _notes(evaluator)
+    if conclusion == "acceptable":
+        together = dependence_note(evaluator, confidence, worst_of(search)[0] if assumed else figures)
+        notes = notes if together is None else (together, *notes)
     over = np.sort(base.p_over)
     result = UncertainResult(
         scenario=scenario,
@@ -112,7 +117,7 @@ def evaluate_uncertain(
         deciding=deciding,
         evaluations=evaluator.evaluations + 1,
         seed=seed,
-        notes=_notes(evaluator),
+        notes=notes,
     )
     share.finished()
     return result

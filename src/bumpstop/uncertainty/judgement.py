@@ -21,6 +21,7 @@ from bumpstop.uncertainty.conclusion import (
     rank_of,
     without_points,
 )
+from bumpstop.uncertainty.dependence import dependence_note
 from bumpstop.uncertainty.evaluation import drawn_rows, points_for, with_assumed, worst_of
 from bumpstop.uncertainty.point_evaluation import PointEvaluator, Points
 
@@ -158,21 +159,21 @@ class _Stages:
         evaluator = self._evaluator
         if not any(each.assumed for each in evaluator.inputs):
             conclusion, points = self._at(self._rows)
-            return self._said(conclusion, [points])
+            return self._said(conclusion, [points], evaluator.central_figures)
         search = search_assumed(evaluator, evaluator.central_figures, self._confidence)
         worst = [self._at(with_assumed(evaluator, self._rows, at)) for at in worst_of(search)]
         conclusions = [each[0] for each in worst]
         if all(each == "acceptable" for each in conclusions):
             # What holds at the worst holds in the central case.
-            return self._said("acceptable", [each[1] for each in worst])
+            return self._said("acceptable", [each[1] for each in worst], worst_of(search)[0])
         base, base_points = self._at(self._rows)
         if base == "acceptable":
-            return self._said("inconclusive", [base_points], untested="inconclusive" in conclusions)
+            return self._said("inconclusive", [base_points], search.worst, untested="inconclusive" in conclusions)
         best, _ = self._at(with_assumed(evaluator, self._rows, search.best))
         found = {base, best, *conclusions}
         if found == {"not_acceptable"}:
-            return self._said("not_acceptable", [base_points])
-        return self._said("inconclusive", [base_points], untested="inconclusive" in found)
+            return self._said("not_acceptable", [base_points], search.worst)
+        return self._said("inconclusive", [base_points], search.worst, untested="inconclusive" in found)
 
     def _at(self, rows: FloatArray) -> tuple[Conclusion, Points]:
         """The verdict of points, and those that it took."""
@@ -187,7 +188,10 @@ class _Stages:
                 return found, Points.joined(parts)
         raise AssertionError("all points decide")
 
-    def _said(self, conclusion: Conclusion, known: list[Points], *, untested: bool = False) -> tuple[Conclusion, str]:
+    def _said(
+        self, conclusion: Conclusion, known: list[Points], assumed: FloatArray, *, untested: bool = False
+    ) -> tuple[Conclusion, str]:
+        """The verdict and its reason, of points that are known and what was assumed at them."""
         evaluator, verdict = self._evaluator, self._evaluator.scenario.verdict
         accepted, central = verdict.accepted_probability, float(self._middle.p_over[0])
         limits, said = evaluator.problem.limits, evaluator.said
@@ -197,10 +201,9 @@ class _Stages:
         in_case = f"{said(central, accepted)} in the central case"
         if conclusion == "acceptable":
             most = max(float(np.sort(points.p_over)[rank_of(self._confidence, len(points))]) for points in known)
-            return (
-                conclusion,
-                f"{over[0].upper()}{over[1:]} {evaluator.said_at_most(most, accepted)} {sure} ({in_case}).",
-            )
+            text = f"{over[0].upper()}{over[1:]} {evaluator.said_at_most(most, accepted)} {sure} ({in_case})."
+            together = dependence_note(evaluator, self._confidence, assumed)
+            return conclusion, text if together is None else f"{text} {together}"
         if conclusion == "not_acceptable":
             more = [f"{over} above {said(accepted, accepted)} ({in_case})"]
             points = Points.joined(known)

@@ -59,19 +59,16 @@ def rare_exceedance(scenario: Scenario, force: float, *, runs: int = 10_000, see
     block of the record that it could have drawn.
 
     Args:
-        scenario: a rigid arm on a line against a clamped spring.
+        scenario: a rigid arm on a line against a clamped spring, as given: its ``[uncertainty]`` does not count.
         force: peak force [N].
         runs: 100 to 1 000 000; of measured residuals at most 400 are drawn.
         seed: 0 to 2^64 - 1.
 
     Raises:
-        InputError: the scenario is of another kind, or an argument is out of its range.
+        InputError: the scenario is of another kind, which its key names, or an argument is out of its range.
     """
     problem = CollisionProblem.from_scenario(as_scenario(scenario))
-    if problem.gives_way or problem.trajectory is not None:
-        raise InputError(
-            "scenario", "is no rigid arm on a line against a clamped spring", "draw it: evaluate with samples"
-        )
+    _check_kind(problem)
     level = as_number(force, "force")
     if level < 0:
         raise InputError("force", f"is {level:g}", "wanted a force of 0 N or more")
@@ -89,6 +86,20 @@ def rare_exceedance(scenario: Scenario, force: float, *, runs: int = 10_000, see
     # Of strata the differences of neighbours show what is left of the variance.
     error = math.sqrt(float((np.diff(found) ** 2).sum()) / (2 * (count - 1)) / count)
     return RareProbability(float(found.mean()), error, count)
+
+
+def _check_kind(problem: CollisionProblem) -> None:
+    contact, known = problem.scenario.contact, "a rigid arm on a line against a clamped spring"
+    for key, value, other in (
+        ("motion.kind", "trajectory", problem.trajectory is not None),
+        ("arm.model", problem.scenario.arm.model, problem.elastic),
+        ("contact.kind", contact.kind, problem.gets_away),
+        ("contact.gauge_mass_kg", contact.gauge_mass_kg, contact.gauge_mass_kg is not None),
+        ("contact.damping_Ns_m", contact.damping_Ns_m, contact.damping_Ns_m > 0),
+    ):
+        if other:
+            text = f"{value!r} is not available: rare collisions are drawn for {known}"
+            raise InputError(key, text, "draw it: evaluate with samples")
 
 
 def _offset(problem: CollisionProblem, share: FloatArray) -> FloatArray:

@@ -207,7 +207,7 @@ def _print(
     if account is not None:
         typer.echo(f"{account.shards} shards with {account.rows} distributions computed in {seconds:.1f} s")
     if summary is not None:
-        typer.echo("\n".join(campaign.lines(summary)))
+        typer.echo(campaign.text(summary))
 
 
 def _damaged(store: ResultFolder, done: set[int]) -> list[str]:

@@ -7,14 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bumpstop.cli.collision.evaluate import NOT_ACCEPTABLE
+from bumpstop.cli.collision.evaluate import INCONCLUSIVE, NOT_ACCEPTABLE
 from bumpstop.cli.collision.study import AsJson, Changes, ScenarioFile, load
 from bumpstop.cli.completion import complete_requirement
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
     from bumpstop.collision import Scenario
+    from bumpstop.study.requirement.requirement import Requirement
+    from bumpstop.uncertainty.judgement import Judgement
 
+_STATUS = {"PASS": 0, "FAIL": NOT_ACCEPTABLE, "INCONCLUSIVE": INCONCLUSIVE}
 _COUNT = 8  # of the second variable's values, where none is given
 
 
@@ -42,6 +45,7 @@ def require(
 
     Keys: motion.speed, detector.thresholds, detector.feedback_period_s, reaction.joint_acceleration_rad_s2,
     contact.padding. Exit status: 0 found, 3 no value meets the limits or alarms are too probable there, 2 bad input.
+    With [uncertainty] the value that was found is judged with it: 3 where it fails, 4 where it is inconclusive.
     """
     from bumpstop.cli.progress import progress
     from bumpstop.study import to_jsonable
@@ -56,13 +60,19 @@ def require(
     if len(vary) == 1:
         with progress("searching"):
             found = solve_requirement(checked, name, risk=risk, low=low, high=high)
+        judged = _judged(checked, found)
         if as_json:
-            typer.echo(json.dumps(to_jsonable(found.to_json()), allow_nan=False, indent=2))
+            told = {"uncertainty": _told(judged)} if judged else {}
+            typer.echo(json.dumps(to_jsonable(found.to_json() | told), allow_nan=False, indent=2))
         else:
             typer.echo(str(found))
             if name == "detector.thresholds" and found.value is not None:
                 typer.echo(f"that is the lowest threshold; by joint {_thresholds(checked, found.value)}")
-        return NOT_ACCEPTABLE if found.value is None or not found.false_alarm_ok else 0
+            if judged:
+                typer.echo(f"there, with [uncertainty]: {judged.word}. {judged.reason}")
+        if found.value is None or not found.false_alarm_ok:
+            return NOT_ACCEPTABLE
+        return _STATUS[judged.word] if judged else 0
     if "=" not in vary[1]:
         raise InputError("--vary", f"{vary[1]!r} has no range", f"wanted {vary[1]}=LOW:HIGH")
     against = Range.parse(vary[1], checked, count=_COUNT)
@@ -72,7 +82,24 @@ def require(
         typer.echo(json.dumps(to_jsonable({"curve": rows}), allow_nan=False, indent=2))
     else:
         _print_curve(rows, Variable(name).label(checked), against.variable.label(checked))
+        for note in dict.fromkeys(note for row in rows for note in row["notes"]):
+            typer.echo(f"note: {note}")
     return 0 if any(row["value"] is not None and row["false_alarm_ok"] for row in rows) else NOT_ACCEPTABLE
+
+
+def _judged(scenario: Scenario, found: Requirement) -> Judgement | None:
+    """Of the value that was found, with what is uncertain; None without a value, or where all is known."""
+    if found.value is None or not scenario.uncertainty:
+        return None
+    from bumpstop.study.variable import Variable
+    from bumpstop.uncertainty import judge_situation
+
+    there = Variable(found.variable).apply(scenario, found.value)
+    return judge_situation(there.with_values({"verdict.accepted_probability": found.risk}))
+
+
+def _told(judged: Judgement) -> dict[str, Any]:
+    return {"word": judged.word, "reason": judged.reason, "confidence": judged.confidence}
 
 
 def _ends(text: str, scenario: Scenario) -> tuple[str, float | None, float | None]:

@@ -115,10 +115,13 @@ def _forces(scenario: Scenario, thresholds: FloatArray) -> dict[str, Any]:
 
 
 def notes(points: Sequence[OperatingPoint], scenarios: Mapping[str, Scenario], noise: ScenarioNoise) -> list[str]:
-    """Whose noise it is that a scenario's forces and alarms are told with."""
+    """Whose noise it is that a scenario's forces and alarms are told with, and what of it is left out."""
+    from bumpstop.collision.verdict.as_given import as_given
+
     found = []
     for path, scenario in scenarios.items():
         name = Path(path).stem
+        found += [f"{name}: {note}" for note in as_given(scenario)]
         why = noise.why_not(scenario)
         if why is None:
             found.append(f"{name}: its noise is the residuals of the recordings, in place of its own.")

@@ -68,6 +68,19 @@ class Trajectory:
         """
         return self._spline(t, derivative)
 
+    def part(self, begin: float, end: float, speed: float = 1.0) -> Trajectory:
+        """The motion between two times, at a share of its speed; its cubics are the same.
+
+        Args:
+            begin: of it, from 0 on [s].
+            end: of it, at most :attr:`duration` [s].
+            speed: 1 is that of the trajectory; the times of the part are longer by 1 / speed.
+        """
+        inner = self.time[(self.time > begin) & (self.time < end)]
+        time = np.concatenate([[begin], inner, [end]])
+        # A cubic is known by position and rate at both ends.
+        return Trajectory((time - begin) / speed, self.at(time), speed * self.at(time, 1))
+
     def extremes(self, derivative: int) -> tuple[FloatArray, FloatArray]:
         """Where joint positions or rates are greatest and least between every two rows.
 

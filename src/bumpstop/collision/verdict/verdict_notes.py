@@ -9,6 +9,7 @@ import numpy as np
 
 from bumpstop.collision.distribution.distribution import NEGLIGIBLE
 from bumpstop.collision.probability_text import percent
+from bumpstop.collision.verdict.as_given import as_given
 from bumpstop.collision.verdict.finer_steps import JudgedForce, finer_steps
 from bumpstop.collision.verdict.unit_slips import unit_slips
 
@@ -34,7 +35,7 @@ _REACTIONS, _FARTHER = 64, 0.02
 def verdict_notes(result: CollisionOutcome, verdict: Verdict, evaluate: Callable[[Scenario], JudgedForce]) -> list[str]:
     """All of them, in the order in which they are read; ``evaluate`` gives the result of another scenario."""
     return [
-        *_uncertainty_note(result),
+        *as_given(result.scenario),
         *_nothing_hit_note(result, verdict),
         *_pressure_note(result),
         *_normal_note(result),
@@ -44,17 +45,6 @@ def verdict_notes(result: CollisionOutcome, verdict: Verdict, evaluate: Callable
         *_swing_note(result),
         *finer_steps(result, verdict, evaluate),
         *unit_slips(result),
-    ]
-
-
-def _uncertainty_note(result: CollisionOutcome) -> list[str]:
-    """The numbers are taken for known, and the scenario says that they are not."""
-    inputs = len(result.scenario.uncertainty)
-    if not inputs:
-        return []
-    return [
-        f"This is the scenario as given: that {inputs} of its numbers are uncertain ([uncertainty]) is left out. See "
-        "bumpstop.evaluate_uncertain, or bumpstop evaluate."
     ]
 
 

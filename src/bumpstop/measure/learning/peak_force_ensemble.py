@@ -34,13 +34,18 @@ class Condition:
 
     Attributes:
         situation: where.
-        speed_mm_s: of the tip [mm/s].
+        speed_mm_s: of the tip, of a trajectory that of the contact point at the gauge [mm/s].
         scenario: the measurement, with every key of a parameter spelt out.
     """
 
     situation: MeasuredSituation
     speed_mm_s: float
     scenario: Scenario
+
+    @property
+    def speed_share(self) -> float:
+        """Of a trajectory's own speed, of which its scenario says nothing; 1 of a line."""
+        return 1.0 if self.situation.onset_s is None else self.speed_mm_s / self.situation.speed_mm_s
 
     @classmethod
     def of(cls, situation: MeasuredSituation, speed_mm_s: float, parameters: Parameters) -> Condition:
@@ -104,7 +109,7 @@ class PeakForceEnsemble:
         mean, sd = np.full((len(z), len(conditions)), np.nan), np.full((len(z), len(conditions)), np.nan)
         for i, point in enumerate(z):
             for c, condition in enumerate(conditions):
-                mean[i, c], sd[i, c] = _log_force(parameters.at(condition.scenario, point))
+                mean[i, c], sd[i, c] = _log_force(parameters.at(condition.scenario, point), condition.speed_share)
             if progress is not None:
                 progress((i + 1) / len(z))
         return cls(parameters, conditions, z, mean, sd)
@@ -201,9 +206,9 @@ class Surfaces:
         return self.surface(z)
 
 
-def _log_force(scenario: Scenario) -> tuple[float, float]:
+def _log_force(scenario: Scenario, speed: float) -> tuple[float, float]:
     try:
-        found = shot_force(scenario)
+        found = shot_force(scenario, speed=speed)
     except InputError as error:
         if error.field != "detector.thresholds_Nm":
             raise

@@ -67,7 +67,10 @@ def calibrate_plan(
     shots, readings, left_out = _measured(plan, form)
     if not shots:
         raise InputError("measured_peak_force_N", "no shot is measured", "fill in one row at least")
-    situations = [MeasuredSituation.of(name, scenario, plan.devices.get(name)) for name, scenario in plan.named]
+    situations = [
+        MeasuredSituation.of(name, scenario, plan.devices.get(name), onset_s=plan.onsets.get(name))
+        for name, scenario in plan.named
+    ]
     parameters = Parameters.of([each.measured for each in situations], plan.spread, fixed=plan.fixed)
     conditions = []
     for situation in situations:

@@ -13,6 +13,7 @@ from bumpstop.collision.curve import stopping_curve
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.errors import InputError
 from bumpstop.measure.planning.gauge import Gauge, gauge_of
+from bumpstop.measure.planning.trajectory_place import TrajectoryPlace
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -38,10 +39,14 @@ class MeasuredSituation:
         measured: the scenario with the gauge in the body's place.
         contact_point: where the face of the gauge stands, base frame (3,) [m].
         normal: the way the contact point moves, into the gauge, base frame (3,) [1].
-        approach: of the contact point along the motion, until it has full speed and a quarter beyond [m].
+        speed_mm_s: of the tip; with a trajectory of the contact point where it meets the gauge [mm/s].
+        pose: joint positions where the gauge is met (dof,) [rad or m].
+        approach: of the contact point along the motion, until it has full speed and a quarter beyond; with a trajectory
+            from its start [m].
         start_point: where the contact point begins to move, base frame (3,) [m].
         limit_N: force limit of the body region; NaN where there is none.
         notes: what a reader should know.
+        onset_s: time of the trajectory at which the gauge is met [s]; None: the motion is a line.
     """
 
     name: str
@@ -50,44 +55,56 @@ class MeasuredSituation:
     measured: Scenario
     contact_point: FloatArray
     normal: FloatArray
+    speed_mm_s: float
+    pose: FloatArray
     approach: float
     start_point: FloatArray
     limit_N: float
     notes: tuple[str, ...]
+    onset_s: float | None = None
 
     @property
     def clamped(self) -> bool:
         """Whether the gauge is fixed to the ground; else it is on a slide, with the mass of the body."""
         return self.scenario.contact.kind == "clamped"
 
-    @property
-    def speed_mm_s(self) -> float:
-        """Of the tip in the scenario [mm/s]."""
-        return 1e3 * math.hypot(*self.scenario.motion.velocity)
-
     @classmethod
-    def of(cls, name: str, scenario: Scenario, device: str | None = None) -> MeasuredSituation:
+    def of(
+        cls, name: str, scenario: Scenario, device: str | None = None, *, onset_s: float | None = None
+    ) -> MeasuredSituation:
         """Find gauge, place and approach of a situation.
 
         Args:
             name: of it.
-            scenario: of a line.
+            scenario: of a line or a trajectory.
             device: gauge, see :func:`gauge_of`.
+            onset_s: time of a trajectory at which the gauge is met [s], see :class:`TrajectoryPlace`.
 
         Raises:
-            InputError: the scenario cannot be computed, or its motion is a trajectory.
+            InputError: the scenario cannot be computed.
         """
-        if scenario.motion.kind == "trajectory":
-            raise InputError(
-                f"{name}: motion.kind",
-                "'trajectory' is not available: a gauge is hit at one place",
-                "give the line at the place that is measured",
-            )
         gauge = gauge_of(scenario, device)
         measured = gauge.measured(scenario)
+        if scenario.motion.kind == "trajectory":
+            place = TrajectoryPlace.of(scenario, onset_s)
+            return cls(
+                name=name,
+                scenario=scenario,
+                gauge=gauge,
+                measured=measured.with_values({"motion.contact_onset_s": place.onset}),
+                contact_point=place.contact_point,
+                normal=place.normal,
+                speed_mm_s=1e3 * place.speed,
+                pose=place.q,
+                approach=place.way,
+                start_point=place.start_point,
+                limit_N=_limit(CollisionProblem.from_scenario(measured)),
+                notes=(*_gauge_notes(gauge), *place.notes()),
+                onset_s=place.onset,
+            )
         problem = CollisionProblem.from_scenario(measured)
         curve = stopping_curve(_short(measured, {}))
-        notes = [gauge.note] if gauge.note else []
+        notes = _gauge_notes(gauge)
         approach, reached = _approach(measured)
         if not reached:
             notes.append("From rest at the scenario's acceleration the arm does not reach full speed on this line.")
@@ -99,7 +116,6 @@ class MeasuredSituation:
                 f"The approach of {1e3 * approach:.0f} mm has no room: the arm comes to {room} on the way back. Begin "
                 "in another configuration, or measure at another place."
             )
-        limits = problem.limits
         return cls(
             name=name,
             scenario=scenario,
@@ -107,14 +123,18 @@ class MeasuredSituation:
             measured=measured,
             contact_point=curve.start,
             normal=curve.normal,
+            speed_mm_s=1e3 * math.hypot(*scenario.motion.velocity),
+            pose=problem.q,
             approach=approach,
             start_point=curve.start - approach * way,
-            limit_N=limits.force_N if limits is not None and limits.permitted else math.nan,
+            limit_N=_limit(problem),
             notes=tuple(notes),
         )
 
     def at_speed(self, speed_mm_s: float) -> Scenario:
-        """The measurement at another speed of the tip [mm/s], along the same direction."""
+        """The measurement at another speed of the tip [mm/s], along the same direction; a trajectory as it is."""
+        if self.onset_s is not None:
+            return self.measured
         v = np.asarray(self.measured.motion.velocity)
         return self.measured.with_values({"motion.velocity_mm_s": (speed_mm_s * v / np.linalg.norm(v)).tolist()})
 
@@ -146,6 +166,15 @@ def situations_of(named: Iterable[tuple[str, Scenario]], device: str | None = No
             "one plan measures one arm: make a plan for each",
         )
     return found
+
+
+def _gauge_notes(gauge: Gauge) -> list[str]:
+    return [gauge.note] if gauge.note else []
+
+
+def _limit(problem: CollisionProblem) -> float:
+    limits = problem.limits
+    return limits.force_N if limits is not None and limits.permitted else math.nan
 
 
 def _short(scenario: Scenario, motion: dict[str, object], seconds: float = 0.1) -> CollisionProblem:

@@ -16,6 +16,7 @@ from bumpstop.measure.learning.peak_force_ensemble import Condition, PeakForceEn
 from bumpstop.measure.learning.posterior import ErrorModel, expected_forces, single_shots
 from bumpstop.measure.learning.response_surface import normal_points
 from bumpstop.measure.parameters import Parameters
+from bumpstop.measure.peak_force_model import shot_force
 from bumpstop.measure.planning.design import Belief, greedy_design
 from bumpstop.measure.planning.gauge import check_device
 from bumpstop.measure.planning.measured_situation import MeasuredSituation, situations_of
@@ -43,7 +44,7 @@ class PlannedShot:
         speed_mm_s: of the tip [mm/s].
         predicted_N: median peak force of the scenario as it stands [N].
         low_N, high_N: 5 % and 95 % of single shots, over the parameters, the noise and the errors [N].
-        distribution_N: 5 % and 95 % of the integrated distribution at the scenario's own values [N].
+        distribution_N: 5 % and 95 % of the distribution at the scenario's own values [N].
         spread: of the peak forces of all situations once this shot is known, see :class:`ShotDesign` [1].
     """
 
@@ -97,8 +98,10 @@ class MeasurementPlan:
                     "fixed": each.clamped,
                     "contact_point_mm": (1e3 * each.contact_point).tolist(),
                     "normal": each.normal.tolist(),
+                    "joint_positions": each.pose.tolist(),
                     "approach_mm": 1e3 * each.approach,
                     "start_point_mm": (1e3 * each.start_point).tolist(),
+                    "contact_onset_s": each.onset_s,
                     "limit_N": each.limit_N if math.isfinite(each.limit_N) else None,
                     "notes": list(each.notes),
                 }
@@ -141,7 +144,7 @@ def plan_measurements(
     """Plan the measurement of contact situations.
 
     Args:
-        named: names and scenarios, of one robot. Beside lines trajectories are left out, with a note.
+        named: names and scenarios, of one robot.
         device: gauge for all of them; None: that of each body region.
         speed_shares: speeds that are measured, as shares of the situation's.
         shots: how many; None: 30, and at least one for each situation.
@@ -164,10 +167,7 @@ def plan_measurements(
             raise InputError("speeds", f"{share:g} cannot be used", "wanted shares of the speed, 0.01 to 1")
     if device is not None:
         check_device(device)
-    given = list(named)
-    lines = [(name, scenario) for name, scenario in given if scenario.motion.kind == "line"]
-    left_out = [name for name, scenario in given if scenario.motion.kind != "line"]
-    situations = situations_of(lines or given, device)
+    situations = situations_of(named, device)
     parameters = Parameters.of([each.measured for each in situations], spread, fixed=fixed)
     wanted = max(SHOTS, len(situations)) if shots is None else as_whole_number(shots, "shots", 1, 10_000)
     conditions = conditions_of(situations, parameters, speed_shares)
@@ -185,10 +185,6 @@ def plan_measurements(
     design = greedy_design(
         belief, wanted, repeats=repeats, own_speed=np.array([each.own_speed for each in ensemble.conditions])
     )
-    notes += [
-        f"{name} is left out: its motion is a trajectory, and a gauge is hit at one place. Give the line at that place."
-        for name in left_out
-    ]
     missing = {each.name for each in situations} - {
         ensemble.conditions[c].situation.name for c in design.condition if ensemble.conditions[c].own_speed
     }
@@ -258,6 +254,11 @@ def _predictions(
     low, high = np.quantile(single_shots(forces, surfaces, errors.gauge, seed + 1), BAND, axis=0)
     found = []
     for c, condition in enumerate(ensemble.conditions):
+        if condition.situation.onset_s is not None:
+            shot = shot_force(condition.scenario, speed=condition.speed_share)
+            p5, p50, p95 = (shot.quantile(p) for p in (BAND[0], 0.5, BAND[1]))
+            found.append((p50, min(float(low[c]), p5), max(float(high[c]), p95), (p5, p95)))
+            continue
         # The offset of a gauge is any within a feedback period: nobody knows when the next control cycle comes.
         contact = condition.scenario.contact.model_copy(update={"offset_law": "uniform", "offset_mm": None})
         motion = condition.scenario.motion.model_copy(update={"start": "moving"})

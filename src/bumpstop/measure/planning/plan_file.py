@@ -101,10 +101,12 @@ def write_plan(plan: MeasurementPlan, folder: Path) -> Path:
         raise InputError(
             "--out", f"{str(folder)!r} cannot be written ({error.strerror})", "give another folder"
         ) from None
-    rows = []
+    rows: list[dict[str, Any]] = []
     for name, file in file_names([each.name for each in plan.situations]).items():
         write_text(folder / SCENARIOS / file, to_toml(scenario_data(plan.situation(name).scenario)))
-        rows.append({"name": name, "file": f"{SCENARIOS}/{file}", "gauge": plan.situation(name).gauge.device})
+        situation = plan.situation(name)
+        at = {} if situation.onset_s is None else {"contact_onset_s": situation.onset_s}
+        rows.append({"name": name, "file": f"{SCENARIOS}/{file}", "gauge": situation.gauge.device} | at)
     settings: dict[str, Any] = {
         "points": plan.points,
         "seed": plan.seed,
@@ -127,6 +129,7 @@ class PlanFolder:
         shots: rows of the table.
         named: names and scenarios of the situations.
         devices: gauge of each situation, by name; empty of a table without its folder.
+        onsets: time of each trajectory at which the gauge is met, by name of the situation [s].
         spread: of the parameters before anything is measured, by key; empty: as assumed.
         fixed: keys that are known.
         errors: how far shots may be off.
@@ -137,6 +140,7 @@ class PlanFolder:
     shots: tuple[FilledShot, ...]
     named: tuple[tuple[str, Scenario], ...]
     devices: Mapping[str, str]
+    onsets: Mapping[str, float]
     spread: Mapping[str, float]
     fixed: tuple[str, ...]
     errors: ErrorModel
@@ -166,6 +170,7 @@ def load_plan(path: Path, scenarios: Mapping[str, Scenario] | None = None) -> Pl
         data = parse_toml(read_text(settings_file, "wanted the plan.toml of bumpstop measure plan"), str(settings_file))
     named: dict[str, Scenario] = {}
     devices: dict[str, str] = {}
+    onsets: dict[str, float] = {}
     for number, row in enumerate(_rows(data, settings_file), start=1):
         for key in ("name", "file", "gauge"):
             if not isinstance(row.get(key), str):
@@ -174,6 +179,8 @@ def load_plan(path: Path, scenarios: Mapping[str, Scenario] | None = None) -> Pl
         named[row["name"]] = own
         if row["gauge"] != "scenario":
             devices[row["name"]] = row["gauge"]
+        if "contact_onset_s" in row:
+            onsets[row["name"]] = _number(row, "contact_onset_s", settings_file)
     named |= given
     for shot in shots:
         if shot.situation not in named:
@@ -185,6 +192,7 @@ def load_plan(path: Path, scenarios: Mapping[str, Scenario] | None = None) -> Pl
         shots=shots,
         named=tuple(named.items()),
         devices=devices,
+        onsets=onsets,
         spread={str(key): _number(data["spread"], key, settings_file) for key in data.get("spread", {})},
         fixed=tuple(str(key) for key in data.get("fixed", [])),
         errors=ErrorModel(

@@ -31,7 +31,14 @@ _MIN_STEP_S, _MAX_STEP_S = 1e-6, 0.02
 _MIN_DURATION_S, _MAX_DURATION_S = 5e-3, 600.0
 _GAP = 1.8
 _UNEVEN = 0.2
-_MIN_STAIR = 3
+_MIN_STAIR, _MAX_STAIR = 3, 100
+# Samples before and after the rise that are looked at, too.
+_BESIDE_RISE = 400
+# Of two rounded ends and what lies between; no file has a finer digit, as a share of the curve's height.
+_ROUNDED, _MIN_DIGIT = 1.05, 1e-6
+_MIN_CORNERS = 5
+# A time goes forward but for a few rows that a device wrote late.
+_MAX_BACKWARD = 0.1
 _MIN_CUT_SHARE = 0.05
 
 
@@ -60,6 +67,9 @@ class GaugeFault:
 
 def sampling_faults(curve: GaugeCurve) -> list[GaugeFault]:
     """Faults of rows and times."""
+    if curve.backward > _MAX_BACKWARD * (curve.time.size + curve.repeated):
+        text = f"Column {curve.columns[0]!r} goes back {curve.backward} times: it is no time."
+        return [GaugeFault("wrong_column", curve.backward, text, spoils=True)]
     found = []
     if curve.unreadable:
         text = f"{curve.unreadable} rows hold no number: they were dropped."
@@ -113,12 +123,13 @@ def curve_faults(
     found = []
     if not _MIN_PEAK_N <= peak <= _MAX_PEAK_N:
         text = (
-            f"A peak of {peak:.3g} N is none of a gauge of collisions: the unit of force, {curve.units[1]!r}, is wrong."
+            f"A peak of {peak:.3g} N is none of a gauge of collisions: the unit of force, {curve.units[1]!r}, is "
+            "wrong, or nothing was hit."
         )
         found.append(GaugeFault("wrong_unit", 1, text, spoils=True))
     found += _flat(curve, raw, at)
     stairs = _repeats(force, first, at)
-    lines = _straight(curve.time, force, first, at)
+    lines = _straight(force, first, at)
     if stairs or lines:
         every = max(stairs, lines)
         rate = 1 / (every * curve.step)
@@ -162,7 +173,7 @@ def _flat(curve: GaugeCurve, raw: FloatArray, at: int) -> list[GaugeFault]:
         where = f"the device's range of {scale:.4g} N" if name == "saturated" and known else f"{level:.4g} N"
         text = f"{top} samples stand at {where}: the peak is higher than what is recorded."
         found.append(GaugeFault(name, top, text, spoils=True))
-    lowest = raw == (raw.min() if raw[at] > np.median(raw) else raw.max())
+    lowest = curve.force == curve.force.min()
     count = int(lowest.sum())
     if count > _MIN_CUT_SHARE * raw.size and np.unique(raw).size > 10 and _one_sided(curve.force, lowest):
         text = f"{count} samples stand at the lowest value while others scatter above: what lies below was cut off."
@@ -206,17 +217,33 @@ def _repeats(force: FloatArray, first: int, at: int) -> int:
     return int(np.median(np.diff(changes)))
 
 
-def _straight(time: FloatArray, force: FloatArray, first: int, at: int) -> int:
-    """For how many samples the curve runs straight between corners on the way to the peak; 0: it is curved."""
-    rise, when = force[max(first - 1, 0) : at + 1], time[max(first - 1, 0) : at + 1]
-    if rise.size < 4 * _MIN_STAIR:
+def _straight(force: FloatArray, first: int, at: int) -> int:
+    """For how many samples the curve runs straight between corners; 0: it does not.
+
+    Straight is what leaves a line by less than a digit of the file, about the rise to the peak. Lines between other
+    samples, as far apart, leave it by more: a curve that is smooth is met as well by all of them.
+    """
+    part = force[max(first - _BESIDE_RISE, 0) : at + _BESIDE_RISE + 1]
+    if part.size < 4 * _MIN_STAIR or not np.ptp(part) > 0:
         return 0
-    slope = np.diff(rise) / np.diff(when)
-    bend = np.abs(np.diff(slope))
-    corners = np.flatnonzero(bend > 1e-5 * np.abs(slope).max())
-    if corners.size < 2 or corners.size > bend.size / _MIN_STAIR:
+    digit = max(float(np.diff(np.unique(part)).min()), _MIN_DIGIT * float(np.ptp(part)))
+    # Two of three samples at least are no corners.
+    if (np.abs(np.diff(part, 2)) <= 2.01 * digit).mean() < 0.6:
         return 0
-    return int(np.median(np.diff(corners)))
+    for every in range(min(_MAX_STAIR, part.size // 4), _MIN_STAIR - 1, -1):
+        off = [_off_lines(part, every, phase) / digit for phase in range(every)]
+        met = any(each.max() <= _ROUNDED for each in off)
+        if met and max(int((each > 2 * _ROUNDED).sum()) for each in off) >= _MIN_CORNERS:
+            return every
+    return 0
+
+
+def _off_lines(values: FloatArray, every: int, phase: int) -> FloatArray:
+    """Farthest off the straight lines between samples so far apart, for each of them."""
+    knots = np.arange(phase, values.size, every)
+    index = np.arange(knots[0], knots[-1])
+    off = np.abs(values[index] - np.interp(index, knots, values[knots]))
+    return np.asarray(np.maximum.reduceat(off, knots[:-1] - phase), dtype=np.float64)
 
 
 def _truncated(curve: GaugeCurve, at: int, onset: float, before: bool) -> list[GaugeFault]:

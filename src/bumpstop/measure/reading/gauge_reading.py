@@ -115,6 +115,7 @@ def analyse(curve: GaugeCurve, trigger_N: float | None = None) -> GaugeReading:
         trigger_N: force at which contact begins [N]; None: 3 % of the peak, and six standard deviations of the noise.
     """
     raw, faults = curve.force, list(sampling_faults(curve))
+    timeless = any(fault.name == "wrong_column" for fault in faults)
     zero, noise, before = _baseline(raw)
     force = raw - zero
     if -force.min() > force.max():
@@ -158,7 +159,8 @@ def analyse(curve: GaugeCurve, trigger_N: float | None = None) -> GaugeReading:
         peak_pressure_N_cm2=math.nan if pressure is None else float(pressure[early].max()),
         lasting_pressure_N_cm2=math.nan if pressure is None or not late.any() else float(pressure[late].max()),
         rate_hz=1.0 / curve.step,
-        faults=tuple(faults),
+        # Of a force over what is no time nothing else can be said.
+        faults=tuple(fault for fault in faults if not timeless or fault.name == "wrong_column"),
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.picture import FAINT, INK, LAW, LIMIT, Picture, axes
+from bumpstop.report.print_style import print_style
 from bumpstop.report.section import Part
 from bumpstop.terminal import number
 
@@ -158,6 +159,6 @@ def write_calibration(made: PlanCalibration, folder: Path) -> Path:
     """
     parts: list[Part] = [ForcesPart(made), ParametersPart(made)]
     about = f"{len(made.calibration.shots)} shots in {len(made.situations)} situations"
-    return write_document(
-        Document("Calibration by measured forces", "bumpstop: measure", "calibration", parts, about), folder
-    )
+    title = "Calibration by measured forces"
+    style = print_style(f"{title}, {about}")
+    return write_document(Document(title, "bumpstop: measure", "calibration", parts, about, style), folder)

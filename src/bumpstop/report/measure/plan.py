@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from bumpstop.collision.problem import CollisionProblem
 from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.picture import LAW, LIMIT, Picture, axes
+from bumpstop.report.print_style import print_style
 from bumpstop.report.section import Part
 from bumpstop.terminal import number
 
@@ -18,7 +20,15 @@ if TYPE_CHECKING:
 
     from bumpstop.measure import MeasurementPlan
     from bumpstop.measure.planning.measured_situation import MeasuredSituation
+    from bumpstop.measure.planning.plan import PlannedShot
 
+# Room to write, on paper as well.
+_STYLE = """\
+#shots table { width: 100%; }
+#shots td { white-space: nowrap; }
+#shots :is(td, thead th):nth-child(6) { min-width: 4.5rem; }
+#shots :is(td, thead th):nth-child(7) { min-width: 8rem; }
+"""
 _MANY = 60  # situations that a figure can still name
 
 
@@ -36,9 +46,9 @@ class ShotsPart(Part):
         plan = self._plan
         rows = [
             (
-                str(shot.number),
                 shot.situation,
-                number(shot.speed_mm_s),
+                str(shot.number),
+                _speed(shot, plan.situation(shot.situation)),
                 number(shot.predicted_N),
                 f"{number(shot.low_N)} to {number(shot.high_N)}",
                 "",
@@ -47,7 +57,7 @@ class ShotsPart(Part):
             )
             for shot in plan.shots
         ]
-        headings = ("shot", "situation", "speed, mm/s", "expected, N", "5 % to 95 %, N", "measured, N", "remark")
+        headings = ("situation", "shot", "speed, mm/s", "expected, N", "5 % to 95 %, N", "measured, N", "remark")
         return [
             paragraph(
                 "Each shot is the one that is expected to narrow the peak forces of all situations most, after those "
@@ -87,34 +97,50 @@ class PlacesPart(Part):
         self._plan = plan
 
     def content(self) -> list[Html]:
-        """One row for each situation, and how to place the gauge."""
+        """Where the gauge stands, how the arm comes to it, and what else to know."""
         plan = self._plan
-        rows = [
+        places = [
             (
                 each.name,
                 each.gauge.words,
                 "fixed to the ground" if each.clamped else "on a slide, with the mass of the body",
                 _vector([1e3 * part for part in each.contact_point], 1),
                 _vector(each.normal.tolist(), 3),
-                number(1e3 * each.approach),
-                _vector([1e3 * part for part in each.start_point], 1),
             )
             for each in plan.situations
         ]
-        headings = (
-            *("situation", "gauge", "held", "contact point, mm", "normal", "approach, mm"),
-            "contact point at the start, mm",
-        )
+        motions = [
+            (
+                each.name,
+                "line" if each.onset_s is None else f"trajectory, {each.onset_s:.3f} s after its start",
+                _joints(each),
+                _vector([1e3 * part for part in each.start_point], 1),
+                number(1e3 * each.approach),
+            )
+            for each in plan.situations
+        ]
         notes = [f"{each.name}: {note}" for each in plan.situations for note in each.notes]
         sources = sorted({f"{each.gauge.words}: {each.gauge.status} ({each.gauge.source})" for each in plan.situations})
         return [
             paragraph(
                 "All in the base frame of the robot. The pad's face lies across the normal, its middle at the contact "
-                "point; the spring yields along the normal. The motion begins so far before the gauge that the arm has "
+                "point; the spring yields along the normal. A line begins so far before the gauge that the arm has "
                 "its full speed when it touches, and a quarter of that way more. The detector and the reaction are "
                 "those of the scenario: they stay on."
             ),
-            table(headings, rows, caption="Where each situation is measured"),
+            table(
+                ("situation", "gauge", "held", "contact point, mm", "normal"),
+                places,
+                caption="Where each situation is measured",
+            ),
+            table(
+                (
+                    *("situation", "motion", "joint positions at contact, deg or mm"),
+                    *("contact point at the start, mm", "way to the gauge, mm"),
+                ),
+                motions,
+                caption="How the arm comes to the gauge",
+            ),
             element("h3", "Where the gauges come from"),
             bullets(sources),
             *([element("h3", "Notes"), bullets(notes)] if notes else []),
@@ -153,7 +179,7 @@ class BandsPart(Part):
             return []
 
         def draw(figure: Figure) -> None:
-            panel = axes(figure, left=1.5)
+            panel = axes(figure, left=1.8)
             for i, situation in enumerate(chosen):
                 shot = next(s for s in plan.shots if s.situation == situation.name and _own(s.speed_mm_s, situation))
                 panel.plot([shot.low_N, shot.high_N], [i, i], color=LAW, linewidth=6, alpha=0.35, solid_capstyle="butt")
@@ -172,6 +198,21 @@ class BandsPart(Part):
 
     def _speeds(self, situation: MeasuredSituation) -> list[float]:
         return [shot.speed_mm_s for shot in self._plan.shots if shot.situation == situation.name]
+
+
+def _speed(shot: PlannedShot, situation: MeasuredSituation) -> str:
+    """In mm/s; of a trajectory also as percent of its own, which is what a controller is told."""
+    share = shot.speed_mm_s / situation.speed_mm_s
+    return number(shot.speed_mm_s) + ("" if situation.onset_s is None else f" ({100 * share:.3g} %)")
+
+
+def _joints(situation: MeasuredSituation) -> str:
+    joints = CollisionProblem.from_scenario(situation.measured).robot.joints
+    shown = [
+        math.degrees(q) if joint.kind == "revolute" else 1e3 * q
+        for q, joint in zip(situation.pose.tolist(), joints, strict=True)
+    ]
+    return _vector(shown, 2)
 
 
 def _own(speed: float, situation: MeasuredSituation) -> bool:
@@ -195,4 +236,6 @@ def write_plan_page(plan: MeasurementPlan, folder: Path) -> Path:
     """
     parts: list[Part] = [ShotsPart(plan), PlacesPart(plan), BandsPart(plan)]
     about = f"{plan.situations[0].scenario.robot}: {len(plan.shots)} shots in {len(plan.situations)} situations"
-    return write_document(Document("Measurement plan", "bumpstop: measure", "measurement plan", parts, about), folder)
+    style = _STYLE + print_style(f"Measurement plan, {about}")
+    document = Document("Measurement plan", "bumpstop: measure", "measurement plan", parts, about, style)
+    return write_document(document, folder)

@@ -10,6 +10,7 @@ from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
 from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, Picture, axes
+from bumpstop.report.print_style import print_style
 from bumpstop.report.section import Part
 from bumpstop.terminal import number
 
@@ -125,5 +126,7 @@ def write_readings(readings: Sequence[GaugeReading], folder: Path) -> Path:
     parts: list[Part] = [ReadingsPart(readings), FaultsPart(readings), CurvesPart(readings)]
     many = "1 recording" if len(readings) == 1 else f"{len(readings)} recordings"
     about = f"{many}, {sum(each.usable for each in readings)} usable"
-    document = Document("Recordings of a gauge", "bumpstop: measure", "gauge recordings", parts, about)
+    title = "Recordings of a gauge"
+    style = print_style(f"{title}, {about}")
+    document = Document(title, "bumpstop: measure", "gauge recordings", parts, about, style)
     return write_document(document, folder)

@@ -15,8 +15,8 @@ from bumpstop.report.register.inputs import InputsPart
 from bumpstop.report.register.limit_tables import LimitTablesPart
 from bumpstop.report.register.measurements import MeasurementsPart
 from bumpstop.report.register.page import write_page
-from bumpstop.report.register.print_style import print_style
 from bumpstop.report.register.provenance import ProvenancePart
+from bumpstop.report.register.register_style import register_style
 from bumpstop.report.register.situations import OutcomePart, SituationsPart
 from bumpstop.report.register.stopping_data import StoppingDataPart
 
@@ -92,6 +92,6 @@ def write_dossier(
         f"bumpstop dossier; revision {head.revision}",
         "dossier",
         parts,
-        style=print_style(name),
+        style=register_style(name),
     )
     return write_page(document, folder)

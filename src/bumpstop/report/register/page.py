@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from bumpstop.report.document import Document, write_document
 from bumpstop.report.register.assumptions import AssumptionsPart
 from bumpstop.report.register.inputs import InputsPart
-from bumpstop.report.register.print_style import print_style
 from bumpstop.report.register.provenance import ProvenancePart
+from bumpstop.report.register.register_style import register_style
 from bumpstop.report.register.situations import FIGURE, OutcomePart, SituationsPart
 
 if TYPE_CHECKING:
@@ -32,7 +32,9 @@ def write_register(result: RegisterResult, folder: Path) -> Path:
         ProvenancePart(result),
     ]
     title = "Contact situations"
-    document = Document(title, "bumpstop: register of contact situations", "register", parts, style=print_style(title))
+    document = Document(
+        title, "bumpstop: register of contact situations", "register", parts, style=register_style(title)
+    )
     return write_page(document, folder)
 
 

@@ -136,6 +136,7 @@ class CampaignSettingsPart(Part):
             "the real cell are not replaced by it.",
             "Contact is at the tip, along its motion; noise, thresholds, deceleration and latency are those of the "
             "scenarios.",
+            *campaign.notes,
         ]
         return [
             table(("setting", "value"), rows, caption="The campaign"),

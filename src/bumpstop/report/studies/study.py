@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from bumpstop.collision.verdict.as_given import as_given
 from bumpstop.report.collision.tables import flat
 from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, bullets, element, table
@@ -67,5 +68,5 @@ def write_study_report(
     Raises:
         InputError: the folder cannot be written.
     """
-    everything = [*parts, StudySettingsPart(study), StudyAssumptionsPart(notes)]
+    everything = [*parts, StudySettingsPart(study), StudyAssumptionsPart([*as_given(study.scenario), *notes])]
     return write_document(Document(title, f"bumpstop study: {study.title}", "study", everything), folder)

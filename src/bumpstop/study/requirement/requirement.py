@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from bumpstop.collision.verdict.as_given import as_given
 from bumpstop.errors import InputError, near_matches
 from bumpstop.study.range import Range
 from bumpstop.study.requirement.risk_search import RiskSearch
@@ -56,6 +57,7 @@ class Requirement:
         ill_conditioned: the arm cannot follow its line, as near a singularity: the risk jumps from value to
             value, and values between those looked at may fail.
         evaluations: distributions computed.
+        notes: what makes the answer mean less than it says.
     """
 
     variable: str
@@ -72,19 +74,21 @@ class Requirement:
     reason: str
     ill_conditioned: bool
     evaluations: int
+    notes: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         """What ``bumpstop require`` prints."""
         bound = "at most" if self.worse == "higher" else "at least"
+        notes = "".join(f"\nnote: {note}" for note in self.notes)
         return (
             f"{self.variable}: {'no value' if self.value is None else f'{bound} {self.value:g} {self.unit}'}\n"
             f"{self.reason}\n"
-            f"risk there {self.risk_at_value:.3g}, accepted {self.risk:g}; integrated distribution"
+            f"risk there {self.risk_at_value:.3g}, accepted {self.risk:g}; integrated distribution{notes}"
         )
 
     def to_json(self) -> dict[str, Any]:
         """The object that ``bumpstop require --json`` prints."""
-        return {**self.__dict__, "law": "exact"}
+        return {**self.__dict__, "notes": list(self.notes), "law": "exact"}
 
 
 def solve_requirement(
@@ -260,4 +264,5 @@ class _Answer:
             reason=reason + (_ILL_CONDITIONED if ill_conditioned and binding != "singularity" else ""),
             ill_conditioned=ill_conditioned,
             evaluations=self.search.risks.evaluations,
+            notes=tuple(as_given(self.search.scenario)),
         )

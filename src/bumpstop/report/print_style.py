@@ -1,16 +1,8 @@
-"""How pages of registers are printed: A4, page numbers, a line below every page that says what it belongs to."""
+"""How pages that are filed are printed: A4, page numbers, a line below every page that says what it belongs to."""
 
 from __future__ import annotations
 
 _STYLE = """\
-#situations table, #inputs table, #assumptions table { width: 100%; }
-:is(#situations, #inputs, #assumptions, #provenance, #stopping, #measurements, #limits, #standards) td {
-  overflow-wrap: anywhere; }
-:is(#situations, #inputs, #assumptions) tbody th { overflow-wrap: anywhere; min-width: 6rem; }
-#verdict table th, .whole { white-space: nowrap; }
-#verdict tr:last-child td { min-width: 18rem; height: 2.6rem; }
-#situations .figures { max-width: 46rem; }
-#situations figure { max-width: none; flex-basis: 100%; }
 @page { size: A4; margin: 16mm 14mm 18mm;
   @bottom-left { content: NAME; font: 8pt system-ui, "DejaVu Sans", Arial, sans-serif; color: #5c5c5c; }
   @bottom-right { content: "page " counter(page) " of " counter(pages);
@@ -22,9 +14,9 @@ _STYLE = """\
   tbody tr:first-child { break-before: avoid; }
   th, td { padding-right: .7rem; }
   .wide { break-inside: auto; }
+  h3 + p { break-after: avoid; }
   /* A short table stays on one sheet, and with it what stands above. */
   table:not(:has(tbody tr:nth-child(13))) { break-inside: avoid; }
-  #situations figure { width: 100%; }
 }
 """
 
