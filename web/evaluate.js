@@ -62,10 +62,20 @@ function begin(problem, collision) {
     return { ...start, offset: sizes[contact.offset_law]() };
 }
 
-/** Everything this page says of a scenario's text. Throws a Refusal. `core` is the compiled module. */
-function evaluate(core, text) {
+/** Throws a Refusal where a scenario's text cannot be computed here. `core` is the compiled module. */
+function check(core, text) {
     const problem = collisionProblem(checkScenario(readToml(text)));
-    return evaluateProblem(core, problem);
+    const collision = new core.Collision(problem.request);
+    try {
+        begin(problem, collision);
+    } finally {
+        collision.delete();
+    }
+}
+
+/** Everything this page says of a scenario's text. Throws a Refusal. */
+function evaluate(core, text) {
+    return evaluateProblem(core, collisionProblem(checkScenario(readToml(text))));
 }
 
 function evaluateProblem(core, problem) {

@@ -5,7 +5,6 @@
 const LEFT_TO_THE_COMMAND = {
     base: ["robots from files"],
     tip: ["robots from files"],
-    arm: ["arms that give way"],
     uncertainty: ["uncertain numbers"],
     "motion.kind": ["trajectories", "line"],
     "motion.file": ["trajectories"],
@@ -29,7 +28,7 @@ function leftToTheCommand(key, what) {
 
 /** A value by its key with dots between tables; undefined where it is not given. */
 function given(tables, key) {
-    return key.split(".").reduce((here, part) => (here === undefined ? undefined : here[part]), tables);
+    return key.split(".").reduce((here, part) => (isTable(here ?? 0) ? here[part] : undefined), tables);
 }
 
 /** The value of a schema's type and range, or a refusal. */
@@ -52,8 +51,7 @@ function checkValue(key, value, schema) {
             return value;
         case "integer":
         case "number": {
-            const real = schema.type === "number" && value !== null && typeof value === "object" && "real" in value;
-            const number = real ? value.real : value;
+            const number = schema.type === "number" && value instanceof Real ? value.value : value;
             if (typeof number !== "number") throw wrong();
             if (schema.type === "integer" && !Number.isInteger(number)) throw wrong();
             if ("minimum" in schema && !(number >= schema.minimum)) throw wrong();
@@ -68,7 +66,7 @@ function checkValue(key, value, schema) {
 }
 
 function written(value) {
-    if (value !== null && typeof value === "object" && "real" in value) return general(value.real, 17);
+    if (value instanceof Real) return String(value.value);
     return Array.isArray(value) ? `[${value.map(written).join(", ")}]` : JSON.stringify(value);
 }
 
@@ -87,10 +85,10 @@ function wanted(schema) {
 
 /** A table of the scenario by its schema, its defaults filled in; `set` has the names of the keys that were given. */
 function checkTable(table, schema, prefix) {
-    if (table === null || typeof table !== "object" || Array.isArray(table) || "real" in table)
+    if (!isTable(table))
         throw new Refusal(prefix.slice(0, -1), `${written(table)} cannot be used`, "wanted a table");
     for (const key of Object.keys(table))
-        if (!(key in schema.properties))
+        if (!Object.hasOwn(schema.properties, key))
             throw new Refusal(
                 `${prefix}${key}`,
                 "is not a key of a scenario",
@@ -118,11 +116,13 @@ function checkTable(table, schema, prefix) {
 function checkScenario(tables) {
     for (const [key, [what, ...same]] of Object.entries(LEFT_TO_THE_COMMAND)) {
         const value = given(tables, key);
-        const plain = value !== undefined && value !== null && value.real !== undefined ? value.real : value;
+        const plain = value instanceof Real ? value.value : value;
         if (plain === undefined || same.includes(plain)) continue;
-        const rigid = key === "arm" && Object.keys(value).length === 1 && value.model === "rigid";
-        if (!rigid) throw leftToTheCommand(key, what);
+        throw leftToTheCommand(key, what);
     }
+    const arm = isTable(tables.arm ?? 0) ? Object.keys(tables.arm) : [];
+    const soft = arm.find((key) => key !== "model" || tables.arm.model !== "rigid");
+    if (soft) throw leftToTheCommand(`arm.${soft}`, "arms that give way");
     const scenario = checkTable(tables, DATA.schema, "");
     for (const [one, other] of DATA.spellings) {
         const first = one.find((key) => given(tables, key) !== undefined);

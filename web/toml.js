@@ -1,5 +1,5 @@
 // Reads a scenario file: the part of TOML that scenarios are written in. What it does not know it refuses; texts of several
-// lines in quotes and dates are such. Numbers with a point or an exponent stay apart from whole ones, as {real: value}.
+// lines in quotes and dates are such.
 
 /** Something that was written cannot be used: the field, what is wrong with it, and what would be valid. */
 class Refusal extends Error {
@@ -9,13 +9,26 @@ class Refusal extends Error {
     }
 }
 
+/** A number with a point or an exponent, apart from whole ones: some keys take only these. */
+class Real {
+    constructor(value) {
+        this.value = value;
+    }
+}
+
+/** Whether a value of a file is a table. */
+function isTable(value) {
+    return typeof value === "object" && !Array.isArray(value) && !(value instanceof Real);
+}
+
 const ESCAPES = { b: "\b", t: "\t", n: "\n", f: "\f", r: "\r", '"': '"', "\\": "\\" };
 
 class TomlReader {
     constructor(text) {
         this.text = text;
         this.at = 0;
-        this.defined = new Set(); // tables with a header of their own, or closed
+        this.defined = new Set(); // tables that may have no header any more
+        this.closed = new Set(); // those in braces, to which nothing can be added
     }
 
     fail(problem) {
@@ -71,7 +84,7 @@ class TomlReader {
         for (const key of path) {
             if (here[key] === undefined) here[key] = Object.create(null);
             here = here[key];
-            if (typeof here !== "object" || Array.isArray(here) || "real" in here) this.fail(`${name} is no table`);
+            if (!isTable(here) || this.closed.has(here)) this.fail(`${name} is no table, or a closed one`);
         }
         if (this.defined.has(here)) this.fail(`[${name}] stands twice`);
         this.defined.add(here);
@@ -102,7 +115,7 @@ class TomlReader {
                 this.defined.add(here[key]);
             }
             here = here[key];
-            if (typeof here !== "object" || Array.isArray(here) || "real" in here) this.fail(`${key} is no table`);
+            if (!isTable(here) || this.closed.has(here)) this.fail(`${key} is no table, or a closed one`);
         }
         if (here[last] !== undefined) this.fail(`${last} stands twice`);
         here[last] = value;
@@ -144,24 +157,28 @@ class TomlReader {
 
     inline_table() {
         const table = Object.create(null);
-        this.defined.add(table);
         this.blanks();
-        if (this.take(/\}/y)) return table;
-        do {
-            this.assign(table);
-            this.blanks();
-        } while (this.take(/,/y));
-        if (!this.take(/\}/y)) this.fail("a table without its closing }");
+        if (!this.take(/\}/y)) {
+            do {
+                this.assign(table);
+                this.blanks();
+            } while (this.take(/,/y));
+            if (!this.take(/\}/y)) this.fail("a table without its closing }");
+        }
+        this.closed.add(table);
         return table;
     }
 
     scalar(word) {
         if (word === "true" || word === "false") return word === "true";
-        if (/^[+-]?(?:0|[1-9](?:_?\d)*)$/.test(word)) return Number(word.replaceAll("_", ""));
+        if (/^[+-]?(?:0|[1-9](?:_?\d)*)$/.test(word)) {
+            const whole = Number(word.replaceAll("_", ""));
+            return Number.isSafeInteger(whole) ? whole : this.fail(`${word} has more digits than a number of a scenario`);
+        }
         const special = /^([+-]?)(inf|nan)$/.exec(word);
-        if (special) return { real: special[2] === "nan" ? NaN : special[1] === "-" ? -Infinity : Infinity };
+        if (special) return new Real(special[2] === "nan" ? NaN : special[1] === "-" ? -Infinity : Infinity);
         if (/^[+-]?(?:0|[1-9](?:_?\d)*)(?:\.\d(?:_?\d)*)?(?:[eE][+-]?\d(?:_?\d)*)?$/.test(word))
-            return { real: Number(word.replaceAll("_", "")) };
+            return new Real(Number(word.replaceAll("_", "")));
         return this.fail(`${word} cannot be used: a text stands in quotes`);
     }
 }

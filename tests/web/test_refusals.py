@@ -1,0 +1,109 @@
+"""What the command refuses, the page refuses, and what the page leaves to the command, it refuses by name."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tomli_w
+
+from bumpstop.cli.completion import scenario_keys
+from bumpstop.collision.problem import CollisionProblem
+from bumpstop.collision.scenario.scenario import Scenario
+from bumpstop.errors import InputError
+from web.cases import random_tables
+from web.exports import ROOT
+from web.node import MISSING, WHY_NOT, in_node
+
+pytestmark = pytest.mark.skipif(MISSING, reason=WHY_NOT)
+
+LATERAL = (ROOT / "examples" / "04_hand_lateral.toml").read_text(encoding="utf-8")
+VALUES: tuple[Any, ...] = (
+    *(0, 1, 7, 8, -1, 0.0, 1.0, 0.5, 5.0, -0.0, 1e-12, 1e-3, 0.3, 1e7, 1e300, float("inf"), float("-inf"), float("nan")),
+    *(True, "", "free", "clamped", "stop", "fixed", "uniform", "half_normal", "observer", "ramp", "constant_time", "rest"),
+    *("position", "tool0", "sia5d", "ur10e", "bgia2011", "ts15066", "hand_finger", "skull_forehead", "__proto__", "constructor"),
+    *([], [7], [7, 7], [0], [8], [7.0], [1, 2, 3, 4, 5, 6, 7], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1, 2], [float("nan")] * 3),
+    *([1.0] * 7, [20.0] * 6, [float("inf")] * 7, [1e6] * 7, ["a"], [[1.0]], {}, {"a": 1}),
+)
+
+
+def mutated(rng: np.random.Generator, seed: int) -> str:
+    """A scenario with one to three keys changed, taken away or put elsewhere."""
+    tables = random_tables(seed)
+    keys = [*scenario_keys(), "motion.speed", "nothing", "contact", "detector", "constructor", "motion.__proto__"]
+    for _ in range(rng.integers(1, 4)):
+        *above, last = str(rng.choice(keys)).split(".")
+        here = tables
+        for table in above:
+            here = here.setdefault(table, {})
+        if not isinstance(here, dict):
+            continue
+        if rng.random() < 0.2:
+            here.pop(last, None)
+        else:
+            here[last] = VALUES[rng.integers(len(VALUES))]
+    return tomli_w.dumps(tables)
+
+
+def refusal_of_command(text: str) -> InputError | None:
+    try:
+        CollisionProblem.from_scenario(Scenario.from_dict(tomllib.loads(text)))
+    except InputError as error:
+        return error
+    return None
+
+
+def test_nothing_is_accepted_that_the_command_refuses(page_script: Path) -> None:
+    rng = np.random.default_rng(1)
+    texts = [mutated(rng, seed) for seed in range(3000)]
+    refused = computed = 0
+    for text, told in zip(texts, in_node(page_script, "check", texts), strict=True):
+        refusal = refusal_of_command(text)
+        if refusal is None:
+            # What the command takes, the page takes, too, but for what it says it does not compute.
+            assert "this page" in told.get("refused", "this page"), f"{told}\n{text}"
+            computed += "refused" not in told
+        else:
+            assert "refused" in told, f"{refusal}\n{text}"
+            refused += 1
+    assert refused > 1000
+    assert computed > 150
+
+
+LEFT = {
+    "arm.model": ("elastic", "arms that give way"),
+    "arm.torque_limit_Nm": (50.0, "arms that give way"),
+    "uncertainty": ({"contact.area_cm2": {"interval": [1.0, 3.0]}}, "uncertain numbers"),
+    "motion.kind": ("trajectory", "trajectories"),
+    "contact.kind": ("free", "free contact"),
+    "contact.damping_Ns_m": (10.0, "bodies with damping"),
+    "contact.gauge_spring_N_m": (75000, "gauges"),
+    "detector.residuals": ("noise.parquet", "measured noise"),
+    "reaction.deceleration": ("table", "stopping tables"),
+    "verdict.clamped_limit": ("two_phase", "two phases of contact"),
+    "robot": ("arm.urdf", 'has no "arm.urdf"'),
+    "contact.limits": ("mine.toml", 'has no table "mine.toml"'),
+}
+
+
+@pytest.mark.parametrize("key", LEFT)
+def test_what_the_page_leaves_to_the_command_is_refused_by_name(page_script: Path, key: str) -> None:
+    value, words = LEFT[key]
+    tables: dict[str, Any] = tomllib.loads(LATERAL)
+    *above, last = key.split(".")
+    here = tables.setdefault(above[0], {}) if above else tables
+    here[last] = value
+    (told,) = in_node(page_script, "evaluate", [tomli_w.dumps(tables)])
+    assert told["refused"].startswith(f"{key}: this page ")
+    assert words in told["refused"]
+
+
+def test_every_key_is_computed_or_refused(page_script: Path) -> None:
+    """A key that changes the command's numbers and not the page's would be passed over in silence."""
+    source = "".join((ROOT / "web" / f"{name}.js").read_text(encoding="utf-8") for name in ("scenario", "problem", "evaluate", "verdict"))
+    unread = {key for key in scenario_keys() if not re.search(rf"\b{re.escape(key.rpartition('.')[2])}\b", source)}
+    assert {key for key in unread if not key.startswith(("arm.", "uncertainty"))} == {"verdict.confidence"}
