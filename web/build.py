@@ -1,10 +1,9 @@
-"""Makes the script of the page: the compiled core, what it knows, and the page itself, in one file without any request."""
+"""Makes the script of the page: the compiled core, what it knows, and the page itself, in one file."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
 import subprocess
 import tempfile
@@ -15,13 +14,13 @@ from web.exports import page_data
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 # In the order in which they stand in the script.
-SCRIPTS = ("toml", "words", "scenario", "problem", "verdict", "evaluate", "picture", "page")
+SCRIPTS = ("toml", "words", "scenario", "problem", "verdict", "evaluate", "finer_steps", "picture", "worker", "page")
 # Arithmetic as written, as everywhere; the two lanes of a register are WebAssembly's.
-_COMPILE = "-std=c++20 -O3 -ffp-contract=off -msimd128 -fwasm-exceptions -Wall -Wextra -Werror"
-# One file: a browser loads nothing from a page that was opened from the disk. The optimizer of links needs more packages.
+_COMPILE = "-std=c++20 -O3 -ffp-contract=off -msimd128 -Wall -Wextra -Werror"
+# One file: a page that was opened from the disk may load nothing else.
 _LINK = (
-    "-O1 -fwasm-exceptions --bind -sSINGLE_FILE=1 -sMODULARIZE=1 -sEXPORT_NAME=bumpstopCore -sALLOW_MEMORY_GROWTH=1 "
-    "-sENVIRONMENT=web,node -sFILESYSTEM=0 -sDYNAMIC_EXECUTION=0"
+    "-O1 --bind -sSINGLE_FILE=1 -sMODULARIZE=1 -sEXPORT_NAME=bumpstopCore -sALLOW_MEMORY_GROWTH=1 "
+    "-sENVIRONMENT=web,worker,node -sFILESYSTEM=0 -sDYNAMIC_EXECUTION=0"
 )
 
 
@@ -33,12 +32,13 @@ def compiler() -> str | None:
 def script() -> str:
     """The text of the page's script; needs :func:`compiler`.
 
-    In a browser it looks for an element with the id ``bumpstop`` and fills it. In node it exports what the tests use.
+    In a browser it fills the element with the id ``bumpstop``, and computes in a worker that it starts from its own text.
+    In node it exports what the tests use.
     """
     data = json.dumps(page_data(), allow_nan=False, ensure_ascii=False, separators=(",", ":"))
-    parts = ["(function () {", '"use strict";', f"const DATA = {data};"]
+    parts = ["(function bumpstop() {", '"use strict";', f"const DATA = {data};"]
     parts += [(HERE / f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS]
-    parts += [compiled_core().read_text(encoding="utf-8"), "begin_page(bumpstopCore);", "})();"]
+    parts += [compiled_core().read_text(encoding="utf-8"), "beginPage(bumpstopCore, bumpstop);", "})();"]
     return "\n".join(parts) + "\n"
 
 
@@ -58,7 +58,7 @@ def compiled_core() -> Path:
         compiled, linked = Path(folder) / "core.o", Path(folder) / "core.js"
         _run([emcc, *_COMPILE.split(), f"-I{ROOT / 'include'}", "-c", str(source), "-o", str(compiled)])
         _run([emcc, *_LINK.split(), str(compiled), "-o", str(linked)])
-        os.replace(linked, made)
+        linked.replace(made)
     return made
 
 

@@ -3,7 +3,6 @@
 #include "bumpstop/collision/collision.hpp"
 
 #include <emscripten/bind.h>
-#include <emscripten/emscripten.h>
 
 #include "bumpstop/collision/distribution/tail_without_interpolation.hpp"
 
@@ -96,8 +95,7 @@ class Collision {
         : setup_(setup_of(from)),
           q_(numbers(from["q"])),
           velocity_(first<3>(from["velocity"])),
-          detector_(detector_of(from)),
-          seconds_(number(from, "max_seconds")) {
+          detector_(detector_of(from)) {
         contact_.body.stiffness = number(from, "stiffness");
     }
 
@@ -113,23 +111,15 @@ class Collision {
         return out;
     }
 
-    // Whether it was done within the time.
-    bool integrate(const std::string& kind, double size) {
+    void integrate(const std::string& kind, double size) {
         contact_.offset.kind = kind == "half_normal" ? OffsetKind::half_normal
                                : kind == "fixed"     ? OffsetKind::fixed
                                                      : OffsetKind::uniform;
         contact_.offset.size = size;
-        const double end = emscripten_get_now() + 1e3 * seconds_;
-        const MayBeInterrupted until([&] { return emscripten_get_now() > end; });
-        try {
-            curve_ = stopping_curve<L>(setup_, request(), &detector_, contact_);
-            law_ = bumpstop::integrate<L>(setup_, curve_, detector_, {contact_});
-        } catch (const Interrupted&) {
-            return false;
-        }
+        curve_ = stopping_curve<L>(setup_, request(), &detector_, contact_);
+        law_ = bumpstop::integrate<L>(setup_, curve_, detector_, {contact_});
         for (LinearQuantity* one : {&law_.peak_force, &law_.force_at_detection, &law_.detection_delay})
             if (!one->has_moments) find_moments<L>(law_.density, *one);
-        return true;
     }
 
     val figures() const {
@@ -183,7 +173,6 @@ class Collision {
     std::array<double, 3> velocity_;
     GaussianThresholds detector_;
     Contact contact_{};
-    double seconds_;
     StoppingCurve curve_{};
     CollisionDistribution law_{};
 };

@@ -73,7 +73,12 @@ function check(core, text) {
     }
 }
 
-/** Everything this page says of a scenario's text. Throws a Refusal. */
+/**
+ * What this page says of a scenario's text, but for finerStepsWarning. Throws a Refusal.
+ *
+ * In `told` are the keys of `bumpstop evaluate --json`; beside it stand the problem, the points of the curve, the distances
+ * after every step [m] and the quantiles that are asked for later.
+ */
 function evaluate(core, text) {
     return evaluateProblem(core, collisionProblem(checkScenario(readToml(text))));
 }
@@ -82,8 +87,7 @@ function evaluateProblem(core, problem) {
     const collision = new core.Collision(problem.request);
     try {
         const start = begin(problem, collision);
-        if (!collision.integrate(problem.scenario.contact.offset_law, start.offset))
-            throw new Refusal("scenario", `takes more than ${MAX_SECONDS} s here`, "bumpstop evaluate has no such bound");
+        collision.integrate(problem.scenario.contact.offset_law, start.offset);
         return resultOf(problem, collision, start);
     } finally {
         collision.delete();
@@ -116,10 +120,21 @@ function resultOf(problem, collision, start) {
         no_contact_probability: Math.max(0, law.no_contact),
         law: "exact",
     };
-    const parts = { problem, start, law, peak, pressure, result, distance: () => collision.distance() };
+    const distance = collision.distance();
+    const parts = { problem, start, law, peak, pressure, result, distance };
     result.verdict = verdictOf(parts);
     result.verdict.warnings = warningsOf(parts, result.verdict);
-    return { ...result, curve: exceedanceCurve(peak), problem };
+    result.notes = notesOf(parts);
+    return {
+        told: result,
+        problem,
+        distance,
+        approach_speed: start.approach_speed,
+        curve: exceedanceCurve(peak),
+        // Of the median, and of what is judged by: the collision itself is gone when finer steps are compared.
+        median: peak.quantile(0.5),
+        judged: peak.quantile(1 - problem.scenario.verdict.accepted_probability),
+    };
 }
 
 /** Points [N, probability of a higher peak], down to 1e-9: to be drawn, so interpolation will do. */

@@ -54,6 +54,8 @@ def page_data() -> dict[str, Any]:
             "min_cosine": verdict_notes._MIN_COSINE,
             "full_speed": verdict_notes._FULL_SPEED,
             "finer": finer_steps._FINER,
+            "min_step_s": finer_steps._MIN_STEP_S,
+            "max_substeps": finer_steps._MAX_SUBSTEPS,
             "max_steps_looked_at": finer_steps._MAX_STEPS,
             "rise": finer_steps._RISE,
         },
@@ -116,6 +118,8 @@ def _limits(table: LimitTable) -> dict[str, Any]:
 
 
 def _clamped(limits: ContactLimits) -> dict[str, Any]:
+    # The page has no warning for a region without one.
+    assert limits.pressure_N_cm2 is not None, f"{limits.table} has no pressure limit for {limits.region}"
     return asdict(limits)
 
 

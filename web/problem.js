@@ -1,8 +1,5 @@
 // A checked scenario against its robot and its limit table, in SI: what the compiled core is given, as in problem.py.
 
-// The core gives up after so long [s]: the page stands still meanwhile.
-const MAX_SECONDS = 20;
-
 /** Rounds as Python does: halves go to the even neighbour. */
 function roundEven(x) {
     const low = Math.floor(x);
@@ -59,7 +56,6 @@ function collisionProblem(scenario) {
         acceleration_limit: perJoint(reaction.joint_acceleration_rad_s2, count, "reaction.joint_acceleration_rad_s2"),
         ...decelerationOf(reaction),
         stiffness,
-        max_seconds: MAX_SECONDS,
     };
     return { scenario, robot, limits, stiffness, bodyStiffness, notes, request };
 }

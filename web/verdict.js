@@ -126,7 +126,7 @@ function nothingHit(parts) {
 
 /** What makes the verdict mean less than it says, as far as this page looks. */
 function warningsOf(parts, verdict) {
-    return [untouchedWarning, pressureWarning, normalWarning, restWarning].flatMap((one) => one(parts, verdict) ?? []);
+    return [untouchedWarning, normalWarning, restWarning].flatMap((one) => one(parts, verdict) ?? []);
 }
 
 function untouchedWarning(parts, verdict) {
@@ -144,15 +144,6 @@ function untouchedWarning(parts, verdict) {
     );
 }
 
-function pressureWarning({ problem }) {
-    const { limits } = problem;
-    if (limits === null || !limits.permitted || limits.pressure_N_cm2 !== null) return null;
-    return (
-        `${limits.table} has no pressure limit for ${limits.label}: the force alone is judged, however small the ` +
-        "contact area."
-    );
-}
-
 function normalWarning({ problem, start }) {
     if (problem.scenario.contact.normal === null) return null;
     const cosine = start.approach_speed / start.speed;
@@ -167,13 +158,12 @@ function normalWarning({ problem, start }) {
 function restWarning({ problem, start, distance }) {
     const { motion, contact } = problem.scenario;
     if (motion.start !== "rest") return null;
-    const way = distance();
-    // The farthest bodies but one in a thousand.
+        // The farthest bodies but one in a thousand.
     const scale = contact.offset_law === "half_normal" ? 3.29 : 1;
-    const farthest = Math.min(scale * start.offset, way.reduce((most, s) => Math.max(most, s)));
-    const ahead = way.findIndex((s) => s >= farthest * (1 - 1e-12));
+    const farthest = Math.min(scale * start.offset, distance.reduce((most, s) => Math.max(most, s)));
+    const ahead = distance.findIndex((s) => s >= farthest * (1 - 1e-12));
     let speed = 0;
-    for (let k = 1; k <= ahead; ++k) speed = Math.max(speed, (way[k] - way[k - 1]) / problem.request.step);
+    for (let k = 1; k <= ahead; ++k) speed = Math.max(speed, (distance[k] - distance[k - 1]) / problem.request.step);
     const share = speed / start.approach_speed;
     if (share >= DATA.numbers.full_speed) return null;
     const gap =
@@ -182,4 +172,43 @@ function restWarning({ problem, start, distance }) {
         `From rest the arm has reached no more than ${percent(share)} of its speed when it touches, ${gap}: a body ` +
         'farther away is hit harder. Give contact.offset_law = "fixed" and contact.offset_mm, or motion.start = "moving".'
     );
+}
+
+/** What was assumed, and how the motion ends: of the notes of the command those that this page has. */
+function notesOf(parts) {
+    const { problem, law, result, start } = parts;
+    const { scenario, request, limits } = problem;
+    const { contact, detector } = scenario;
+    const notes = [...problem.notes];
+    const millimetres = general(start.offset * 1e3, 4);
+    if (contact.offset_law === "half_normal")
+        notes.push(
+            `The body is a half-normal distance away, sd ${millimetres} mm (${general(contact.offset_sd_s)} s of travel).`,
+        );
+    if (contact.offset_law === "uniform")
+        notes.push(`The body is 0 to ${millimetres} mm away, evenly: one feedback period of travel.`);
+    if (limits !== null)
+        notes.push(
+            `Limits: ${limits.table}, ${limits.label}; force: ${limits.force_source} (status: ${limits.force_status}).`,
+        );
+    const end = `The motion ends after ${general(law.cut_step * request.step, 3)} s`;
+    if (law.end === "joint_limit") notes.push(`${end}: joint ${law.end_joint + 1} reaches its limit.`);
+    if (law.end === "singularity") notes.push(`${end} near a singularity.`);
+    if (law.velocity_limited) notes.push("A joint-velocity limit slows the motion below the speed asked for.");
+    const missed = percent(result.undetected_probability, true);
+    const because = unboundedBecause(parts);
+    if (result.undetected_probability > DATA.numbers.negligible)
+        notes.push(
+            `${missed[0].toUpperCase()}${missed.slice(1)} of collisions are not detected ` +
+                (because === null
+                    ? "before the motion ends. They count with the greatest force until then, and then the arm stands."
+                    : `${because}. They count as over every limit: their force is unbounded and the mean is not given.`),
+        );
+    if (result.no_contact_probability > DATA.numbers.negligible)
+        notes.push(`In ${percent(result.no_contact_probability, true)} of cases the motion ends before contact.`);
+    const unmonitored = request.threshold.flatMap((value, j) => (Number.isFinite(value) ? [] : [j + 1]));
+    if (unmonitored.length) notes.push(`Not monitored: joint ${unmonitored.join(", ")}.`);
+    if (detector.arming_delay_s > 0)
+        notes.push(`The detector is not armed for the first ${general(detector.arming_delay_s)} s.`);
+    return notes;
 }

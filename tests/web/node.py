@@ -28,8 +28,10 @@ page.load().then((core) => {
   const { what, items } = asked;
   const does = {
     evaluate: (text) => {
-      const { problem, curve, ...told } = page.evaluate(core, text);
-      return told;
+      const found = page.evaluate(core, text);
+      const coarse = page.finerStepsWarning(core, text, found);
+      found.told.verdict.warnings.push(...(coarse === null ? [] : [coarse]));
+      return found.told;
     },
     check: (text) => page.check(core, text) ?? {},
     read: (text) => page.readToml(text),
