@@ -32,8 +32,8 @@ def compiler() -> str | None:
 def script() -> str:
     """The text of the page's script; needs :func:`compiler`.
 
-    In a browser it fills the element with the id ``bumpstop``, and computes in a worker that it starts from its own text.
-    In node it exports what the tests use.
+    In a browser it fills the element with the id ``bumpstop``, and computes in a worker that it starts from its own
+    text. In node it exports what the tests use.
     """
     data = json.dumps(page_data(), allow_nan=False, ensure_ascii=False, separators=(",", ":"))
     parts = ["(function bumpstop() {", '"use strict";', f"const DATA = {data};"]

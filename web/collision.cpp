@@ -101,8 +101,7 @@ class Collision {
 
     val start() const {
         LinePath path;
-        const auto line =
-            begin_line<double>(setup_, q_.data(), {velocity_[0], velocity_[1], velocity_[2]}, &path, 1);
+        const auto line = begin_line<double>(setup_, q_.data(), {velocity_[0], velocity_[1], velocity_[2]}, &path, 1);
         val out = val::object();
         out.set("singular", bool(line.rates.conditioning.singular));
         out.set("approach_speed", path.approach_speed);

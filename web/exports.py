@@ -15,6 +15,7 @@ from bumpstop.collision.distribution.distribution import FAR, NEGLIGIBLE, QUANTI
 from bumpstop.collision.probability_text import MIN_PERCENT, MIN_PRINTED_PROBABILITY
 from bumpstop.collision.problem import MAX_STEPS
 from bumpstop.collision.scenario import scenario as tables
+from bumpstop.collision.scenario import scenario_file
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.collision.scenario.scenario_file import load_scenario
 from bumpstop.collision.scenario.spellings import SPELLINGS
@@ -43,6 +44,7 @@ def page_data() -> dict[str, Any]:
             "far": FAR,
             "negligible": NEGLIGIBLE,
             "max_steps": MAX_STEPS,
+            "max_bytes": scenario_file._MAX_BYTES,
             "min_speed_mm_s": tables._MIN_SPEED_MM_S,
             "min_substep_s": tables._MIN_SUBSTEP_S,
             "min_threshold_Nm": tables._MIN_THRESHOLD_NM,

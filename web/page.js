@@ -51,7 +51,11 @@ class Page {
     /** The scenario of the page's own address; null where it has none. */
     linked() {
         const found = /^#scenario=(.*)$/.exec(location.hash);
-        return found && decodeURIComponent(found[1]);
+        try {
+            return found && decodeURIComponent(found[1]);
+        } catch {
+            return found[1]; // a damaged address: what it holds is refused in words
+        }
     }
 
     choices() {
@@ -80,7 +84,9 @@ class Page {
         clearTimeout(this.pause);
         this.pause = setTimeout(() => {
             this.asked = performance.now();
-            this.computation.ask(this.text.value);
+            const text = this.text.value;
+            if (text.length <= DATA.numbers.max_bytes) this.computation.ask(text);
+            else this.show({ refused: `scenario: has more than ${DATA.numbers.max_bytes} letters`, done: true });
         }, PAUSE);
     }
 

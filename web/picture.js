@@ -1,6 +1,6 @@
 // The distribution as a picture: the probability of a higher peak force, on a scale of powers of ten.
 
-const PICTURE = { width: 480, height: 300, left: 52, right: 12, top: 14, bottom: 40, decades: 9 };
+const PICTURE = { width: 480, height: 320, left: 62, right: 12, top: 14, bottom: 46, decades: 9 };
 
 function svg(name, attributes, text) {
     const made = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -36,7 +36,7 @@ function pictureOf({ curve, limits, contact, told }) {
     const out = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": label });
     for (const force of roundNumbers(end)) {
         out.append(svg("line", { class: "grid", x1: x(force), x2: x(force), y1: top, y2: height - bottom }));
-        out.append(svg("text", { x: x(force), y: height - bottom + 15, "text-anchor": "middle" }, general(force)));
+        out.append(svg("text", { x: x(force), y: height - bottom + 17, "text-anchor": "middle" }, general(force)));
     }
     for (let k = 0; k <= decades; k += 3) {
         const at = y(10 ** -k);
@@ -48,16 +48,15 @@ function pictureOf({ curve, limits, contact, told }) {
     out.append(svg("text", { x: left + 4, y: accepted - 4 }, "accepted"));
     lines.forEach(([name, force], k) => {
         out.append(svg("line", { class: "limit", x1: x(force), x2: x(force), y1: top, y2: height - bottom }));
-        // Two that lie close together are named one above the other.
-        const before = x(force) > width / 2;
-        const place = { x: x(force) + (before ? -4 : 4), y: height - bottom - 6 - 14 * k, class: "limit" };
-        out.append(svg("text", { ...place, "text-anchor": before ? "end" : "start" }, name));
+        // Along the line: two that lie close together are named to the left and to the right.
+        const place = `translate(${x(force) + (k ? 14 : -5)} ${height - bottom - 8}) rotate(-90)`;
+        out.append(svg("text", { transform: place }, name));
     });
     const points = curve.map(([force, p]) => `${x(force).toFixed(2)},${y(p).toFixed(2)}`);
     out.append(svg("polyline", { class: "curve", points: points.join(" ") }));
     const middle = (left + width - right) / 2;
     out.append(svg("text", { x: middle, y: height - 6, "text-anchor": "middle" }, "peak force, N"));
-    const turned = { transform: `translate(12 ${(top + height - bottom) / 2}) rotate(-90)`, "text-anchor": "middle" };
+    const turned = { transform: `translate(13 ${(top + height - bottom) / 2}) rotate(-90)`, "text-anchor": "middle" };
     out.append(svg("text", turned, "probability of a higher one"));
     return out;
 }

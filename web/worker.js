@@ -14,8 +14,8 @@ function serve(load) {
             postMessage({ number, told, curve, took, title: robot.title, limits, contact: scenario.contact });
             postMessage({ number, coarse: finerStepsWarning(core, text, found), done: true });
         } catch (error) {
-            const refused = error instanceof Refusal ? error.message : `The computation failed: ${error}`;
-            postMessage({ number, refused, done: true });
+            const failed = !(error instanceof Refusal);
+            postMessage({ number, failed, refused: failed ? `The computation failed: ${error}` : error.message, done: true });
         }
     };
 }
@@ -35,16 +35,19 @@ class Computation {
         this.busy = false;
         this.worker.onmessage = ({ data }) => {
             if (data.done) this.busy = false;
+            // One that has failed cannot be trusted with the next text.
+            if (data.failed) this.restart();
             if (data.number === this.number) this.answer(data);
         };
-        this.worker.onerror = ({ message }) => this.answer({ refused: `The computation failed: ${message}`, done: true });
+    }
+
+    restart() {
+        this.worker.terminate();
+        this.start();
     }
 
     ask(text) {
-        if (this.busy) {
-            this.worker.terminate();
-            this.start();
-        }
+        if (this.busy) this.restart();
         this.busy = true;
         this.number += 1;
         this.worker.postMessage({ number: this.number, text });

@@ -77,7 +77,8 @@ def _vary(rng: np.random.Generator, tables: dict[str, Any], dof: int) -> None:
         (0.15, motion, {"duration_s": 0.2}),
         (0.15, contact, {"normal": motion["velocity_mm_s"]}),
         (0.2, detector, {"feedback_period_s": 0.002}),
-        (0.15, detector, {"noise_correlation": 0.5}),
+        # Small tails of correlated noise take seconds, the more cycles the longer.
+        (0.15, detector, {"noise_correlation": 0.5, "feedback_period_s": 0.008}),
         (0.15, detector, {"residual": "observer", "observer_gain_1_s": 80}),
         (0.15, detector, {"arming_delay_s": 0.05}),
         (0.15, detector, {"noise_mean_Nm": 0.2}),

@@ -23,7 +23,9 @@ const told = (work) => {
     return { refused: error.message, field: error.field };
   }
 };
-const spelt = (key, value) => typeof value === "number" && !Number.isFinite(value) ? { not_finite: String(value) } : value;
+const spelt = (key, value) => {
+  return typeof value === "number" && !Number.isFinite(value) ? { not_finite: String(value) } : value;
+};
 page.load().then((core) => {
   const { what, items } = asked;
   const does = {
@@ -43,7 +45,10 @@ page.load().then((core) => {
 
 
 def in_node(script: Path, what: str, items: list[Any]) -> list[Any]:
-    """What the page makes of each item: ``evaluate``, ``check`` or ``read`` of texts, or ``words`` of names and values."""
+    """What the page makes of each item: ``evaluate``, ``check`` or ``read`` of texts, or ``words`` of names and values.
+
+    What it refuses has the key ``refused``.
+    """
     assert NODE is not None
     done = subprocess.run(
         [NODE, "-e", _PROGRAM, str(script)],

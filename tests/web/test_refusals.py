@@ -10,25 +10,26 @@ from typing import Any
 import numpy as np
 import pytest
 import tomli_w
+from web.exports import ROOT
 
 from bumpstop.cli.completion import scenario_keys
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.errors import InputError
 from web.cases import random_tables
-from web.exports import ROOT
 from web.node import MISSING, WHY_NOT, in_node
 
 pytestmark = pytest.mark.skipif(MISSING, reason=WHY_NOT)
 
 LATERAL = (ROOT / "examples" / "04_hand_lateral.toml").read_text(encoding="utf-8")
-VALUES: tuple[Any, ...] = (
-    *(0, 1, 7, 8, -1, 0.0, 1.0, 0.5, 5.0, -0.0, 1e-12, 1e-3, 0.3, 1e7, 1e300, float("inf"), float("-inf"), float("nan")),
-    *(True, "", "free", "clamped", "stop", "fixed", "uniform", "half_normal", "observer", "ramp", "constant_time", "rest"),
-    *("position", "tool0", "sia5d", "ur10e", "bgia2011", "ts15066", "hand_finger", "skull_forehead", "__proto__", "constructor"),
-    *([], [7], [7, 7], [0], [8], [7.0], [1, 2, 3, 4, 5, 6, 7], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1, 2], [float("nan")] * 3),
-    *([1.0] * 7, [20.0] * 6, [float("inf")] * 7, [1e6] * 7, ["a"], [[1.0]], {}, {"a": 1}),
-)
+VALUES: list[Any] = tomllib.loads("""values = [
+  0, 1, 7, 8, -1, 0.0, 1.0, 0.5, 5.0, -0.0, 1e-12, 1e-3, 0.3, 1e7, 1e300, inf, -inf, nan, true,
+  "", "free", "clamped", "stop", "fixed", "uniform", "half_normal", "observer", "ramp", "constant_time", "rest",
+  "position", "tool0", "sia5d", "ur10e", "bgia2011", "ts15066", "hand_finger", "skull_forehead", "__proto__", "constructor",
+  [], [7], [7, 7], [0], [8], [7.0], [1, 2, 3, 4, 5, 6, 7], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1, 2], [nan, nan, nan],
+  [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0], [20.0, 20.0, 20.0, 20.0, 20.0, 20.0], [inf, inf, inf, inf, inf, inf, inf],
+  ["a"], [[1.0]], {}, {a = 1},
+]""")["values"]
 
 
 def mutated(rng: np.random.Generator, seed: int) -> str:
@@ -104,6 +105,9 @@ def test_what_the_page_leaves_to_the_command_is_refused_by_name(page_script: Pat
 
 def test_every_key_is_computed_or_refused(page_script: Path) -> None:
     """A key that changes the command's numbers and not the page's would be passed over in silence."""
-    source = "".join((ROOT / "web" / f"{name}.js").read_text(encoding="utf-8") for name in ("scenario", "problem", "evaluate", "verdict"))
+    source = "".join(
+        (ROOT / "web" / f"{name}.js").read_text(encoding="utf-8")
+        for name in ("scenario", "problem", "evaluate", "verdict")
+    )
     unread = {key for key in scenario_keys() if not re.search(rf"\b{re.escape(key.rpartition('.')[2])}\b", source)}
     assert {key for key in unread if not key.startswith(("arm.", "uncertainty"))} == {"verdict.confidence"}

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
 from web.exports import ROOT
+
 from web.node import MISSING, WHY_NOT, in_node
 
 pytestmark = pytest.mark.skipif(MISSING, reason=WHY_NOT)
@@ -18,7 +18,7 @@ ODD = (
     "",
     "# nothing",
     "a = 1\r\nb = 2.5 # both\r\n",
-    "a = [1, 2.0,\n  # between\n 3e-2, ] # end\n[b]\nc = 'x\\y'\nd = \"\\u00e4\\t\\\"#\"",
+    'a = [1, 2.0,\n  # between\n 3e-2, ] # end\n[b]\nc = \'x\\y\'\nd = "\\u00e4\\t\\"#"',
     "a = { b = 1, c = [ {d = 0} ] }\n[e]\n f.g.h = -inf\n f.g.i = nan\n",
     "\"quoted key\" = true\n'other' = +1_000.5e+1_0",
     "[ a . b ]\nc = 0\n[a]\nd = 1",
@@ -74,7 +74,9 @@ def test_files_are_read_as_python_reads_them(page_script: Path) -> None:
     assert len(files) > 15
     for text, told in zip([*files, *ODD], in_node(page_script, "read", [*files, *ODD]), strict=True):
         # What the page says it cannot read is another matter: [[...]] and texts of several lines.
-        if "refused" in told and ("is no table of a scenario" in told["refused"] or "this page reads" in told["refused"]):
+        if "refused" in told and (
+            "is no table of a scenario" in told["refused"] or "this page reads" in told["refused"]
+        ):
             assert "[[" in text or '"""' in text
             continue
         assert told == spelt(tomllib.loads(text)), text
