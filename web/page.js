@@ -18,8 +18,8 @@ const WORDS = {
 const NOT_LOOKED_FOR =
     "Not looked for on this page: values that look like another unit's, how long contact lasts, and the same arm with " +
     "elastic gears. bumpstop evaluate does. An engineering estimate, not a certified safety function.";
-// A pause in typing [ms].
-const PAUSE = 60;
+// What takes longer is said to be unfinished [ms].
+const UNFINISHED = 300;
 
 function element(name, attributes = {}, ...children) {
     const made = document.createElement(name);
@@ -35,6 +35,7 @@ function numberCell(name, value, text) {
 
 class Page {
     constructor(root, source) {
+        this.root = root;
         this.verdict = element("p", { class: "verdict", role: "status" });
         this.warnings = element("ul", { class: "warnings" });
         this.text = element("textarea", { spellcheck: "false", "aria-label": "Scenario", rows: "24" });
@@ -81,16 +82,19 @@ class Page {
     changed() {
         this.say("computing", "COMPUTING", "");
         this.figures.classList.add("old");
-        clearTimeout(this.pause);
-        this.pause = setTimeout(() => {
-            this.asked = performance.now();
-            const text = this.text.value;
-            if (text.length <= DATA.numbers.max_bytes) this.computation.ask(text);
-            else this.show({ refused: `scenario: has more than ${DATA.numbers.max_bytes} letters`, done: true });
-        }, PAUSE);
+        this.asked = performance.now();
+        const text = this.text.value;
+        if (text.length <= DATA.numbers.max_bytes) {
+            this.computation.ask(text);
+        } else {
+            this.computation.forget();
+            this.show({ refused: `scenario: has more than ${DATA.numbers.max_bytes} letters` });
+        }
     }
 
     say(kind, word, sentence) {
+        clearTimeout(this.unfinished);
+        this.root.dataset.state = kind;
         this.verdict.dataset.verdict = kind;
         this.verdict.replaceChildren(element("strong", {}, word), ` ${sentence}`);
         this.warnings.replaceChildren();
@@ -104,13 +108,15 @@ class Page {
         if (answer.refused !== undefined) {
             this.say("refused", "✖ CANNOT BE COMPUTED", answer.refused);
             this.figures.replaceChildren();
+            this.root.dataset.state = "done";
             return;
         }
         if (answer.told !== undefined) this.showResult(answer);
         if (!answer.done) return;
+        clearTimeout(this.unfinished);
         this.pending.remove();
         if (answer.coarse !== null) this.warn(answer.coarse);
-        this.verdict.dataset.done = String(this.computation.number);
+        this.root.dataset.state = "done";
     }
 
     showResult(answer) {
@@ -119,7 +125,7 @@ class Page {
         this.say(conclusion, WORDS[conclusion], reason);
         warnings.forEach((one) => this.warn(one));
         this.pending = element("li", { class: "pending" }, "Whether finer simulation steps hit harder is being computed.");
-        this.warnings.append(this.pending);
+        this.unfinished = setTimeout(() => this.warnings.append(this.pending), UNFINISHED);
         const notes = told.notes.map((note) => element("li", {}, note));
         this.figures.classList.remove("old");
         this.figures.replaceChildren(

@@ -20,13 +20,17 @@ function serve(load) {
     };
 }
 
-/** Asks a worker, one text at a time; what is asked for meanwhile ends a work that is not about to be done. */
+// What is being computed when another text comes has so long to be done [ms].
+const PATIENCE = 150;
+
+/** Asks a worker about the latest text; one that is still busy with another is ended after a while. */
 class Computation {
     /** `source` is the text of this script, `answer` is called with what the worker says. */
     constructor(source, answer) {
         this.address = URL.createObjectURL(new Blob([`(${source})();`], { type: "text/javascript" }));
         this.answer = answer;
         this.number = 0;
+        this.next = null;
         this.start();
     }
 
@@ -38,7 +42,15 @@ class Computation {
             // One that has failed cannot be trusted with the next text.
             if (data.failed) this.restart();
             if (data.number === this.number) this.answer(data);
+            if (!this.busy && this.next) this.send();
         };
+    }
+
+    interrupt() {
+        this.waiting = null;
+        if (this.next === null) return;
+        this.restart();
+        this.send();
     }
 
     restart() {
@@ -47,9 +59,23 @@ class Computation {
     }
 
     ask(text) {
-        if (this.busy) this.restart();
-        this.busy = true;
         this.number += 1;
-        this.worker.postMessage({ number: this.number, text });
+        this.next = { number: this.number, text };
+        if (!this.busy) this.send();
+        else this.waiting ??= setTimeout(() => this.interrupt(), PATIENCE);
+    }
+
+    /** No answer is wanted any more. */
+    forget() {
+        this.number += 1;
+        this.next = null;
+    }
+
+    send() {
+        clearTimeout(this.waiting);
+        this.waiting = null;
+        this.busy = true;
+        this.worker.postMessage(this.next);
+        this.next = null;
     }
 }
