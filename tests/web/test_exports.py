@@ -1,4 +1,4 @@
-"""What the page is given of scenarios, robots and limits; needs no compiler, so that a new key is noticed everywhere."""
+"""What the page is given of scenarios, robots and limits: needs no compiler, so a new key is noticed everywhere."""
 
 from __future__ import annotations
 

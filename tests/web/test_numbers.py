@@ -81,8 +81,17 @@ def test_random_scenarios_have_the_numbers_of_the_command(page_script: Path) -> 
     assert computed > 40
 
 
+# Steps of which a motion of 123.5 or 122.5 can be written exactly.
+STEP = 2.0**-10
+HALVES = {"simulation.step_s": STEP, "detector.feedback_period_s": 4 * STEP}
 WARNINGS = {
     "much_untouched": ("In 23 % of cases nothing is hit", {"motion.duration_s": 0.12}),
+    "half_a_step_more": ("of cases nothing is hit", {**HALVES, "motion.duration_s": 123.5 * STEP}),
+    "half_a_step_less": ("of cases nothing is hit", {**HALVES, "motion.duration_s": 122.5 * STEP}),
+    # No warnings, but the other reasons of a verdict.
+    "false_alarms": ("", {"detector.noise_sd_Nm": [3.6, 2.6, 3.6, 3.6, 3.6, 3.6, 3.6]}),
+    "never_detected": ("", {"detector.thresholds_Nm": [1e6] * 7, "motion.duration_s": 0.6}),
+    "everything": ("", {"detector.noise_sd_Nm": 2.6, "contact.stiffness_N_m": 2e5, "contact.area_cm2": 1.0}),
     "untouched": ("", {"motion.duration_s": 0.02}),
     "normal": ("contact.normal lies 78.7 degrees off", {"contact.normal": [1.0, 0.0, -0.2]}),
     "rest": ("From rest the arm has reached", {"motion.start": "rest", "contact.offset_sd_s": 0.001}),

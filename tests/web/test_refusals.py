@@ -75,6 +75,78 @@ def test_nothing_is_accepted_that_the_command_refuses(page_script: Path) -> None
     assert computed > 150
 
 
+def changed(changes: dict[str, Any]) -> str:
+    """The lateral motion with dotted keys set; None takes a key away."""
+    tables: dict[str, Any] = tomllib.loads(LATERAL)
+    for key, value in changes.items():
+        *above, last = key.split(".")
+        here = tables.setdefault(above[0], {}) if above else tables
+        if value is None:
+            del here[last]
+        else:
+            here[last] = value
+    return tomli_w.dumps(tables)
+
+
+# By the field that both name.
+REFUSED: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("pose_deg", {"pose_deg": [0.0] * 7}),
+    ("pose_deg", {"pose_deg": [0, 999, 0, -20, 0, -40, 0]}),
+    ("pose_deg", {"pose_deg": [0, 30]}),
+    ("pose_deg", {"pose_deg": None}),
+    ("pose_deg", {"pose_rad": [0.0] * 7}),
+    ("motion.velocity_mm_s", {"motion.velocity_mm_s": [0, 0, 0]}),
+    ("motion.velocity_mm_s", {"motion.velocity_mm_s": [0, 0, 1e-4]}),
+    ("motion.velocity_mm_s", {"motion.velocity_mm_s": None}),
+    ("motion.velocity_mm_s", {"motion.speed_mm_s": 50, "motion.direction": [0, 0, 1]}),
+    ("motion.direction", {"motion.velocity_mm_s": None, "motion.speed_mm_s": 50}),
+    ("motion.direction", {"motion.velocity_mm_s": None, "motion.speed_mm_s": 50, "motion.direction": [0, 0, 0]}),
+    ("motion.held_joints", {"motion.held_joints": [8]}),
+    ("motion.held_joints", {"motion.held_joints": [7, 7]}),
+    ("motion.held_joints[1]", {"motion.held_joints": [7.0]}),
+    ("motion.task", {"motion.held_joints": [6, 7]}),
+    ("motion.duration_s", {"motion.duration_s": 1e5}),
+    ("motion.duration_s", {"motion.duration_s": 1e-4}),
+    ("contact.body", {"contact.body": None}),
+    ("contact.body", {"contact.body": "nose"}),
+    ("contact.pressure_area", {"contact.pressure_area": "nowhere"}),
+    ("contact.link", {"contact.link": "link_99"}),
+    ("contact.normal", {"contact.normal": [0, -1, 0]}),
+    ("contact.normal", {"contact.normal": [0, 0, 0]}),
+    ("contact.offset_mm", {"contact.offset_mm": 3}),
+    ("contact.offset_mm", {"contact.offset_law": "fixed"}),
+    ("contact.stiffness_N_m", {"contact.stiffness_N_m": 1e5, "contact.stiffness_N_mm": 100}),
+    ("detector.thresholds_Nm", {"detector.thresholds_Nm": [10]}),
+    ("detector.thresholds_Nm[2]", {"detector.thresholds_Nm": [20, 0, 20, 20, 20, 20, 20]}),
+    ("detector.noise_sd_Nm", {"detector.noise_sd_Nm": [1, 2]}),
+    ("detector.noise_sd_Nm", {"detector.noise_sd_Nm": None}),
+    ("detector.feedback_period_s", {"detector.feedback_period_s": 0.0035}),
+    ("reaction.stopping_time_s", {"reaction.stopping_time_s": 0.1}),
+    ("reaction.ramp_time_s", {"reaction.deceleration": "ramp"}),
+    ("reaction.stop_category", {"reaction.stop_category": 1}),
+    (
+        "reaction.stop_category",
+        {
+            "reaction.kind": "stop",
+            "reaction.stop_category": 0,
+            "reaction.deceleration": "constant_time",
+            "reaction.stopping_time_s": 0.1,
+        },
+    ),
+    ("simulation.substeps", {"simulation": {"step_s": 1e-4, "substeps": 500}}),
+    ("verdict.accepted_probability", {"verdict": {"accepted_probability": 1.0}}),
+    ("contact.aera_cm2", {"contact.aera_cm2": 2}),
+)
+
+
+def test_both_refuse_the_same_key(page_script: Path) -> None:
+    texts = [changed(changes) for _, changes in REFUSED]
+    for (field, changes), text, told in zip(REFUSED, texts, in_node(page_script, "check", texts), strict=True):
+        refusal = refusal_of_command(text)
+        assert refusal is not None, changes
+        assert (told.get("field"), refusal.field) == (field, field), f"{changes}: {told}\n{refusal}"
+
+
 LEFT = {
     "arm.model": ("elastic", "arms that give way"),
     "arm.torque_limit_Nm": (50.0, "arms that give way"),
@@ -94,10 +166,6 @@ LEFT = {
 @pytest.mark.parametrize("key", LEFT)
 def test_what_the_page_leaves_to_the_command_is_refused_by_name(page_script: Path, key: str) -> None:
     value, words = LEFT[key]
-    tables: dict[str, Any] = tomllib.loads(LATERAL)
-    *above, last = key.split(".")
-    here = tables.setdefault(above[0], {}) if above else tables
-    here[last] = value
-    (told,) = in_node(page_script, "evaluate", [tomli_w.dumps(tables)])
+    (told,) = in_node(page_script, "evaluate", [changed({key: value})])
     assert told["refused"].startswith(f"{key}: this page ")
     assert words in told["refused"]
