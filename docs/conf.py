@@ -25,6 +25,7 @@ extensions = [
     "reference_pages",
     "made_pictures",
     "comparisons",
+    "collision_page",
 ]
 # The headers are documented where Doxygen is installed; the site says so where it is not.
 doxygen = shutil.which("doxygen")

@@ -13,6 +13,7 @@ LONGEST = [
     "validation/test_validation.py",
     "collision/test_sanitized.py",
     "docs/test_commands.py",
+    "web/test_numbers.py",
     "study/speed/test_path_speed.py",
     "cpp/test_package.py",
     "report/test_report.py",

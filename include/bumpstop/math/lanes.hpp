@@ -4,7 +4,6 @@
 #pragma once
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <cstring>
 #include <utility>
@@ -92,15 +91,16 @@ using MaskOf = typename Scalar<T>::Mask;
 template <class T>
 using IntOf = typename Scalar<T>::Int;
 
-inline std::int64_t bits_of(double x) { return std::bit_cast<std::int64_t>(x); }
-inline double real_of(std::int64_t x) { return std::bit_cast<double>(x); }
+// What std::bit_cast is made of, which the standard library of emscripten lacks.
+inline std::int64_t bits_of(double x) { return __builtin_bit_cast(std::int64_t, x); }
+inline double real_of(std::int64_t x) { return __builtin_bit_cast(double, x); }
 template <int N>
 IntLanes<N> bits_of(Lanes<N> x) {
-    return IntLanes<N>::of(std::bit_cast<typename Register<N>::Int>(x.v));
+    return IntLanes<N>::of(__builtin_bit_cast(typename Register<N>::Int, x.v));
 }
 template <int N>
 Lanes<N> real_of(IntLanes<N> x) {
-    return Lanes<N>::of(std::bit_cast<typename Register<N>::Real>(x.v));
+    return Lanes<N>::of(__builtin_bit_cast(typename Register<N>::Real, x.v));
 }
 
 /// x >> n, zeros shifted in.
@@ -108,7 +108,7 @@ inline std::int64_t shifted_right(std::int64_t x, int n) { return std::int64_t(s
 template <int N>
 IntLanes<N> shifted_right(IntLanes<N> x, int n) {
     using Unsigned = typename Register<N>::Unsigned;
-    return IntLanes<N>::of(std::bit_cast<typename Register<N>::Int>(std::bit_cast<Unsigned>(x.v) >> n));
+    return IntLanes<N>::of(__builtin_bit_cast(typename Register<N>::Int, __builtin_bit_cast(Unsigned, x.v) >> n));
 }
 
 inline double select(bool m, double a, double b) { return m ? a : b; }
