@@ -143,18 +143,27 @@ struct BatchWorker {
     std::vector<double> probability[max_group_size];
 };
 
-/// `mean` and `sd` of the peak force where it is bounded, and its `exceedance` and `upper_quantile`.
+/// What is asked of a peak force: mean and standard deviation where it is bounded, and its tail both ways.
 template <class Exceedance, class Quantile>
-void write_distribution(const BatchProblem& problem, std::size_t pose, bool endless, double mean, double sd,
-                        Exceedance exceedance, Quantile upper_quantile, const CollisionDistribution& found,
-                        BatchResult& out) {
+struct PeakForce {
+    double mean, sd;
+    bool unbounded;
+    Exceedance exceedance;
+    Quantile upper_quantile;
+};
+template <class Exceedance, class Quantile>
+PeakForce(double, double, bool, Exceedance, Quantile) -> PeakForce<Exceedance, Quantile>;
+
+template <class Exceedance, class Quantile>
+void write_distribution(const BatchProblem& problem, std::size_t pose, const PeakForce<Exceedance, Quantile>& force,
+                        const CollisionDistribution& found, BatchResult& out) {
     const std::size_t dof = std::size_t(problem.setup.chain.dof);
     const std::vector<double>&probability = problem.settings.probability, &limit = problem.settings.limit;
-    out.mean[pose] = endless ? std::numeric_limits<double>::infinity() : mean;
-    out.sd[pose] = endless ? std::numeric_limits<double>::quiet_NaN() : sd;
-    for (std::size_t i = 0; i < limit.size(); ++i) out.exceedance[pose * limit.size() + i] = exceedance(limit[i]);
+    out.mean[pose] = force.unbounded ? std::numeric_limits<double>::infinity() : force.mean;
+    out.sd[pose] = force.unbounded ? std::numeric_limits<double>::quiet_NaN() : force.sd;
+    for (std::size_t i = 0; i < limit.size(); ++i) out.exceedance[pose * limit.size() + i] = force.exceedance(limit[i]);
     for (std::size_t i = 0; i < probability.size(); ++i)
-        out.quantile[pose * probability.size() + i] = upper_quantile(1 - probability[i]);
+        out.quantile[pose * probability.size() + i] = force.upper_quantile(1 - probability[i]);
     const double given = found.detected > 0 ? found.detected : std::numeric_limits<double>::quiet_NaN();
     for (std::size_t j = 0; j < dof; ++j) out.trigger[pose * dof + j] = found.trigger[j] / given;
     out.false_alarm[pose] = found.false_alarm;
@@ -166,10 +175,10 @@ template <class L>
 void write_distribution(const BatchProblem& problem, std::size_t pose, PathEnd end, const CollisionDistribution& found,
                         BatchResult& out) {
     const Moments force = found.moments();
-    write_distribution(
-        problem, pose, found.undetected > 1e-12 && end == PathEnd::motion_end, force.mean, force.sd,
-        [&](double x) { return found.exceedance<L>(x); }, [&](double p) { return found.upper_quantile<L>(p); }, found,
-        out);
+    const PeakForce peak{force.mean, force.sd, found.undetected > 1e-12 && end == PathEnd::motion_end,
+                         [&](double x) { return found.exceedance<L>(x); },
+                         [&](double p) { return found.upper_quantile<L>(p); }};
+    write_distribution(problem, pose, peak, found, out);
 }
 
 /// A pose where arm or body give way: a single distribution.
@@ -188,10 +197,10 @@ void write_yielding(const BatchProblem& problem, int pose, BatchResult& out) {
     const CellMixture force =
         contact_mixture<L>(found, ContactQuantity::peak_force, pressed ? std::optional(HUGE_VAL) : std::nullopt);
     const double total = force.total();
-    write_distribution(
-        problem, std::size_t(pose), force.infinite() > 1e-12 * total, force.mean(), force.sd(),
-        [&](double x) { return std::min(1.0, force.above<L>(x) / total); },
-        [&](double p) { return force.upper_quantile<L>(p * total); }, found, out);
+    const PeakForce peak{force.mean(), force.sd(), force.infinite() > 1e-12 * total,
+                         [&](double x) { return std::min(1.0, force.above<L>(x) / total); },
+                         [&](double p) { return force.upper_quantile<L>(p * total); }};
+    write_distribution(problem, std::size_t(pose), peak, found, out);
 }
 
 /// The paths of `count` poses into worker.path.

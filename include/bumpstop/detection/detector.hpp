@@ -252,7 +252,7 @@ class Detector {
     [[gnu::noinline]] void fitted_prediction(const JointAngles<double>& angle, const double* qd, const double* qdd,
                                              double* predicted) noexcept {
         std::fill(predicted, predicted + max_joints, 0.0);
-        fitted_->predict(chain_, validator_.position(), angle, qd, qdd, settings_.gravity, predicted);
+        fitted_->predict(chain_, {validator_.position(), angle, qd, qdd}, settings_.gravity, predicted);
     }
     /// The observer's next estimate; false while it begins. The acceleration only tells how motors are loaded.
     [[gnu::noinline, gnu::flatten]] bool observe(const JointAngles<double>& angle, const double* qd,
@@ -264,7 +264,7 @@ class Detector {
         MomentumTerms<double> terms;
         if (fitted_) {
             double friction[max_joints];
-            fitted_->momentum(chain_, validator_.position(), angle, qd, qdd, settings_.gravity, terms, friction);
+            fitted_->momentum(chain_, {validator_.position(), angle, qd, qdd}, settings_.gravity, terms, friction);
             for (int j = 0; j < n; ++j) tau[j] -= friction[j];
         } else {
             momentum_terms(chain_, inertias_, validator_.position(), angle, qd, settings_.gravity, terms);

@@ -59,24 +59,24 @@ class FittedDynamics {
     }
 
     /// Joint torques of a motion.
-    void predict(const Chain& chain, const double* q, const JointAngles<double>& angle, const double* qd,
-                 const double* qdd, const Vector3& gravity, double* torque) const noexcept {
+    void predict(const Chain& chain, const JointMotion<double>& motion, const Vector3& gravity,
+                 double* torque) const noexcept {
         double inertial[2][max_joints] = {};
-        if (needs_all_) inverse_dynamics(chain, inertias_all_, {q, angle, qd, qdd}, gravity, inertial[0]);
-        if (needs_essential_) inverse_dynamics(chain, inertias_essential_, {q, angle, qd, qdd}, gravity, inertial[1]);
+        if (needs_all_) inverse_dynamics(chain, inertias_all_, motion, gravity, inertial[0]);
+        if (needs_essential_) inverse_dynamics(chain, inertias_essential_, motion, gravity, inertial[1]);
         for (int j = 0; j < chain.dof; ++j) torque[j] = by_all >> j & 1 ? inertial[0][j] : inertial[1][j];
-        add_motors(chain.dof, qd, qdd, inertial[0], torque);
+        add_motors(chain.dof, motion.qd, motion.qdd, inertial[0], torque);
     }
 
     /// Momentum and its rates, with rotors; `friction` is what of the motors' torque is no momentum.
-    void momentum(const Chain& chain, const double* q, const JointAngles<double>& angle, const double* qd,
-                  const double* qdd, const Vector3& gravity, MomentumTerms<double>& terms,
-                  double* friction) const noexcept {
+    void momentum(const Chain& chain, const JointMotion<double>& motion, const Vector3& gravity,
+                  MomentumTerms<double>& terms, double* friction) const noexcept {
+        const double *q = motion.q, *qd = motion.qd;
         MomentumTerms<double> of_all{}, of_essential{};
-        if (by_all != 0) momentum_terms(chain, inertias_all_, q, angle, qd, gravity, of_all);
-        if (needs_essential_) momentum_terms(chain, inertias_essential_, q, angle, qd, gravity, of_essential);
+        if (by_all != 0) momentum_terms(chain, inertias_all_, q, motion.angle, qd, gravity, of_all);
+        if (needs_essential_) momentum_terms(chain, inertias_essential_, q, motion.angle, qd, gravity, of_essential);
         double inertial[max_joints] = {};
-        if (loads != 0) inverse_dynamics(chain, inertias_all_, {q, angle, qd, qdd}, gravity, inertial);
+        if (loads != 0) inverse_dynamics(chain, inertias_all_, motion, gravity, inertial);
         static constexpr double nothing[max_joints] = {};
         for (int j = 0; j < chain.dof; ++j) {
             const MomentumTerms<double>& own = by_all >> j & 1 ? of_all : of_essential;
