@@ -129,6 +129,17 @@ def test_time_of_contact_must_be_in_the_motion_and_toward_the_gauge() -> None:
         MeasuredSituation.of("x", path(contact__normal=[0, 0, 1]), onset_s=2.6)
 
 
+def test_trajectories_of_elastic_arms_are_left_out_with_a_note() -> None:
+    elastic = path(arm__model="elastic", motion__contact_onset_s=1.2)
+    with pytest.raises(InputError, match=r"arm.model: 'elastic' is not available with a trajectory that is measured"):
+        shot_force(elastic)
+    with pytest.raises(InputError, match=r"arm.model: 'elastic' is not available"):
+        plan_measurements([("alone", elastic)], points=32, shots=1)
+    made = plan_measurements([("rigid", path()), ("soft", elastic)], speed_shares=[1.0], points=32, shots=1)
+    assert [each.name for each in made.situations] == ["rigid"]
+    assert any(note.startswith("soft is left out: its motion is a trajectory and its arm is") for note in made.notes)
+
+
 @pytest.fixture(scope="module")
 def plan() -> MeasurementPlan:
     line = bs.load_scenario("examples/01_hand_downward.toml")
