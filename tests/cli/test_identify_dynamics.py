@@ -152,6 +152,24 @@ def test_a_torque_that_never_changes_has_no_share_predicted(tmp_path: Path) -> N
     assert row.split()[1:3] == ["rests", "rests"]
 
 
+def test_pages_carry_parameters_with_errors_and_what_reading_found(tmp_path: Path) -> None:
+    planted(bs.Robot.load(ROBOT), 1, seconds=6.0).save(tmp_path / "run.parquet")
+    fitted = run("identify", tmp_path / "run.parquet", "--robot", ROBOT, "--cutoff", 6, "-o", tmp_path / "fit")
+    checked = run("validate", tmp_path / "fit/model.toml", tmp_path / "run.parquet", "--from", 1, "-o", tmp_path / "on")
+    assert (fitted.status, checked.status) == (0, 0), fitted.err + checked.err
+    errors = re.findall(r"^ +(-?[\d.]+) \+- ([\d.e-]+)  (.*?)(?:  \(|$)", fitted.out, flags=re.MULTILINE)
+    assert len(errors) > 40
+    for folder in ("fit", "on"):
+        page = (tmp_path / folder / "report.html").read_text(encoding="utf-8")
+        cells = re.findall(r'<th scope="row">([^<]*)</th><td>([^<]*)</td><td>([^<]*)</td>', page)
+        rows = {name: figures for name, *figures in cells}
+        for value, error, name in errors:
+            assert rows[name] == [value, error], name
+        assert "speed and acceleration" in page
+    assert "part: " in page
+    assert "s from its beginning" in page
+
+
 def test_a_constant_torque_of_a_moving_joint_has_no_held_out_error(tmp_path: Path) -> None:
     """A wrong column: of the variance of rounding 1e26 % was unexplained."""
     recording = planted(bs.Robot.load(ROBOT), 1, seconds=6.0)

@@ -42,16 +42,22 @@ def with_faults(logs: Sequence[Recording]) -> Iterator[None]:
 
 
 def print_reading(logs: Sequence[Recording]) -> None:
+    """Print :func:`reading_lines`."""
+    for line in reading_lines(logs):
+        typer.echo(line)
+
+
+def reading_lines(logs: Sequence[Recording]) -> list[str]:
     """The part of recordings that was used, rows that were dropped from them, and the notes on them."""
+    lines = []
     for log in logs:
         where = f"{log.source}: " if log.source else ""
         if log.cut_from is not None:
-            typer.echo(
-                f"part: {where}{log.t[0] - log.cut_from:.6g} to {log.t[-1] - log.cut_from:.6g} s from its beginning"
-                + (f", {log.t[0]:.6g} to {log.t[-1]:.6g} s of its own time" if log.cut_from != 0 else "")
-            )
+            own = f", {log.t[0]:.6g} to {log.t[-1]:.6g} s of its own time" if log.cut_from != 0 else ""
+            begin, end = log.t[0] - log.cut_from, log.t[-1] - log.cut_from
+            lines.append(f"part: {where}{begin:.6g} to {end:.6g} s from its beginning{own}")
         if log.report.rows_dropped:
             counts = ", ".join(f"{reason} {count}" for reason, count in log.report.counts.items())
-            typer.echo(f"bad rows: {where}{log.report.rows_dropped} of {log.report.rows_read} dropped ({counts})")
-        for note in log.report.notes:
-            typer.echo(f"note: {where}{note}")
+            lines.append(f"bad rows: {where}{log.report.rows_dropped} of {log.report.rows_read} dropped ({counts})")
+        lines += [f"note: {where}{note}" for note in log.report.notes]
+    return lines

@@ -70,7 +70,9 @@ def identify_joint(
             model.save(model_file)
         if out is not None and model_file != out:
             found = compare_currents(model, logs, arms, cutoff_hz=fit.cutoff_hz, gravity=falls)
-            joint_model_report(found, arms[0], out, where="on the recordings of the fit", verdict=verdict, fit=fit)
+            joint_model_report(
+                found, arms[0], logs, out, where="on the recordings of the fit", verdict=verdict, fit=fit
+            )
     if as_json:
         typer.echo(json.dumps({"verdict": verdict.to_json()} | _identified(fit, logs), allow_nan=False, indent=2))
         return exit_status(verdict)
@@ -104,7 +106,7 @@ def validate_joint(
         verdict = judge_currents(found, logs, arms[0])
     if out is not None:
         on = "on " + ", ".join(Path(log.source).name for log in logs)
-        joint_model_report(found, arms[0], out, where=on, verdict=verdict)
+        joint_model_report(found, arms[0], logs, out, where=on, verdict=verdict)
     if as_json:
         compared = _validated(found, arms[0], currents, torques)
         typer.echo(json.dumps({"verdict": verdict.to_json()} | compared, allow_nan=False, indent=2))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bumpstop.cli.identification.fit_verdict import reading_lines
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -52,6 +53,7 @@ def dynamics_report(
     from bumpstop.model import unit_of
     from bumpstop.report.identification.fit_verdict import VerdictPart
     from bumpstop.report.identification.inertias import InertiasPart
+    from bumpstop.report.identification.parameters import ParametersPart, RecordingsPart
     from bumpstop.report.identification.validation import SelectionPart, write_validation_report
 
     comparison = fit.predict(logs, filter_hz=filter_hz, payloads=payloads)
@@ -73,8 +75,25 @@ def dynamics_report(
     title = f"{fit.model.robot.title or fit.model.robot.name}: predicted torque, {name}"
     parts: list[Part] = [] if verdict is None else [VerdictPart(verdict)]
     parts += [] if bodies is None else [InertiasPart(bodies)]
+    # With what a base parameter is joined to; gains follow them.
+    names = [*fit.names, *list(fit.parameters)[len(fit.names) :]]
+    closing = [
+        ParametersPart(
+            dict(zip(names, fit.parameters.values(), strict=True)),
+            dict(zip(names, fit.standard_errors.values(), strict=True)),
+            fit.unobservable,
+        ),
+        RecordingsPart(reading_lines(logs)),
+    ]
     write_validation_report(
-        comparison, folder, title=title, where=where, contact=contact, selection=selection, parts=parts
+        comparison,
+        folder,
+        title=title,
+        where=where,
+        contact=contact,
+        selection=selection,
+        parts=parts,
+        closing=closing,
     )
     if contact is None:
         return ""
@@ -89,6 +108,7 @@ def dynamics_report(
 def joint_model_report(
     found: CurrentComparison,
     robot: Robot,
+    logs: Sequence[Recording],
     folder: Path,
     *,
     where: str,
@@ -100,12 +120,15 @@ def joint_model_report(
     Args:
         found: the model beside recordings.
         robot: whose joints it is of.
+        logs: the recordings.
         folder: of the page.
         where: on which recordings, in words.
         verdict: on the fit or on the model.
         fit: how the model was chosen, or None.
     """
+    from bumpstop.identification.drive.drive_quantities import drive_errors, drive_quantities
     from bumpstop.report.identification.fit_verdict import VerdictPart
+    from bumpstop.report.identification.parameters import ParametersPart, RecordingsPart
     from bumpstop.report.identification.validation import SelectionPart, write_validation_report
 
     selection = None
@@ -124,4 +147,8 @@ def joint_model_report(
         where=where,
         selection=selection,
         parts=[VerdictPart(verdict)],
+        closing=[
+            ParametersPart(drive_quantities(found.model, robot), drive_errors(found.model)),
+            RecordingsPart([*(f"note: {note}" for note in found.notes), *reading_lines(logs)]),
+        ],
     )

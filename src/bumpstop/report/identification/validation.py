@@ -89,14 +89,14 @@ class _JointsPart(Part):
 
 
 class OverTimePart(_JointsPart):
-    """Measured and predicted over time, with the error and the acceleration (as figures 3.4 to 3.8)."""
+    """Measured and predicted over time, with the error, the speed and the acceleration (as figures 3.4 to 3.8)."""
 
     title = "Measured and predicted"
     anchor = "over-time"
     text = (
-        "Upper panel: measured (thin) and predicted (dashed). Middle: predicted minus measured. Lower: the "
-        "joint's acceleration; errors that follow it point to inertia, errors that follow the sign of the "
-        "speed to friction."
+        "Upper panel: measured (thin) and predicted (dashed). Below it: predicted minus measured, the joint's speed "
+        "and its acceleration. Errors that follow the acceleration point to inertia, errors that follow the sign of "
+        "the speed to friction."
     )
 
     def _picture(self, j: int, name: str) -> Picture:
@@ -104,7 +104,7 @@ class OverTimePart(_JointsPart):
         unit = found.units[j]
 
         def draw(figure: Figure) -> None:
-            upper, middle, lower = stack(figure, [2.0, 1.0, 1.0], left=0.75)
+            upper, middle, speed, lower = stack(figure, [2.0, 1.0, 0.8, 0.8], left=0.75)
             t = found.t
             upper.plot(*decimate(t, found.measured[:, j]), color=FAINT, linewidth=0.9, label="measured")
             upper.plot(*decimate(t, found.predicted[:, j]), color=LAW, linewidth=1.2, linestyle="--", label="predicted")
@@ -114,14 +114,18 @@ class OverTimePart(_JointsPart):
             middle.axhline(0, color=FAINT, linewidth=0.6)
             middle.plot(*decimate(t, found.error[:, j]), color=LIMIT, linewidth=0.8)
             middle.set_ylabel(f"error, {unit}")
-            lower.axhline(0, color=FAINT, linewidth=0.6)
-            lower.plot(*decimate(t, found.qdd[:, j]), color=EVENT, linewidth=0.8)
-            lower.set_ylabel(f"{_way(unit)}/s2")
+            for panel, motion, way in (
+                (speed, found.qd, f"{_way(unit)}/s"),
+                (lower, found.qdd, f"{_way(unit)}/s2"),
+            ):
+                panel.axhline(0, color=FAINT, linewidth=0.6)
+                panel.plot(*decimate(t, motion[:, j]), color=EVENT, linewidth=0.8)
+                panel.set_ylabel(way)
             lower.set_xlabel("time [s]")
 
         caption = f"{name} over time."
-        alt = f"Measured and predicted {unit} of joint {name} over time, their difference, and the acceleration."
-        return Picture(f"over_time_{j + 1}", alt, caption, draw, height=4.2)
+        alt = f"Measured and predicted {unit} of joint {name} over time, their difference, speed and acceleration."
+        return Picture(f"over_time_{j + 1}", alt, caption, draw, height=5.0)
 
 
 class HistogramPart(_JointsPart):
@@ -300,6 +304,7 @@ def write_validation_report(
     contact: ContactComparison | None = None,
     selection: Part | None = None,
     parts: Sequence[Part] = (),
+    closing: Sequence[Part] = (),
 ) -> Path:
     """Write ``report.html`` and its figures; returns the page's path.
 
@@ -311,6 +316,7 @@ def write_validation_report(
         contact: section 3.2, or None.
         selection: how the model was chosen, or None.
         parts: further ones, shown first.
+        closing: further ones, shown last.
 
     Raises:
         InputError: the folder cannot be written.
@@ -323,6 +329,7 @@ def write_validation_report(
         WherePart(comparison),
         ContactPart(contact, comparison.names, comparison.units),
         *([selection] if selection is not None else []),
+        *closing,
     ]
     return write_document(Document(title, "bumpstop: a model and a recording", "model", everything), folder)
 
