@@ -14,7 +14,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 import bumpstop as bs
 from bumpstop.collision import CollisionProblem, evaluate_batch
-from bumpstop.collision.trajectory.trajectory_result import integrate_trajectory
+from bumpstop.collision.trajectory.trajectory_evaluation import integrate_trajectory
 from bumpstop.study import run
 from bumpstop.study.requirement.risk import allowed_force
 from bumpstop.study.speed.path_speed import min_between, sliding_min
@@ -61,7 +61,7 @@ def worst_risk(scenario: bs.Scenario, moments: Any) -> float:
     problem = CollisionProblem.from_scenario(scenario)  # once: to read the file takes as long as a distribution
     for moment in moments:
         own = scenario.with_values({"motion.contact_onset_s": float(moment)})
-        result = integrate_trajectory(replace(problem, scenario=own))
+        result = integrate_trajectory(replace(problem, scenario=own), bs.evaluate)
         over = max(result.verdict.p_over_force or 0.0, result.verdict.p_over_pressure or 0.0)
         risks.append(over - result.undetected_probability)
     return max(risks)

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bumpstop.collision.evaluation import evaluate
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.trajectory.onset import approach, trajectory_of
 from bumpstop.collision.trajectory.trajectory import point_motion, point_places
-from bumpstop.collision.trajectory.trajectory_result import integrate_trajectory
+from bumpstop.collision.trajectory.trajectory_evaluation import integrate_trajectory
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ class TrajectoryPlace:
         problem = CollisionProblem.from_scenario(scenario)
         trajectory, given = trajectory_of(problem), scenario.motion.contact_onset_s
         if onset is None:
-            onset = integrate_trajectory(problem).onset if given == "uniform" else given
+            onset = integrate_trajectory(problem, evaluate).onset if given == "uniform" else given
         if not 0 <= onset < trajectory.duration:
             valid = f"wanted 0 to below {trajectory.duration:.6g} s"
             raise InputError("motion.contact_onset_s", f"{onset:g} s is not in the motion", valid)
