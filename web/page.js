@@ -42,7 +42,8 @@ class Page {
         this.figures = element("div", { class: "figures" });
         const result = element("div", { class: "result" }, this.figures);
         const input = element("div", { class: "input" }, this.choices(), this.text);
-        root.replaceChildren(this.verdict, this.warnings, element("div", { class: "columns" }, input, result));
+        const missing = element("p", { class: "small" }, NOT_LOOKED_FOR);
+        root.replaceChildren(this.verdict, this.warnings, missing, element("div", { class: "columns" }, input, result));
         this.computation = new Computation(source, (answer) => this.show(answer));
         this.text.addEventListener("input", () => this.changed());
         addEventListener("hashchange", () => this.open(this.linked() ?? this.text.value));
@@ -134,7 +135,6 @@ class Page {
             element("div", { class: "table-wrapper" }, this.table(told)),
             this.probabilities(told),
             element("details", {}, element("summary", {}, "Notes"), element("ul", {}, ...notes)),
-            element("p", { class: "small" }, NOT_LOOKED_FOR),
         );
         const milliseconds = [took, performance.now() - this.asked].map((one) => one.toFixed(1));
         this.figures.dataset.took = milliseconds[0];

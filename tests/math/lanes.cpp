@@ -1,4 +1,5 @@
 // Lanes<2>, <4> and <8> against doubles, and every function on lanes against the same function on a double.
+#include <bit>
 #include <cstdint>
 #include <limits>
 #include <vector>

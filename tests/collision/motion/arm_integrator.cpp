@@ -1,6 +1,8 @@
 // Arms in lanes: what becomes of one does not depend on the others, and one that is put back goes the same way again.
 #include "bumpstop/collision/motion/arm_integrator.hpp"
 
+#include <bit>
+
 #include "collision/random_arm.hpp"
 
 namespace {
