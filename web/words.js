@@ -30,7 +30,7 @@ function percent(p, integrated = false) {
 
 /** The same with figures for what is next to nothing. */
 function smallPercent(p, integrated = false) {
-    if (!(p < DATA.numbers.min_percent) || (p <= 0 && !integrated)) return percent(p);
+    if (!(p < DATA.numbers.min_percent) || (p <= 0 && !integrated)) return percent(p, integrated);
     return p > 0 ? `${general(100 * p, 2)} %` : `less than ${scientific(100 * DATA.numbers.min_printed, 0)} %`;
 }
 

@@ -34,6 +34,7 @@ def test_what_is_next_to_nothing_has_figures_beside_what_is_accepted() -> None:
     assert small_percent(0.0, integrated=True) == "less than 1e-10 %"
     assert small_percent(0.0) == "0 %"
     assert small_percent(0.5) == "50 %"
+    assert small_percent(1.0, integrated=True) == "over 99.9999 %"
 
 
 def test_a_result_prints_what_the_terminal_shows() -> None:

@@ -36,7 +36,7 @@ def percent(p: float, *, integrated: bool = False) -> str:
 def small_percent(p: float, *, integrated: bool = False) -> str:
     """As :func:`percent`, with figures for what is next to nothing, where that is compared with what is accepted."""
     if not p < MIN_PERCENT or (p <= 0 and not integrated):
-        return percent(p)
+        return percent(p, integrated=integrated)
     return f"{100 * p:.2g} %" if p > 0 else f"less than {100 * MIN_PRINTED_PROBABILITY:.0e} %"
 
 
