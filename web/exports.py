@@ -14,8 +14,8 @@ from bumpstop.collision.curve import AT_REST
 from bumpstop.collision.distribution.distribution import FAR, NEGLIGIBLE, QUANTILES
 from bumpstop.collision.probability_text import MIN_PERCENT, MIN_PRINTED_PROBABILITY
 from bumpstop.collision.problem import MAX_STEPS
-from bumpstop.collision.scenario import scenario as tables
 from bumpstop.collision.scenario import scenario_file
+from bumpstop.collision.scenario import scenario_tables as tables
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.collision.scenario.scenario_file import load_scenario
 from bumpstop.collision.scenario.spellings import SPELLINGS
