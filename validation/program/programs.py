@@ -17,7 +17,7 @@ from program.corpora import EXAMPLES
 from validation.findings import Findings
 
 TITLE = "Random programs on the plant"
-PROGRAMS, CONTACTS = 200, 50
+PROGRAMS, CONTACTS = 200, 25
 # Contacts that are this far along a motion at least: before, the arm has not left [share].
 _EDGE = 0.05
 _STANDS = 5e-4  # [rad] from its end the arm has arrived
