@@ -72,6 +72,8 @@ def changed(change: dict[str, Any]) -> bytes:
         ({"positions": ["x"] * 6}, "point 4 has no positions of all joints"),
         ({"velocities": [1]}, "point 4 has not one velocity for each joint"),
         ({"time_from_start": {"sec": 0, "nanosec": 0}}, "point 4 is not after the one before it"),
+        ({"velocities": [1e200] * 6}, "point 4 has a velocity of 1e+200, over 10000"),
+        ({"positions": [0, 0, -2e4, 0, 0, 0]}, "point 4 has a position of 2e+04, over 10000"),
         ({"time_from_start": {"sec": 0}}, "point 4 has no positions of all joints or no time"),
     ],
 )

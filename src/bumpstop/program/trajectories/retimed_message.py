@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from bumpstop.program.cell import Cell
     from bumpstop.program.segment import Segment
 
+# Wide enough for any arm and any unit slip, narrow enough that no product of them overflows [s, rad or m, per second].
+_MAX = {"time": 1e7, "position": 1e4, "velocity": 1e4}
+
 
 @dataclass(frozen=True, eq=False)
 class MessageRows:
@@ -61,6 +64,11 @@ class MessageRows:
             return "velocities are given at some points only"
         q = np.array(position, dtype=np.float64)[:, list(column)]
         qd = np.array(velocity, dtype=np.float64)[:, list(column)] if velocity else None
+        for what, values in (("time", t[:, None]), ("position", q), ("velocity", qd)):
+            far = np.empty(0) if values is None else np.flatnonzero(np.abs(values).max(axis=1) > _MAX[what])
+            if far.size:
+                most = np.abs(values[far[0]]).max()
+                return f"point {far[0] + 1} has a {what} of {most:.3g}, over {_MAX[what]:g}"
         return cls(t, q, qd, None, tuple(order))
 
 
