@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import http.client
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -166,3 +169,15 @@ def test_pictures_without_a_browser(tmp_path: Path, capsys: pytest.CaptureFixtur
         assert still.width == 900
         # The colour of the verdict stands in the corner.
         assert still.convert("RGB").getpixel((16, 30)) == (213, 94, 0)
+
+
+def test_ctrl_c_closes_the_page() -> None:
+    code = "from bumpstop.cli.main import main; main()"
+    command = [sys.executable, "-c", code, "view", "ur10e", "--port", "0", "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+        assert run.stdout is not None
+        assert run.stdout.readline().startswith("the page: http://127.0.0.1:")
+        run.send_signal(signal.SIGINT)
+        out, err = run.communicate(timeout=60)
+    assert (run.returncode, out) == (0, "the page is closed\n")
+    assert "error" not in err

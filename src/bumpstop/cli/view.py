@@ -63,16 +63,18 @@ def command(
     server = ViewServer(opened, host=host, port=port)
     if not is_loopback(host):
         typer.echo(f"warning: {host} is not loopback: whoever reaches it can read and change these pages", err=True)
-    typer.echo(f"the page: {server.url}")
-    if not no_browser:
-        import webbrowser
-
-        webbrowser.open(server.url)
     try:
+        typer.echo(f"the page: {server.url}")
+        if not no_browser:
+            import webbrowser
+
+            webbrowser.open(server.url)
         # Polars has system calls go on after Ctrl-C: a wait without an end would never see it.
         ended = threading.Event()
         while not ended.wait(_LOOK_S):
             pass
+    except KeyboardInterrupt:
+        typer.echo("the page is closed")  # Ctrl-C is how it ends
     finally:
         server.stop()
 
