@@ -1,10 +1,12 @@
-"""The order of the tests: files that take longest begin first, so that no process waits long for the last of them."""
+"""What all tests share: a browser, and their order, in which files that take longest begin first."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import pytest
+
+from browsers import browser as browser
 
 TESTS = Path(__file__).parent
 # Those of more than some ten seconds, longest first (`pytest --durations=50`).

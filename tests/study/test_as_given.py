@@ -10,8 +10,8 @@ import pytest
 import bumpstop as bs
 from bumpstop.study import TrajectorySpeedLimits, run
 from bumpstop.study.parameters.parameters import ParameterStudy
+from bumpstop.study.range import Range
 from bumpstop.study.requirement.requirement import require_curve, solve_requirement
-from bumpstop.study.variable import Range
 from cli.support import run as command
 
 UNCERTAIN = Path("examples/07_hand_uncertain.toml")

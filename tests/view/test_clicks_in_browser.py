@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
+from browsers import CHROMIUM
 from bumpstop.study import WorkspaceStudy
 from bumpstop.view.document import scenario_text
 from bumpstop.view.opened import open_source
 from bumpstop.view.page.server import ViewServer
 from view.cases import LOWER_ARM, ROOT
-from view.screen import CHROMIUM, WAIT_MS, Screen
+from view.screen import WAIT_MS, Screen
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: apt-get install chromium")
 

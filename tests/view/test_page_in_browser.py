@@ -10,11 +10,12 @@ from typing import Any
 
 import pytest
 
+from browsers import CHROMIUM
 from bumpstop.cli.main import main
 from bumpstop.view.opened import open_source
 from bumpstop.view.page.server import ViewServer
 from view.cases import LOWER_ARM
-from view.screen import CHROMIUM, WAIT_MS, Screen
+from view.screen import WAIT_MS, Screen
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: apt-get install chromium")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,9 +11,9 @@ import pytest
 from web.exports import ROOT
 
 import bumpstop as bs
+from browsers import CHROMIUM
 from web.node import MISSING, WHY_NOT
 
-CHROMIUM = shutil.which("chromium")
 WAIT_MS = 60_000
 pytestmark = [
     pytest.mark.skipif(MISSING, reason=WHY_NOT),
@@ -23,24 +22,21 @@ pytestmark = [
 
 
 @pytest.fixture(scope="module")
-def page(page_script: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    playwright = pytest.importorskip("playwright.sync_api")
+def page(page_script: Path, tmp_path_factory: pytest.TempPathFactory, browser: Any) -> Iterator[Any]:
     file = tmp_path_factory.mktemp("page") / "page.html"
     style = (ROOT / "web" / "page.css").read_text(encoding="utf-8")
     text = f'<!doctype html><meta charset="utf-8"><style>{style}</style><div id="bumpstop"></div>'
     file.write_text(f'{text}<script src="{page_script.as_uri()}"></script>', encoding="utf-8")
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        opened = browser.new_page(viewport={"width": 1280, "height": 800})
-        opened.faults = []
-        opened.on("console", lambda message: opened.faults.append(message.text) if message.type == "error" else None)
-        opened.on("pageerror", lambda error: opened.faults.append(str(error)))
-        opened.on("request", lambda request: opened.faults.append(request.url) if "://" in request.url[:9] else None)
-        opened.faults.clear()
-        opened.goto(file.as_uri())
-        yield opened
-        assert [fault for fault in opened.faults if not fault.startswith(("file:", "blob:"))] == []
-        browser.close()
+    opened = browser.new_page(viewport={"width": 1280, "height": 800})
+    opened.faults = []
+    opened.on("console", lambda message: opened.faults.append(message.text) if message.type == "error" else None)
+    opened.on("pageerror", lambda error: opened.faults.append(str(error)))
+    opened.on("request", lambda request: opened.faults.append(request.url) if "://" in request.url[:9] else None)
+    opened.faults.clear()
+    opened.goto(file.as_uri())
+    yield opened
+    assert [fault for fault in opened.faults if not fault.startswith(("file:", "blob:"))] == []
+    opened.close()
 
 
 def settled(page: Any) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.collision.trajectory import onset as onset
-from bumpstop.collision.trajectory import trajectory_result as trajectory_law
+from bumpstop.collision.trajectory import trajectory_evaluation
 from bumpstop.collision.trajectory.trajectory_curve import trajectory_kernel
 from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult
 from collision.cases import control_group
@@ -370,12 +370,12 @@ def test_many_contact_times_take_turns(tmp_path: Path, monkeypatch: pytest.Monke
     write_csv(tmp_path / "path.csv", t, q)
     path = scenario(tmp_path, trajectory_motion(), robot="sia5d")
     together = bs.evaluate(path)
-    monkeypatch.setattr(trajectory_law, "_CONTACTS_AT_ONCE", 7)
+    monkeypatch.setattr(trajectory_evaluation, "_CONTACTS_AT_ONCE", 7)
     assert bs.evaluate(path).to_json() == together.to_json()
     assert isinstance(together, TrajectoryCollisionResult)
-    monkeypatch.setattr(trajectory_law, "_MAX_DETECTIONS", together.detections.tick.size)
+    monkeypatch.setattr(trajectory_evaluation, "_MAX_DETECTIONS", together.detections.tick.size)
     bs.evaluate(path)
-    monkeypatch.setattr(trajectory_law, "_MAX_DETECTIONS", together.detections.tick.size - 1)
+    monkeypatch.setattr(trajectory_evaluation, "_MAX_DETECTIONS", together.detections.tick.size - 1)
     with pytest.raises(bs.InputError, match="stay undetected for so long") as refused:
         bs.evaluate(path)
     assert refused.value.field == "motion.file"

@@ -1,13 +1,15 @@
-"""One browser for all tests of a page."""
+"""One browser for all tests of pages: a process can drive no second one."""
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
-from view.screen import CHROMIUM, FLAGS
+CHROMIUM = shutil.which("chromium")
+FLAGS = ["--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 
 @pytest.fixture(scope="session")
