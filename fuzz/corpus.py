@@ -6,6 +6,7 @@ import io
 import json
 import re
 import tempfile
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -66,8 +67,12 @@ def urdfs() -> Files:
 
 
 def drive_trains() -> Files:
-    """Of the page on drive trains."""
-    return {"drive.toml": _from_page("reference/robot/drive_train.md").encode()}
+    """Of the page on drive trains, and a model for MuJoCo with the same joints."""
+    toml = _from_page("reference/robot/drive_train.md")
+    joints = "".join(f'<body childclass="b"><joint name="{name}" class="a"/>' for name in tomllib.loads(toml)["joints"])
+    defaults = '<default><default class="a"><joint armature="0.1"/></default></default>'
+    model = f"<mujoco>{defaults}<worldbody>{joints}{'</body>' * joints.count('<body')}</worldbody></mujoco>"
+    return {"drive.toml": toml.encode(), "drive.xml": model.encode()}
 
 
 def limit_tables() -> Files:
