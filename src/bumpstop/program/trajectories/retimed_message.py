@@ -64,11 +64,12 @@ class MessageRows:
             return "velocities are given at some points only"
         q = np.array(position, dtype=np.float64)[:, list(column)]
         qd = np.array(velocity, dtype=np.float64)[:, list(column)] if velocity else None
-        for what, values in (("time", t[:, None]), ("position", q), ("velocity", qd)):
-            far = np.empty(0) if values is None else np.flatnonzero(np.abs(values).max(axis=1) > _MAX[what])
+        given = {"time": t[:, None], "position": q} | ({} if qd is None else {"velocity": qd})
+        for what, values in given.items():
+            most = np.abs(values).max(axis=1)
+            far = np.flatnonzero(most > _MAX[what])
             if far.size:
-                most = np.abs(values[far[0]]).max()
-                return f"point {far[0] + 1} has a {what} of {most:.3g}, over {_MAX[what]:g}"
+                return f"point {far[0] + 1} has a {what} of {most[far[0]]:.3g}, over {_MAX[what]:g}"
         return cls(t, q, qd, None, tuple(order))
 
 
