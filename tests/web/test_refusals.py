@@ -60,7 +60,7 @@ def refusal_of_command(text: str) -> InputError | None:
 
 def test_nothing_is_accepted_that_the_command_refuses(page_script: Path) -> None:
     rng = np.random.default_rng(1)
-    texts = [mutated(rng, seed) for seed in range(3000)]
+    texts = [mutated(rng, seed) for seed in range(1500)]
     refused = computed = 0
     for text, told in zip(texts, in_node(page_script, "check", texts), strict=True):
         refusal = refusal_of_command(text)
@@ -71,7 +71,7 @@ def test_nothing_is_accepted_that_the_command_refuses(page_script: Path) -> None
         else:
             assert "refused" in told, f"{refusal}\n{text}"
             refused += 1
-    assert refused > 1000
+    assert refused > 500
     assert computed > 150
 
 

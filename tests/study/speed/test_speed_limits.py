@@ -346,14 +346,14 @@ def test_slow_lines_are_followed_as_far_as_the_scenario_s_own() -> None:
         assert slow.found.speed[0] == pytest.approx(0.005)
 
 
-@pytest.mark.parametrize("cone_deg", [0.0, 25.0])
-def test_more_latency_makes_no_pose_safe_at_higher_speeds(cone_deg: float) -> None:
+@pytest.mark.parametrize(("cone_deg", "poses"), [(0.0, 6), (25.0, 4)])
+def test_more_latency_makes_no_pose_safe_at_higher_speeds(cone_deg: float, poses: int) -> None:
     for name in (HAND, LINE):
         case = load_scenario(name, {"motion.duration_s": 0.3})
         limits = [
             run(
                 WorkspaceSpeedLimits(
-                    case.with_values({"reaction.latency_s": latency}), poses=6, seed=3, cone_deg=cone_deg
+                    case.with_values({"reaction.latency_s": latency}), poses=poses, seed=3, cone_deg=cone_deg
                 )
             ).rows["limit_mm_s"]
             for latency in (0.0, 0.003, 0.02, 0.07)
