@@ -72,7 +72,8 @@ fuzz: $(VENV)/.tested
 bench: $(VENV)/.tested
 	$(BIN)/python -m benchmarks
 
-$(VENV)/.linted: $(VENV)/.built
+# mypy follows imports into the packages that the tests install.
+$(VENV)/.linted: $(VENV)/.tested
 	$(BIN)/pip install --quiet $$($(EXTRA) lint)
 	touch $@
 
