@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from bumpstop.arrays import as_whole_number
-from bumpstop.collision import CollisionProblem, evaluate
+from bumpstop.collision import evaluate
 from bumpstop.collision.summary import arm_title, what_is_hit
 from bumpstop.errors import InputError
 from bumpstop.register.faults import RegisterError
@@ -155,7 +155,6 @@ def evaluate_register(
         RegisterError: situations that cannot be computed; it names them all.
     """
     as_whole_number(threads, "threads", 1, 256)
-    _refuse(register, [fault for each in register.situations if (fault := _fault_of(each)) is not None])
     uncertain = [situation for situation in register.situations if situation.scenario.uncertainty]
     done, work = 0, len(register.situations) + len(uncertain)
 
@@ -180,7 +179,8 @@ def evaluate_register(
                 raise judgement
             return _evaluate(situation, judgement, samples, seed)
         except InputError as error:
-            return _at(situation, error)
+            where = f"{situation.file} {situation.place}".rstrip()
+            return InputError(f"{where} ({situation.name!r}), {error.field}", error.problem, error.valid)
 
     found: list[SituationResult | InputError] = []
     with ThreadPoolExecutor(min(threads, len(register.situations), os.cpu_count() or 1)) as pool:
@@ -189,7 +189,9 @@ def evaluate_register(
             done += 1
             if progress is not None:
                 progress((done + len(uncertain)) / work)
-    _refuse(register, [result for result in found if isinstance(result, InputError)])
+    faults = [result for result in found if isinstance(result, InputError)]
+    if faults:
+        raise RegisterError(", ".join(str(path) for path in register.files[:1]), faults)
     results = [result for result in found if isinstance(result, SituationResult)]
     return RegisterResult(register, worst_first(results))
 
@@ -197,30 +199,6 @@ def evaluate_register(
 def worst_first(results: Sequence[SituationResult]) -> tuple[SituationResult, ...]:
     """Failures, then what is inconclusive, then what passes; of each, most of a limit first."""
     return tuple(sorted(results, key=_badness))
-
-
-def _fault_of(situation: Situation) -> InputError | None:
-    """What makes a situation one that cannot be computed, as far as that is seen at once."""
-    from bumpstop.uncertainty.resolved_input import resolve
-
-    try:
-        problem = CollisionProblem.from_scenario(situation.scenario)
-        if situation.scenario.uncertainty:
-            resolve(problem)
-    except InputError as error:
-        return _at(situation, error)
-    return None
-
-
-def _at(situation: Situation, error: InputError) -> InputError:
-    """The error of a situation, which it names."""
-    where = f"{situation.file} {situation.place}".rstrip()
-    return InputError(f"{where} ({situation.name!r}), {error.field}", error.problem, error.valid)
-
-
-def _refuse(register: Register, faults: Sequence[InputError]) -> None:
-    if faults:
-        raise RegisterError(", ".join(str(path) for path in register.files[:1]), faults)
 
 
 def _badness(result: SituationResult) -> tuple[float, ...]:

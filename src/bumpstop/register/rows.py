@@ -232,6 +232,10 @@ def _problem_faults(scenario: Scenario) -> list[InputError]:
     try:
         problem = CollisionProblem.from_scenario(scenario)
         assert problem.setup is not None
+        if scenario.uncertainty:
+            from bumpstop.uncertainty.resolved_input import resolve
+
+            resolve(problem)
     except InputError as error:
         return [error]
     return []
