@@ -75,19 +75,6 @@ GaussianThresholds detector_of(const val& from) {
     return detector;
 }
 
-const char* name_of(PathEnd end) {
-    switch (end) {
-        case PathEnd::joint_limit:
-            return "joint_limit";
-        case PathEnd::singularity:
-            return "singularity";
-        case PathEnd::all_detected:
-            return "all_detected";
-        default:
-            return "motion_end";
-    }
-}
-
 // One collision: `start` says whether it can begin, `integrate` must come before what is asked of its distribution.
 class Collision {
   public:

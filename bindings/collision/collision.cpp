@@ -11,19 +11,6 @@ namespace {
 
 using L = NativeLanes;
 
-const char* end_name(PathEnd end) {
-    switch (end) {
-        case PathEnd::joint_limit:
-            return "joint_limit";
-        case PathEnd::singularity:
-            return "singularity";
-        case PathEnd::all_detected:
-            return "all_detected";
-        default:
-            return "motion_end";
-    }
-}
-
 // A stopping curve with the setup it was made for.
 struct LineStoppingCurve : StoppingCurve {
     LineStoppingCurve(StoppingCurve curve, const CollisionSetup& from) : StoppingCurve(std::move(curve)), setup(from) {}
@@ -87,7 +74,7 @@ void bind_curves(nb::module_& module) {
                          return view(state.data(), {state.size() / (2 * free), 2, free});
                      })
         .def_prop_ro("approach_speed", [](const LineStoppingCurve& self) { return self.path.approach_speed; })
-        .def_prop_ro("end", [](const LineStoppingCurve& self) { return end_name(self.path.end); })
+        .def_prop_ro("end", [](const LineStoppingCurve& self) { return name_of(self.path.end); })
         .def_prop_ro("end_joint", [](const LineStoppingCurve& self) { return self.path.end_joint; })
         .def_prop_ro("cut_step", [](const LineStoppingCurve& self) { return self.path.cut_step; })
         .def_prop_ro("braking", [](const LineStoppingCurve& self) { return view(self.path.braking); })

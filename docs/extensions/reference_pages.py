@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
 from types import NoneType
@@ -23,12 +24,12 @@ _SEVERAL = r":(ivar|param) (\w+(?:, \w+)+):(.*)"
 CPP_NAMES = ("CollisionSetup", "GaussianThresholds", "Contact", "Detector", "DetectorOutput", "DetectorEvent")
 
 
-class _Written(SphinxDirective):
+class _Written(SphinxDirective, ABC):
     """A directive whose content is text that it writes."""
 
+    @abstractmethod
     def lines(self) -> list[str]:
         """The text, in the markup of the page."""
-        raise NotImplementedError
 
     def run(self) -> list[nodes.Node]:
         """Parse the text where the directive stands."""

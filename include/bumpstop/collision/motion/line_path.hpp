@@ -13,6 +13,19 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// The arm stops following the line when ... At a joint limit and a singularity it brakes.
 enum class PathEnd { motion_end, joint_limit, singularity, all_detected };
 
+inline const char* name_of(PathEnd end) {
+    switch (end) {
+        case PathEnd::joint_limit:
+            return "joint_limit";
+        case PathEnd::singularity:
+            return "singularity";
+        case PathEnd::all_detected:
+            return "all_detected";
+        default:
+            return "motion_end";
+    }
+}
+
 /// One pose's path, all that the force distribution needs of it.
 struct LinePath {
     /// Ticks before the first, from -1 down, whose reactions would begin after it; that of the earliest begins in step 1.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from abc import ABC, abstractmethod
 from collections import deque
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,7 @@ _PERIOD_S = 0.1
 _MAX_WAITING = 60_000  # a minute at 1 kHz, for a disk that hangs
 
 
-class BackgroundOutput:
+class BackgroundOutput(ABC):
     """Hands what it is told to :meth:`write` in a thread, ten times a second.
 
     A subclass gives ``what`` it is, for sentences, and the methods :meth:`write` and :meth:`finish`. An ``OSError`` of
@@ -59,7 +60,7 @@ class BackgroundOutput:
             return
         self._waiting.append(told)
 
-    def flush(self, now_s: float) -> None:
+    def flush(self, now_s: float) -> None:  # noqa: B027 - no subclass needs one
         """The thread does it by itself."""
 
     def problems(self) -> list[str]:
@@ -73,13 +74,13 @@ class BackgroundOutput:
             self._thread.join()
             self._thread = None
 
+    @abstractmethod
     def write(self, batch: Sequence[Told]) -> None:
         """Write what was told, so that a process that is killed has it; ``pending`` is how much may be lost."""
-        raise NotImplementedError
 
+    @abstractmethod
     def finish(self) -> None:
         """Nothing more will be told."""
-        raise NotImplementedError
 
     def _run(self) -> None:
         while not self._ending.wait(_PERIOD_S):
