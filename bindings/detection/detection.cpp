@@ -225,7 +225,8 @@ void bind_fitted(nb::module_& module) {
         .def_rw("offset", &FittedMotor::offset)
         .def_rw("bend", &FittedMotor::bend)
         .def_rw("top_speed", &FittedMotor::top_speed)
-        .def_rw("load", &FittedMotor::load);
+        .def_rw("load", &FittedMotor::load)
+        .def_rw("presliding", &FittedMotor::presliding);
     nb::class_<FittedDynamics>(module, "FittedDynamics", "Fitted dynamics, sample by sample.")
         .def(nb::init<>())
         .def_rw("by_all", &FittedDynamics::by_all)

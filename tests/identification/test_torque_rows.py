@@ -20,7 +20,7 @@ from bumpstop.identification import (
     with_payload,
 )
 from bumpstop.identification.dynamics.dynamics_system import FIT_PER_CUTOFF, System
-from bumpstop.identification.dynamics.regressor_columns import regressor_columns, torque_of
+from bumpstop.identification.dynamics.regressor_columns import regressor_columns, speeds_of, torque_of
 from bumpstop.identification.segments.drive_samples import split_at_gaps
 from bumpstop.identification.segments.motion import REACH_SHARE, lowpass
 from bumpstop.identification.segments.torque_samples import TorqueSamples
@@ -199,10 +199,10 @@ def test_predictions_are_columns_times_values() -> None:
     robot = bs.Robot.load("ur10e")
     couplings = [[(4, 1.0), (5, -0.5)]]
     motion = TorqueSamples.of([planted(robot, 3, seconds=5.0)], robot, 8.0).motion
-    speeds = np.full(7, 0.2)
-    columns = regressor_columns(robot, motion, speeds, couplings, 5 * speeds)
+    tops, signs = np.full(7, 1.0), np.tanh(speeds_of(motion, couplings) / 0.2)
+    columns = regressor_columns(robot, motion, signs, couplings, tops)
     values = np.random.default_rng(5).normal(size=columns.shape[2])
-    torque = torque_of(robot, motion, values, speeds, couplings, 5 * speeds)
+    torque = torque_of(robot, motion, values, signs, couplings, tops)
     np.testing.assert_allclose(torque, columns @ values, rtol=1e-9, atol=1e-9 * np.abs(torque).max())
 
 

@@ -124,7 +124,11 @@ class Detector {
         bank_.take_logarithms(qd);
         angle.set_padded(chain_, validator_.position());
         bank_.take_powers(qd);
-        if (in_lanes_ && !fitted_) frames_.set(inertias_.lanes, angle, qd);
+        if (fitted_) {
+            fitted_->advance(chain_.dof, validator_.interval(), qd);
+        } else if (in_lanes_) {
+            frames_.set(inertias_.lanes, angle, qd);
+        }
         bool finite = false;
         if (settings_.residual == ResidualKind::direct) {
             finite = direct_residual(angle, qd, qdd);
@@ -155,6 +159,7 @@ class Detector {
         watch_.reset();
         derivative_.reset();
         observer_.reset();
+        if (fitted_) fitted_->reset();
         begun_ = false;
         no_data_ticks_ = events_ = 0;
         seen_ = -std::numeric_limits<double>::infinity();
@@ -206,6 +211,7 @@ class Detector {
     [[gnu::noinline, gnu::cold]] void reset_history() noexcept {
         derivative_.reset();
         observer_.reset();
+        if (fitted_) fitted_->reset();
         alarm_logic_.interrupt();
     }
 

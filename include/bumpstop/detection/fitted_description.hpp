@@ -10,7 +10,8 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET::detail {
 
-/// Reads them one by one: the gains, the joints that `all` predicts, and links and motors of each set in order.
+/// Reads them one by one: the gains, the joints that `all` predicts, links and motors of each set in order, and, behind
+/// the motors, travels over which their friction builds up, which there need not be.
 class FittedReader {
   public:
     explicit FittedReader(int joints) : joints_(joints) {}
@@ -27,6 +28,7 @@ class FittedReader {
             fitted_.by_all = std::uint32_t(bits);
             return true;
         }
+        if (key == "fitted_presliding") return once(slides_) && motors_[0] == motors_[1] && read_presliding(line);
         std::string set;
         if (!line.word(set) || (set != "all" && set != "essential")) return false;
         const int number = set == "all" ? 0 : 1;
@@ -37,7 +39,8 @@ class FittedReader {
             return line.finite_numbers(&link.mass, 1) && line.finite_numbers(link.center.data(), 3) &&
                    line.finite_numbers(link.tensor.data(), 9);
         }
-        if (key != "fitted_motor" || motors_[number] == FittedParameters::max_motors) return false;
+        // Travels are those of the motors before them.
+        if (key != "fitted_motor" || slides_ || motors_[number] == FittedParameters::max_motors) return false;
         return read_motor(line, own.motor[motors_[number]++]);
     }
     /// Everything or nothing has come.
@@ -65,11 +68,21 @@ class FittedReader {
         motor.bend = v[5];
         return line.finite_numbers(&motor.load, 1) && line.finite_numbers(motor.share.data(), joints_);
     }
+    /// One for each motor, 0 or above.
+    bool read_presliding(DescriptionLine& line) {
+        double travel[FittedParameters::max_motors];
+        if (motors_[0] == 0 || !line.finite_numbers(travel, motors_[0])) return false;
+        for (int m = 0; m < motors_[0]; ++m) {
+            if (!(travel[m] >= 0)) return false;
+            fitted_.all.motor[m].presliding = fitted_.essential.motor[m].presliding = travel[m];
+        }
+        return true;
+    }
     static bool once(bool& seen) { return !std::exchange(seen, true); }
 
     int joints_;
     FittedDynamics fitted_;
-    bool begun_ = false, gains_ = false, chosen_ = false;
+    bool begun_ = false, gains_ = false, chosen_ = false, slides_ = false;
     int links_[2] = {}, motors_[2] = {};
 };
 

@@ -17,7 +17,8 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// What a motor adds to the torque of the joint it turns, or of the joints that share it.
 ///
-/// With the motor's speed v = sum_j share_j qd_j and s = tanh(v / sign_speed), joint j has share_j times
+/// With the motor's speed v = sum_j share_j qd_j and its sign s, tanh(v / sign_speed) or built up over a presliding
+/// travel, joint j has share_j times
 ///   coulomb s + viscous v + rotor dv/dt + offset + bend s (sqrt(u) - 4/15 - 4 u / 5),  u = min(|v| / top_speed, 1)
 /// and, where it is the joint's own, load s |torque of its inertia|.
 struct FittedMotor {
@@ -26,6 +27,38 @@ struct FittedMotor {
     double coulomb = 0, viscous = 0, rotor = 0, offset = 0, bend = 0;
     double top_speed = std::numeric_limits<double>::infinity();  ///< infinite: friction does not bend
     double load = 0;
+    double presliding = 0;  ///< travel over which the sign turns round after a reversal [rad or m]; 0: by the speed
+};
+
+/// The sign of a motor's friction: tanh(v / sign_speed); or a state z that follows the travel x (Dahl 1968, exponent 1):
+///   dz/dx = (1 - sgn(v) z) / presliding
+/// It begins at tanh(v / sign_speed), and is exact where the speed is a straight line from sample to sample.
+class FrictionSign {
+  public:
+    /// Takes the speed of a sample `dt` after the last one.
+    void advance(const FittedMotor& motor, double dt, double speed) noexcept {
+        if (!(motor.presliding > 0) || !known_) {
+            sign_ = std::tanh(speed / motor.sign_speed);
+        } else if (last_ * speed < 0) {
+            const double share = last_ / (last_ - speed);
+            slide(0.5 * last_ * share * dt / motor.presliding);
+            slide(0.5 * speed * (1 - share) * dt / motor.presliding);
+        } else {
+            slide(0.5 * (last_ + speed) * dt / motor.presliding);
+        }
+        last_ = speed;
+        known_ = true;
+    }
+    void reset() noexcept { known_ = false; }
+    double value() const noexcept { return sign_; }
+
+  private:
+    void slide(double way) noexcept {
+        const double towards = way < 0 ? -1.0 : 1.0;
+        sign_ = towards + (sign_ - towards) * std::exp(-std::fabs(way));
+    }
+    bool known_ = false;
+    double last_ = 0, sign_ = 0;
 };
 
 /// One set of parameters. Masses are those of any arm with the same torques; they need not be those of bodies.
@@ -58,7 +91,16 @@ class FittedDynamics {
         inertias_essential_ = carrying(chain, essential, payload);
     }
 
-    /// Joint torques of a motion.
+    /// Takes the speeds of a tick `dt` after the last one, before the torques of this tick are asked for.
+    void advance(int dof, double dt, const double* qd) noexcept {
+        for (int m = 0; m < motors; ++m) sign_[m].advance(all.motor[m], dt, along(all.motor[m], qd, dof));
+    }
+    /// What was before is not known.
+    void reset() noexcept {
+        for (FrictionSign& sign : sign_) sign.reset();
+    }
+
+    /// Joint torques of a motion whose speeds were the last to be taken.
     void predict(const Chain& chain, const JointMotion<double>& motion, const Vector3& gravity,
                  double* torque) const noexcept {
         double inertial[2][max_joints] = {};
@@ -104,7 +146,7 @@ class FittedDynamics {
     void add_motors(int dof, const double* qd, const double* qdd, const double* load, double* torque) const noexcept {
         for (int m = 0; m < motors; ++m) {
             const FittedMotor& first = all.motor[m];
-            const double v = along(first, qd, dof), a = along(first, qdd, dof), s = std::tanh(v / first.sign_speed);
+            const double v = along(first, qd, dof), a = along(first, qdd, dof), s = sign_[m].value();
             const bool bends = first.top_speed < std::numeric_limits<double>::infinity();
             const double u = bends ? std::min(std::fabs(v) / first.top_speed, 1.0) : 0;
             const double bent = bends ? s * (std::sqrt(u) - 4.0 / 15 - 0.8 * u) : 0;
@@ -122,6 +164,7 @@ class FittedDynamics {
         return Inertias(chain, std::span<const LinkInertia>(link.data(), std::size_t(chain.dof)));
     }
 
+    std::array<FrictionSign, FittedParameters::max_motors> sign_{};
     bool needs_all_ = true, needs_essential_ = false;
     Inertias inertias_all_, inertias_essential_;
 };

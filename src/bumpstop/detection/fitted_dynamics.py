@@ -78,6 +78,9 @@ class FittedDynamics:
                 figures = [motor.sign_speed, *(getattr(motor, one) for one in _OF_MOTOR[:-1])]
                 figures += [motor.top_speed, motor.load, *motor.share[:n]]
                 found.append(f"fitted_motor {name} {_numbers(figures)}")
+        travels = [motor.presliding for motor in self._motors(0)]
+        if any(travels):
+            found.append(f"fitted_presliding {_numbers(travels)}")
         return found
 
     def _motors(self, number: int) -> list[_native.FittedMotor]:
@@ -100,6 +103,8 @@ class FittedDynamics:
                 setattr(motor, what, float(named.get(f"{what}_{owner}", 0.0)))
             top = math.inf if model.top_speed is None else float(model.top_speed[m])
             motor.top_speed = top if math.isfinite(top) else math.inf
+            travel = 0.0 if model.presliding is None else float(model.presliding[m])
+            motor.presliding = travel if math.isfinite(travel) else 0.0
             made.append(motor)
         return made
 

@@ -34,6 +34,7 @@ inline FittedParameters random_parameters(int dof) {
         motor.top_speed = m % 2 ? inf : 2.0;
         for (double* value : {&motor.coulomb, &motor.viscous, &motor.rotor, &motor.bend}) *value = checks::normal();
         motor.load = m < dof ? 0.05 : 0;
+        motor.presliding = m % 3 ? 0 : 0.01;
     }
     return made;
 }

@@ -29,6 +29,8 @@ def planted(seed: int, *, essential: bool, gains: bool = False) -> DynamicsModel
     draw = np.random.default_rng(seed)
     top, loaded, couplings = np.full(7, np.nan), (1, 4), (((4, 1.0), (5, -0.7)),)
     top[[0, 5, 6]] = 2.0, 1.5, 1.0
+    presliding = np.full(7, np.nan)
+    presliding[[1, 3, 6]] = 0.01, 0.03, 0.2
     names = column_names(UR5E, couplings, top, loaded)
     values = draw.normal(0, 1, len(names))
     for k, name in enumerate(names):
@@ -41,6 +43,7 @@ def planted(seed: int, *, essential: bool, gains: bool = False) -> DynamicsModel
         predicting=np.where(draw.random(len(names)) < 0.6, values * draw.uniform(0.8, 1.2), 0.0) if essential else None,
         predicted_by_all=(0, 3) if essential else (),
         sign_speed=draw.uniform(0.01, 0.1, 6),
+        presliding=presliding,
         top_speed=top,
         couplings=couplings,
         loaded=loaded,
@@ -64,10 +67,11 @@ def test_the_loop_has_the_residual_of_the_fit(seed: int, essential: bool, gains:
     settings = DetectorSettings(window_s=WINDOW_S, limit_margin=1e3, frozen_s=np.inf, causal=True)
     run = Detector(UR5E, model, np.full(6, 1e9), settings).run_rows(t, q, signal)
     motion = causal_motion(t, q, model.gravity)
-    wanted = tau - model.torque(motion)
     seen = ~run.no_data
     assert seen.sum() == ROWS - settings.window_samples(DT) + 1
-    np.testing.assert_allclose(run.residual[seen], wanted[seen], rtol=1e-9, atol=1e-8 * np.abs(wanted).max())
+    # Friction that builds up begins at the loop's first motion.
+    wanted = tau[seen] - model.torque(motion.part(seen))
+    np.testing.assert_allclose(run.residual[seen], wanted, rtol=1e-9, atol=1e-8 * np.abs(wanted).max())
     # What a C++ loop reads gives the same to the last digit.
     text = describe_detector(Detector(UR5E, model, np.full(6, 1e9), replace(settings, period_s=DT)))
     found, error = _native.read_detector(text)
@@ -76,10 +80,30 @@ def test_the_loop_has_the_residual_of_the_fit(seed: int, essential: bool, gains:
     np.testing.assert_array_equal(again[seen], run.residual[seen])
 
 
+def test_friction_that_builds_up_begins_anew_behind_a_gap() -> None:
+    """What the joints did meanwhile is not known: the loop goes on as one that begins there."""
+    model = planted(5, essential=False)
+    t, q, _, _, tau = moving(UR5E, ROWS, DT, 5)
+    t[200:] += 1.0
+    settings = DetectorSettings(window_s=WINDOW_S, limit_margin=1e3, frozen_s=np.inf, causal=True)
+
+    def residual(rows: slice, own: DynamicsModel = model) -> np.ndarray:
+        found: np.ndarray = (
+            Detector(UR5E, own, np.full(6, 1e9), settings).run_rows(t[rows], q[rows], tau[rows]).residual
+        )
+        return found
+
+    both, alone = residual(slice(None)), residual(slice(200, None))
+    at_once = residual(slice(200, None), replace(model, presliding=None))
+    np.testing.assert_allclose(both[200:], alone, rtol=1e-9, atol=1e-9)
+    assert np.isfinite(alone[20:]).all()
+    assert np.nanmax(np.abs(alone - at_once)) > 0.1
+
+
 def test_the_observer_follows_a_step_of_torque_as_it_says() -> None:
     """The momentum of the fit's own torques leaves little; a step shows as 1 - exp(-K t)."""
     gain, at = 50.0, 200
-    model = replace(planted(4, essential=True), loaded=(), sign_speed=np.full(6, 0.3), top_speed=None)
+    model = replace(planted(4, essential=True), loaded=(), sign_speed=np.full(6, 0.3), presliding=None, top_speed=None)
     names = column_names(UR5E, model.couplings)
     rotors = {name: 0.3 for name in names if name.startswith("rotor")}
     true = np.array([rotors.get(name, value) for name, value in zip(names, np.zeros(len(names)), strict=True)])
@@ -146,6 +170,11 @@ def test_what_cannot_be_is_refused() -> None:
         "\n".join(line for line in text.splitlines() if not line.startswith("fitted_by_all")),
         text.replace("fitted_link all", "fitted_link none", 1),
         text.replace("fitted_motor all", "fitted_motor all nan", 1),
+        text.replace("fitted_presliding ", "fitted_presliding 1.0 "),
+        text.replace("fitted_presliding ", "fitted_presliding -1.0 #"),
+        text.replace("fitted_presliding 0.0", "fitted_presliding -1.0"),
+        text.replace("fitted_presliding 0.0", "fitted_presliding inf"),
+        text.replace("fitted_link all", "fitted_presliding 0 0 0 0 0 0 0\nfitted_link all", 1),
     ):
         found, error = _native.read_detector(broken)
         assert found is None

@@ -133,13 +133,20 @@ class DynamicsFit(DynamicsEstimate, Displayed):
 
     def _friction_lines(self) -> list[str]:
         """Joints whose friction is more than Coulomb's and viscous."""
-        joints, top = self.model.robot.joints, self.model.top_speed
+        joints, top, travel = self.model.robot.joints, self.model.top_speed, self.model.presliding
         bent = [] if top is None else np.flatnonzero(np.isfinite(top[: len(joints)])).tolist()
-        return [
+        lines = [
             f"friction {what}: {', '.join(joints[j].name for j in which)}"
             for what, which in (("bends with the speed", bent), ("grows with the load", list(self.model.loaded)))
             if which
         ]
+        gradual = [] if travel is None else np.flatnonzero(np.isfinite(travel[: len(joints)])).tolist()
+        if travel is not None and gradual:
+            names = ", ".join(
+                f"{joints[j].name} over {travel[j]:g} {unit_of(joints[j], turning='rad', sliding='m')}" for j in gradual
+            )
+            lines.append(f"friction builds up after a reversal: {names}")
+        return lines
 
     @property
     def parameters(self) -> dict[str, Quantity]:
@@ -289,6 +296,7 @@ def fit_of(system: System, held_out: dict[float, float]) -> DynamicsFit:
             predicting=predicting,
             predicted_by_all=tuple(np.flatnonzero(~takes).tolist()),
             sign_speed=system.sign_speed,
+            presliding=system.presliding,
             top_speed=system.top_speed,
             couplings=system.couplings,
             loaded=tuple(sorted(system.loads)),

@@ -9,6 +9,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.identification.comparison import Comparison, joint_score, one_after_another
+from bumpstop.identification.dynamics.coulomb_sign import coulomb_signs
 from bumpstop.identification.dynamics.dynamics_system import FIT_PER_CUTOFF
 from bumpstop.identification.dynamics.regressor import inertial_torque
 from bumpstop.identification.dynamics.regressor_columns import column_names, torque_of
@@ -38,6 +39,8 @@ class DynamicsModel:
         predicted_by_all: joints (from 0) whose predictions use ``values`` all the same.
         sign_speed: (n + shared motors,) speed scale of Coulomb friction, of joints, then of shared motors; or (n,): a
             shared motor has the mean of its joints' [rad/s or m/s].
+        presliding: (n + shared motors,) travel over which Coulomb friction turns round after a reversal, in place of
+            the speed [rad or m]; NaN: it does so by the speed; None: all do.
         top_speed: (n + shared motors,) speed up to which friction bends [rad/s or m/s]; None: friction is a straight
             line of the speed.
         couplings: groups of joints that share a motor, as (joint, factor) pairs.
@@ -55,6 +58,7 @@ class DynamicsModel:
     predicting: FloatArray | None = None
     predicted_by_all: tuple[int, ...] = ()
     sign_speed: FloatArray
+    presliding: FloatArray | None = None
     top_speed: FloatArray | None = None
     couplings: tuple[tuple[tuple[int, float], ...], ...] = ()
     loaded: tuple[int, ...] = ()
@@ -89,11 +93,11 @@ class DynamicsModel:
             motion: of the robot.
             carried: (N, n) torque of a payload, which loads the gears but is not in the result; default: none.
         """
-        loads = self.loads(motion, carried)
+        loads, signs = self.loads(motion, carried), self.signs(motion)
 
         def of(values: FloatArray) -> FloatArray:
             every = self._every(values)
-            return torque_of(self.robot, motion, every, self.sign_speed, self.couplings, self.top_speed, loads)
+            return torque_of(self.robot, motion, every, signs, self.couplings, self.top_speed, loads)
 
         if self.predicting is None:
             return of(self.values)
@@ -102,6 +106,10 @@ class DynamicsModel:
             own = list(self.predicted_by_all)
             found[:, own] = of(self.values)[:, own]
         return found
+
+    def signs(self, motion: UniformMotion) -> FloatArray:
+        """Signs (N, n + shared motors) of Coulomb friction, from -1 to 1; as for :meth:`torque`."""
+        return coulomb_signs(motion, self.couplings, self.sign_speed, self.presliding)
 
     def loads(self, motion: UniformMotion, carried: FloatArray | None = None) -> dict[int, FloatArray]:
         """Torque (N,) that loads the gear, of joints whose friction grows with it [Nm or N]; as for :meth:`torque`."""

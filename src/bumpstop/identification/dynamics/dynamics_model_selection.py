@@ -24,6 +24,10 @@ if TYPE_CHECKING:
 # Speed over which Coulomb friction turns from one sign to the other, as a share of a joint's root mean square speed.
 # The first is taken while the cut-off is chosen; then each joint gets the best of all.
 SIGN_SHARES = (0.03, 0.001, 0.005, 0.01, 0.1, 0.3)
+# Travel over which it turns round after a reversal instead [rad or m].
+TRAVELS = (0.01, 0.03)
+# A joint's friction that builds up begins with the whole sign of the speed, unless it stands.
+_START_SHARE = min(SIGN_SHARES)
 # Rows behind the filter that cut-off and friction are chosen on; of more, blocks spread over the time.
 ENOUGH_TO_CHOOSE = 4_000
 # Cut-offs are compared on the same rows, so many times the frequency that they are compared at.
@@ -33,6 +37,9 @@ _CUTOFFS_HZ = (2.0, 3.0, 4.5, 7.0, 10.0, 15.0, 30.0, 60.0)
 # Another law of friction is taken where it leaves so much of the error on held-out fifths, and where the parts of the
 # rows say so beyond chance, by so many standard errors.
 _CLEAR_GAIN, _SURE = 0.95, 2.0
+# A presliding travel is taken where it leaves so much. It need not be beyond chance: a recording has few reversals at
+# which a joint creeps, and a sign by the speed has no friction there, whatever other rows say of its width.
+_LESS = 0.98
 _LOAD_ROUNDS = 3  # of a load that depends on what is fitted
 _AS_GOOD = 1.01
 
@@ -97,9 +104,9 @@ def best_friction(
 
     Laws and widths are tried on all joints at once and each joint takes its own best, simplest first: another width,
     friction that bends with the speed, friction that grows with the load, each only where it is clearly better than the
-    simpler one, beyond chance. A gain that another motion would not show is no reason to leave what is
-    usual. Joints that share a motor cannot be told apart: they and their motor take one law and width, by the mean of
-    what each leaves of its error.
+    simpler one, beyond chance. A gain that another motion would not show is no reason to leave what is usual. Last
+    comes friction that builds up over a presliding travel, which need only be better. Joints that share a motor cannot
+    be told apart: they and their motor take one law and width, by the mean of what each leaves of its error.
 
     Args:
         rows: that it is chosen on.
@@ -110,7 +117,7 @@ def best_friction(
     """
     first = System.of(rows, robot, cutoff_hz, couplings, SIGN_SHARES[0])
     loads = dict(enumerate(first.load_of(first.values).T))
-    groups = robot.dof + len(couplings)
+    groups, teams = robot.dof + len(couplings), _teams(robot.dof, couplings)
     shares, bent, loaded = np.full(groups, SIGN_SHARES[0]), np.zeros(groups, dtype=bool), np.zeros(groups, dtype=bool)
     best = first.held_out_parts()
     for bends, grows in ((False, False), (True, False), (False, True), (True, True)):
@@ -120,20 +127,47 @@ def best_friction(
         ) -> System:
             return System.of(rows, robot, cutoff_hz, couplings, share, bent=bends, loads=own, known=first)
 
-        tried = np.array([system(share).held_out_parts() for share in SIGN_SHARES])
-        for team in _teams(robot.dof, couplings):
-            joints = [j for j in team if j < robot.dof]
-            # Shares of the joints' errors before, and what each part has of them.
-            whole = np.maximum(best[:, joints].sum(axis=0), 1e-300)
-            after = (tried[:, :, joints] / whole).mean(axis=2)
-            place = int(np.argmin(after.sum(axis=1)))
-            gains = (best[:, joints] / whole).mean(axis=1) - after[place]
-            if after[place].sum() <= _CLEAR_GAIN and _is_sure(gains):
-                shares[team], bent[team], loaded[team] = SIGN_SHARES[place], bends, grows
-                best[:, joints] = tried[place][:, joints]
+        for team, place in _taken(best, [system(share).held_out_parts() for share in SIGN_SHARES], teams):
+            shares[team], bent[team], loaded[team] = SIGN_SHARES[place], bends, grows
+    laws = {j: loads[j] for j in np.flatnonzero(loaded[: robot.dof]).tolist()}
+    presliding = np.full(groups, np.nan)
+
+    def sliding(travel: float) -> System:
+        every = np.full(groups, travel)
+        return System.of(
+            rows, robot, cutoff_hz, couplings, _START_SHARE, presliding=every, bent=bent, loads=laws, known=first
+        )
+
+    for team, place in _taken(best, [sliding(travel).held_out_parts() for travel in TRAVELS], teams, surely=False):
+        shares[team], presliding[team] = _START_SHARE, TRAVELS[place]
     if of is not None and of is not rows:
         first = System.of(of, robot, cutoff_hz, couplings, SIGN_SHARES[0])
-    return _with_laws(first, shares, bent, np.flatnonzero(loaded[: robot.dof]).tolist())
+    return _with_laws(first, shares, presliding, bent, sorted(laws))
+
+
+def _taken(
+    best: FloatArray, tried: Sequence[FloatArray], teams: Sequence[list[int]], *, surely: bool = True
+) -> list[tuple[list[int], int]]:
+    """Teams that one of some models is better for, and its place.
+
+    Args:
+        best: (parts, n) errors so far, which those of the models that are taken replace.
+        tried: (parts, n) errors of each model.
+        teams: joints, and motors after them, that take one model together.
+        surely: it must be clearly better, and beyond chance.
+    """
+    errors, found = np.array(tried), []
+    for team in teams:
+        joints = [j for j in team if j < best.shape[1]]
+        # Shares of the joints' errors before, and what each part has of them.
+        whole = np.maximum(best[:, joints].sum(axis=0), 1e-300)
+        after = (errors[:, :, joints] / whole).mean(axis=2)
+        place = int(np.argmin(after.sum(axis=1)))
+        gains = (best[:, joints] / whole).mean(axis=1) - after[place]
+        if after[place].sum() <= (_CLEAR_GAIN if surely else _LESS) and (not surely or _is_sure(gains)):
+            best[:, joints] = errors[place][:, joints]
+            found.append((team, place))
+    return found
 
 
 def _is_sure(gains: FloatArray) -> bool:
@@ -141,19 +175,30 @@ def _is_sure(gains: FloatArray) -> bool:
     return bool(gains.mean() > _SURE * gains.std(ddof=1) / math.sqrt(gains.size))
 
 
-def _with_laws(first: System, shares: FloatArray, bent: np.ndarray, loaded: Sequence[int]) -> System:
+def _with_laws(
+    first: System, shares: FloatArray, presliding: FloatArray, bent: np.ndarray, loaded: Sequence[int]
+) -> System:
     """The system with these laws of friction, its loads those that its own solution says.
 
     Args:
         first: a system of the same rows without loads.
         shares: (n + shared motors,) speed over which Coulomb friction turns, as for :meth:`System.of`.
+        presliding: (n + shared motors,) travel over which it turns instead; NaN: it does not.
         bent: (n + shared motors,) where friction bends with the speed.
         loaded: joints (from 0) whose friction grows with the load.
     """
     load = first.load_of(first.values) if loaded else None
     loads = {} if load is None else {j: np.ascontiguousarray(load[:, j]) for j in loaded}
     found = System.of(
-        first.rows, first.robot, first.cutoff_hz, first.couplings, shares, bent=bent, loads=loads, known=first
+        first.rows,
+        first.robot,
+        first.cutoff_hz,
+        first.couplings,
+        shares,
+        presliding=presliding if np.isfinite(presliding).any() else None,
+        bent=bent,
+        loads=loads,
+        known=first,
     )
     for _ in range(_LOAD_ROUNDS if loaded else 0):
         found = found.reloaded(found.values if first.rows.currents else found.base.values)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.arrays import FloatArray
+from bumpstop.identification.dynamics.coulomb_sign import coulomb_signs
 from bumpstop.identification.dynamics.regressor_columns import column_names, regressor_columns, speeds_of
 from bumpstop.identification.statistics.clusters import blocks_of, clustered_covariance
 from bumpstop.identification.statistics.essential_parameters import essential_values
@@ -51,7 +52,8 @@ class System:
         robot, couplings, cutoff_hz: as in :class:`DynamicsFit`.
         rows: motion and torque.
         reach: of these rows what the columns are of: M rows, margins of blocks included.
-        sign_speed, top_speed: shape of friction, as :func:`regressor_columns` takes it.
+        sign_speed, presliding, top_speed: shape of friction, as in :class:`DynamicsModel`.
+        signs: (M, n + shared motors) of Coulomb friction.
         loads: torque (M,) that loads the gears of joints whose friction grows with it.
         raw: (M, n, parameters) columns.
         columns: (N, n, parameters) the same, filtered, without margins.
@@ -66,7 +68,9 @@ class System:
     rows: TorqueSamples
     reach: PaddedSegments
     sign_speed: FloatArray
+    presliding: FloatArray | None
     top_speed: FloatArray | None
+    signs: FloatArray
     loads: Mapping[int, FloatArray]
     raw: FloatArray
     columns: FloatArray
@@ -82,6 +86,7 @@ class System:
         couplings: Groups,
         sign_shares: FloatArray | float,
         *,
+        presliding: FloatArray | None = None,
         bent: np.ndarray | bool = False,
         loads: Mapping[int, FloatArray] | None = None,
         known: System | None = None,
@@ -95,6 +100,7 @@ class System:
             cutoff_hz: of the motion.
             couplings: joints that share a motor.
             sign_shares: speed over which Coulomb friction turns, as a share of each root mean square speed.
+            presliding: (n + shared motors,) travel over which it turns in place of that; NaN: it does not.
             bent: friction bends with the speed; (n + shared motors,) or all alike.
             loads: torque (M,) that loads the gears of joints whose friction grows with it; default: of none.
             known: another system of the same rows, whose inertial columns are taken over.
@@ -108,7 +114,8 @@ class System:
         cutoff = FIT_PER_CUTOFF * cutoff_hz
         reach = known.reach if known is not None else reach or rows.reach.trimmed(cutoff)
         inertial = None if known is None else known.raw[:, :, :count]
-        raw = regressor_columns(robot, reach.motion, sign_speed, couplings, top_speed, loads=loads, inertial=inertial)
+        signs = coulomb_signs(reach.motion, couplings, sign_speed, presliding)
+        raw = regressor_columns(robot, reach.motion, signs, couplings, top_speed, loads=loads, inertial=inertial)
         if rows.currents:
             raw = np.concatenate([raw, reach.carried[:, :, None]], axis=2)
         if known is None:
@@ -123,7 +130,20 @@ class System:
         columns[~rows.used] = 0.0
         counts = np.maximum(rows.used.sum(axis=0), 1).astype(np.float64)
         return cls(
-            robot, couplings, cutoff_hz, rows, reach, sign_speed, top_speed, loads or {}, raw, columns, wanted, counts
+            robot=robot,
+            couplings=couplings,
+            cutoff_hz=cutoff_hz,
+            rows=rows,
+            reach=reach,
+            sign_speed=sign_speed,
+            presliding=presliding,
+            top_speed=top_speed,
+            signs=signs,
+            loads=loads or {},
+            raw=raw,
+            columns=columns,
+            wanted=wanted,
+            counts=counts,
         )
 
     @property
@@ -202,7 +222,7 @@ class System:
         places = [self.names.index(f"load_{j + 1}") for j in loads]
         raw, columns = self.raw.copy(), self.columns.copy()
         for place, (j, own) in zip(places, loads.items(), strict=True):
-            raw[:, j, place] = np.tanh(self.reach.motion.qd[:, j] / self.sign_speed[j]) * np.abs(own)
+            raw[:, j, place] = self.signs[:, j] * np.abs(own)
         columns[:, :, places] = self.reach.filtered(raw[:, :, places], FIT_PER_CUTOFF * self.cutoff_hz)
         columns[~self.rows.used] = 0.0
         return replace(self, loads=loads, raw=raw, columns=columns)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.arrays import FloatArray
+from bumpstop.identification.dynamics.coulomb_sign import coulomb_signs
 from bumpstop.identification.dynamics.regressor_columns import regressor_columns
 from bumpstop.identification.fit_verdict import NOT_USABLE, FitVerdict, named, reading_faults
 from bumpstop.identification.segments.current_shift import tell_shifts
@@ -121,10 +122,10 @@ def _motion(q: FloatArray, qd: FloatArray, qdd: FloatArray) -> UniformMotion:
 
 def _columns(fit: DynamicsFit, motion: UniformMotion) -> FloatArray:
     motion = replace(motion, gravity=fit.model.gravity)
-    loads = fit.model.loads(motion)
-    every = regressor_columns(
-        fit.model.robot, motion, fit.model.sign_speed, fit.model.couplings, fit.model.top_speed, loads=loads
-    )
+    model, loads = fit.model, fit.model.loads(motion)
+    # Poses that do not follow one another have no travel: friction has its full sign.
+    signs = coulomb_signs(motion, model.couplings, model.sign_speed)
+    every = regressor_columns(model.robot, motion, signs, model.couplings, model.top_speed, loads=loads)
     return every[:, :, list(fit.model.columns)]
 
 

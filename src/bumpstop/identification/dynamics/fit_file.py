@@ -24,8 +24,8 @@ from bumpstop.text_files import is_path, parse_toml, read_text, toml_value, writ
 Fit = TypeVar("Fit")
 
 _KEYS = {"kind", "robot", "base", "tip", "created_from", "cutoff_hz"}
-_KEYS |= {"rows_used", "sign_speed", "top_speed", "loaded", "predicted_by_all", "couplings", "parameter", "gain"}
-_KEYS |= {"gravity", "seen", "verdict"}
+_KEYS |= {"rows_used", "sign_speed", "presliding", "top_speed", "loaded", "predicted_by_all", "couplings", "parameter"}
+_KEYS |= {"gain", "gravity", "seen", "verdict"}
 _SEEN = ("low", "high", "speed", "acceleration")
 
 
@@ -60,6 +60,9 @@ def save_fit(fit: DynamicsEstimate, path: str | os.PathLike[str]) -> None:
         f"sign_speed = {toml_value(model.sign_speed.tolist())}  # rad/s or m/s, over which Coulomb friction turns",
         f"couplings = {toml_value([[[j + 1, share] for j, share in group] for group in model.couplings])}",
     ]
+    if model.presliding is not None:
+        travels = np.where(np.isfinite(model.presliding), model.presliding, 0.0).tolist()
+        lines.append(f"presliding = {toml_value(travels)}  # rad or m, over which it turns instead; 0: by the speed")
     if model.top_speed is not None:
         tops = np.where(np.isfinite(model.top_speed), model.top_speed, 0.0).tolist()
         lines.append(f"top_speed = {toml_value(tops)}  # up to which friction bends; 0: it is straight")
@@ -125,6 +128,11 @@ def load_fit(path: str | os.PathLike[str], make: Callable[..., Fit]) -> Fit:
             if top_speed.size != robot.dof + len(couplings) or (top_speed < 0).any():
                 raise ValueError("top_speed is not one of 0 or above for each joint and each shared motor")
             top_speed = np.where(top_speed > 0, top_speed, np.nan)
+        presliding = _finite(data["presliding"]) if "presliding" in data else None
+        if presliding is not None:
+            if presliding.size != robot.dof + len(couplings) or (presliding < 0).any():
+                raise ValueError("presliding is not one of 0 or above for each joint and each shared motor")
+            presliding = np.where(presliding > 0, presliding, np.nan)
         loaded, by_all = (_joints(data.get(key, ()), key, robot.dof) for key in ("loaded", "predicted_by_all"))
         names = column_names(robot, couplings, top_speed, loaded)
         gravity = vector3(_finite(data.get("gravity", GRAVITY)))
@@ -141,6 +149,7 @@ def load_fit(path: str | os.PathLike[str], make: Callable[..., Fit]) -> Fit:
                 predicting=_finite(predicting) if predicting else None,
                 predicted_by_all=by_all,
                 sign_speed=sign_speed,
+                presliding=presliding,
                 top_speed=top_speed,
                 couplings=couplings,
                 loaded=loaded,

@@ -304,6 +304,7 @@ def _found(system: System, fixed: FloatArray, held_out: dict[float, float]) -> D
             predicting=predicting,
             predicted_by_all=tuple(np.flatnonzero(~takes).tolist()),
             sign_speed=system.sign_speed,
+            presliding=system.presliding,
             top_speed=system.top_speed,
             loaded=tuple(sorted(system.loads)),
             cutoff_hz=system.cutoff_hz,

@@ -132,7 +132,7 @@ def consistent_inertias(
     columns = regressor_columns(
         given.robot,
         reach.motion,
-        given.sign_speed,
+        given.signs(reach.motion),
         given.couplings,
         given.top_speed,
         loads=given.loads(reach.motion, reach.carried),

@@ -36,7 +36,7 @@ _AT_ONCE = 10_000
 def regressor_columns(
     robot: Robot,
     motion: UniformMotion,
-    sign_speed: FloatArray,
+    signs: FloatArray,
     couplings: Couplings,
     top_speed: FloatArray | None = None,
     *,
@@ -54,7 +54,7 @@ def regressor_columns(
     Args:
         robot: its chain.
         motion: on an even grid.
-        sign_speed: speed over which Coulomb friction turns, as in :class:`DynamicsFit`.
+        signs: (N, n + shared motors) of Coulomb friction, of :func:`coulomb_signs`.
         couplings: joints that share a motor.
         top_speed: (n + shared motors,) of joints, then of shared motors; NaN where friction is straight; None: it is
             everywhere.
@@ -69,8 +69,7 @@ def regressor_columns(
     for number, group in enumerate(groups):
         speed = np.sum([share * motion.qd[:, j] for j, share in group], axis=0)
         acceleration = np.sum([share * motion.qdd[:, j] for j, share in group], axis=0)
-        scale = float(sign_speed[number] if number < sign_speed.size else np.mean([sign_speed[j] for j, _ in group]))
-        sign = np.tanh(speed / scale)
+        sign = signs[:, number]
         shapes = [sign, speed, acceleration]
         if len(group) == 1:
             shapes.append(np.ones_like(motion.t))
@@ -80,7 +79,7 @@ def regressor_columns(
             bend = sign * (np.sqrt(share_of_top) - 4 / 15 - 0.8 * share_of_top)
             bends.append(_acting_on(group, [bend], n))
     for j, load in sorted((loads or {}).items()):
-        bends.append(_acting_on(groups[j], [np.tanh(motion.qd[:, j] / sign_speed[j]) * np.abs(load)], n))
+        bends.append(_acting_on(groups[j], [signs[:, j] * np.abs(load)], n))
     return np.concatenate(blocks + bends, axis=2)
 
 
@@ -88,7 +87,7 @@ def torque_of(
     robot: Robot,
     motion: UniformMotion,
     values: FloatArray,
-    sign_speed: FloatArray,
+    signs: FloatArray,
     couplings: Couplings,
     top_speed: FloatArray | None = None,
     loads: Mapping[int, FloatArray] | None = None,
@@ -104,7 +103,7 @@ def torque_of(
         part = motion.part(rows)
         none = np.empty((part.t.size, robot.dof, 0))
         own = {j: load[rows] for j, load in (loads or {}).items()}
-        columns = regressor_columns(robot, part, sign_speed, couplings, top_speed, loads=own, inertial=none)
+        columns = regressor_columns(robot, part, signs[rows], couplings, top_speed, loads=own, inertial=none)
         torque[rows] += columns @ values[count:]
     return torque
 
