@@ -1,4 +1,5 @@
 // Derivatives of sampled positions, and the zero-phase filter.
+#include "bumpstop/model/chain.hpp"
 #include "bumpstop/signal/causal_derivative.hpp"
 #include "bumpstop/signal/zero_phase.hpp"
 #include "common.hpp"
@@ -7,24 +8,21 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace {
 
-using L = NativeLanes;
-
 nb::tuple causal_derivatives(Vector t, Matrix q, int window, int degree) {
     const std::size_t rows = q.shape(0), columns = q.shape(1);
     NewArray<double> rate({rows, columns}), acceleration({rows, columns});
     {
         nb::gil_scoped_release unlocked;
-        for (std::size_t first = 0; first < columns; first += native_lanes) {
-            const int count = int(std::min(columns - first, std::size_t(native_lanes)));
-            CausalDerivative<L> derivative(window, degree);
+        for (std::size_t first = 0; first < columns; first += max_joints) {
+            const std::size_t count = std::min(columns - first, std::size_t(max_joints));
+            CausalDerivative<max_joints> derivative(window, degree, int(count));
+            double position[max_joints] = {};
             for (std::size_t i = 0; i < rows; ++i) {
-                L position = 0.0;
-                for (int lane = 0; lane < count; ++lane) set_lane(position, lane, q(i, first + lane));
-                const CausalEstimate<L> estimate = derivative.update(t(i), position);
-                for (int lane = 0; lane < count; ++lane) {
-                    rate.data[i * columns + first + lane] = estimate.rate[lane];
-                    acceleration.data[i * columns + first + lane] = estimate.acceleration[lane];
-                }
+                const std::size_t at = i * columns + first;
+                std::copy_n(q.data() + at, count, position);
+                derivative.update(t(i), position);
+                std::copy_n(derivative.rate(), count, &rate.data[at]);
+                std::copy_n(derivative.acceleration(), count, &acceleration.data[at]);
             }
         }
     }
@@ -57,7 +55,7 @@ NewArray<double>::Array zero_phase_lowpass(Matrix x, int order, double cutoff, d
 
 void bind_signal(nb::module_& module) {
     module.attr("max_fit_degree") = max_fit_degree;
-    module.attr("max_causal_window") = CausalDerivative<double>::max_window;
+    module.attr("max_causal_window") = max_window_samples;
     module.def("window_samples", &window_samples, nb::arg("time"), nb::arg("period"), nb::arg("degree"),
                "Samples of a window in a control loop.");
     module.def("causal_derivatives", &causal_derivatives, nb::arg("t"), nb::arg("q"), nb::arg("window"),

@@ -35,7 +35,6 @@ PROGRAMS = [
     "model/dynamics/dynamics",
     "model/min_norm",
     "signal/causal_derivative",
-    "signal/chain_derivative",
     "signal/zero_phase",
     "joint/joint_torque_batch",
     "joint/joint_torque",

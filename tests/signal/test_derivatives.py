@@ -364,8 +364,8 @@ Q = [[0.0]] * 5
         (lambda: derivatives(T, Q[:4]), r"q: has shape \(4, 1\); wanted \(5, N\)"),
         (lambda: derivatives(T, [[np.nan]] * 5), r"q\[0, 0\]: is nan"),
         (lambda: derivatives(T, np.zeros((5, 0))), "q: has shape .* at least one column"),
-        (lambda: causal_derivatives(T, Q, window=2), "window: is 2; wanted a whole number from 3 to 64"),
-        (lambda: causal_derivatives(T, Q, window=65), "window: is 65"),
+        (lambda: causal_derivatives(T, Q, window=2), "window: is 2; wanted a whole number from 3 to 512"),
+        (lambda: causal_derivatives(T, Q, window=513), "window: is 513"),
         (lambda: causal_derivatives(T, Q, degree=2.5), "degree: is 2.5"),  # type: ignore[arg-type]
         (lambda: differences(T[:2], Q[:2]), "t: has 2 samples; a second difference needs at least 3"),
         (lambda: zero_phase_lowpass(np.arange(50.0), np.zeros((50, 1)), 0.5), "cutoff_hz: is 0.5; .* rate, 0.5"),
@@ -380,4 +380,4 @@ def test_refusals(call: Callable[[], object], message: str) -> None:
 
 
 def test_limits_are_those_of_the_kernels() -> None:
-    assert (_native.max_fit_degree, _native.max_causal_window) == (5, 64)
+    assert (_native.max_fit_degree, _native.max_causal_window) == (5, 512)

@@ -14,7 +14,7 @@
 #include "bumpstop/detection/sample_validator.hpp"
 #include "bumpstop/joint/joint_torque_batch.hpp"
 #include "bumpstop/model/joint_lanes.hpp"
-#include "bumpstop/signal/chain_derivative.hpp"
+#include "bumpstop/signal/causal_derivative.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -371,7 +371,7 @@ class Detector {
     JointFrames frames_{};
     Point3<double> free_fall_{};
     JointTorqueBank bank_;
-    ChainDerivative<max_joints> derivative_;
+    CausalDerivative<max_joints> derivative_;
     SampleValidator validator_;
     MomentumObserver observer_;
     AlarmLogic alarm_logic_;

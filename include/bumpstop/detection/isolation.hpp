@@ -4,7 +4,7 @@
 
 #include <cstdint>
 
-#include "bumpstop/model/kinematics.hpp"
+#include "bumpstop/model/singular_values.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -23,37 +23,19 @@ struct ContactEstimate {
 
 namespace detail {
 
-/// Solves a symmetric positive semidefinite 3 x 3 system for the shortest least-squares answer: cyclic Jacobi rotations.
-inline Vector3 min_norm_solution(Matrix3 m, const Vector3& right) noexcept {
-    Matrix3 v{1, 0, 0, 0, 1, 0, 0, 0, 1};
-    for (int sweep = 0; sweep < 12; ++sweep)
-        for (int p = 0; p < 2; ++p)
-            for (int q = p + 1; q < 3; ++q) {
-                const double off = m[3 * p + q];
-                if (off == 0) continue;
-                const double theta = (m[3 * q + q] - m[3 * p + p]) / (2 * off);
-                const double t = (theta < 0 ? -1 : 1) / (std::fabs(theta) + std::hypot(theta, 1.0));
-                const double c = 1 / std::hypot(t, 1.0), s = t * c;
-                for (int k = 0; k < 3; ++k) {
-                    const double a = m[3 * k + p], b = m[3 * k + q];
-                    m[3 * k + p] = c * a - s * b;
-                    m[3 * k + q] = s * a + c * b;
-                }
-                for (int k = 0; k < 3; ++k) {
-                    const double a = m[3 * p + k], b = m[3 * q + k], e = v[3 * k + p], f = v[3 * k + q];
-                    m[3 * p + k] = c * a - s * b;
-                    m[3 * q + k] = s * a + c * b;
-                    v[3 * k + p] = c * e - s * f;
-                    v[3 * k + q] = s * e + c * f;
-                }
-            }
-    const double largest = std::max({m[0], m[4], m[8]});
+/// The shortest x with the least squares of row' x - right. `row` has `columns` entries and a unit matrix behind them.
+inline Vector3 min_norm_solution(double (&row)[3][max_joints + 3], int columns, const double* right) noexcept {
+    make_rows_orthogonal<3>(row, columns, 3);
+    double square[3] = {}, share[3] = {};
+    for (int e = 0; e < 3; ++e)
+        for (int j = 0; j < columns; ++j) {
+            square[e] += row[e][j] * row[e][j];
+            share[e] += row[e][j] * right[j];
+        }
+    const double largest = std::max({square[0], square[1], square[2]});
     Vector3 x{};
-    for (int e = 0; e < 3; ++e) {
-        if (!(m[4 * e] > 1e-9 * largest)) continue;
-        const double share = (v[e] * right[0] + v[3 + e] * right[1] + v[6 + e] * right[2]) / m[4 * e];
-        for (int k = 0; k < 3; ++k) x[k] += share * v[3 * k + e];
-    }
+    for (int e = 0; e < 3; ++e)
+        for (int k = 0; k < 3 && square[e] > 1e-9 * largest; ++k) x[k] += share[e] / square[e] * row[e][columns + k];
     return x;
 }
 
@@ -128,24 +110,22 @@ inline ContactEstimate estimate_contact(const Chain& chain, const Posture<double
     for (int j = 0; j < n; ++j) weight[j] = 1 / sd[j];  // 0: not monitored
 
     const Point3<double> p = posture.position(point);
-    Matrix3 normal{};
-    Vector3 right{};
+    const int columns = point.link + 1;
+    double lever[3][max_joints + 3] = {}, right[max_joints];
+    for (int k = 0; k < 3; ++k) lever[k][columns + k] = 1;
     double along = 0, along_square = 0;
-    for (int j = 0; j <= point.link; ++j) {
+    for (int j = 0; j < columns; ++j) {
         const Point3<double> column = linear_column(chain, posture, p, j);
-        const double a[3] = {column.x * weight[j], column.y * weight[j], column.z * weight[j]},
-                     r = residual[j] * weight[j];
+        const double a[3] = {column.x * weight[j], column.y * weight[j], column.z * weight[j]};
+        right[j] = residual[j] * weight[j];
+        for (int k = 0; k < 3; ++k) lever[k][j] = a[k];
         const double share = a[0] * direction[0] + a[1] * direction[1] + a[2] * direction[2];
-        along += share * r;
+        along += share * right[j];
         along_square += share * share;
-        for (int k = 0; k < 3; ++k) {
-            right[k] += a[k] * r;
-            for (int l = 0; l < 3; ++l) normal[3 * k + l] += a[k] * a[l];
-        }
     }
     out.force_along = along_square > 0 ? along / along_square : 0;
     if (along_square > 0) out.force_along_sd = 1 / std::sqrt(along_square);
-    out.force = detail::min_norm_solution(normal, right);
+    out.force = detail::min_norm_solution(lever, columns, right);
     for (int j = 0; j < n; ++j) {
         double fit = 0;
         if (j <= point.link) {

@@ -1,5 +1,5 @@
 /// @file
-/// Gauss-Legendre rules, integrals of Legendre series, and barycentric interpolation at chosen nodes.
+/// Gauss-Legendre rules, Legendre series, and barycentric interpolation at chosen nodes.
 #pragma once
 
 #include <array>
@@ -62,40 +62,30 @@ inline const GaussRule& gauss_rule(int n) {
     return rules[std::size_t(n - 1)];
 }
 
-/// Factors of the recurrence P_l+1 = rise[l] x P_l - fall[l] P_l-1, and 1 / (2l + 1).
+/// Factors of the recurrence P_l+1 = rise[l] x P_l - fall[l] P_l-1.
 struct LegendreFactors {
-    std::array<double, max_order + 1> rise{}, fall{}, inverse{};
+    std::array<double, max_order + 1> rise{}, fall{};
     constexpr LegendreFactors() {
         for (int l = 0; l <= max_order; ++l) {
             rise[l] = (2.0 * l + 1) / (l + 1);
             fall[l] = double(l) / (l + 1);
-            inverse[l] = 1.0 / (2 * l + 1);
         }
     }
 };
 inline constexpr LegendreFactors legendre_factors;
 
-/// Value of a Legendre series at x and its integral from -1 to x.
-template <class T>
-struct SeriesAt {
-    T value, integral;
-};
-
-/// `coefficient(l)` gives c_l, l < order; -1 <= x <= 1.
+/// The Legendre series sum_l c_l P_l(x), -1 <= x <= 1; `coefficient(l)` gives c_l, l < order.
 template <class T, class Coefficient>
-SeriesAt<T> legendre_series(int order, T x, Coefficient coefficient) {
+T legendre_series(int order, T x, Coefficient coefficient) {
     T below = 1.0, here = x;  // P_l-1 and P_l as l runs
-    const T first = coefficient(0);
-    T value = first, integral = first * (x + 1.0);
+    T value = coefficient(0);
     for (int l = 1; l < order; ++l) {
         const T above = legendre_factors.rise[l] * x * here - legendre_factors.fall[l] * below;
-        const T c = coefficient(l);
-        value += c * here;
-        integral += c * (above - below) * legendre_factors.inverse[l];
+        value += coefficient(l) * here;
         below = here;
         here = above;
     }
-    return {value, integral};
+    return value;
 }
 
 /// `count` distinct whole numbers from `first` to `last`, crowded toward both ends like Chebyshev's extrema,

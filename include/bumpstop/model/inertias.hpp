@@ -22,18 +22,17 @@ struct MassMoments {
     T xx = 0.0, yy = 0.0, zz = 0.0, xy = 0.0, xz = 0.0, yz = 0.0;  ///< of r r' dm [kg m2]
 };
 
-/// The constants of a chain for newton_euler_in_lanes, where joint j stands in lane j / groups of register j % groups; zero
-/// where no joint is.
+/// The constants of a chain for newton_euler_in_lanes, by joint; zero where no joint is.
 struct JointLanes {
     static constexpr int max_groups = 2;
 
     int dof = 0;
     /// Registers that hold the joints; 0: they are more than two registers hold, or some slide, or registers are short.
     int groups = 0;
-    std::array<std::int64_t, max_joints> mask{};              ///< all bits of a joint's, in the order of joints
-    std::array<double, max_joints> cos_alpha{}, sin_alpha{};  ///< of Chain::Joint, in the order of joints
-    std::array<double, max_joints> dx{}, dy{};                ///< displacement to the next joint [m]
-    std::array<double, max_joints> hx{}, hy{};                ///< MassMoments::first [kg m]
+    std::array<double, max_joints> ours{};                                 ///< 1 for each joint
+    std::array<double, max_joints> cos_alpha{}, sin_alpha{};               ///< of Chain::Joint
+    std::array<double, max_joints> dx{}, dy{};                             ///< displacement to the next joint [m]
+    std::array<double, max_joints> hx{}, hy{};                             ///< MassMoments::first [kg m]
     std::array<double, max_joints> xx{}, yy{}, xy{}, xz{}, yz{}, rotor{};  ///< as there and in Inertias [kg m2]
 };
 
@@ -86,25 +85,25 @@ struct Inertias {
         if (native_lanes < 4 || wanted > JointLanes::max_groups || slides) return;
         lanes.groups = wanted;
         for (int j = 0; j < chain.dof; ++j) {
-            const auto at = std::size_t(j % wanted * native_lanes + j / wanted);
-            lanes.mask[j] = -1;
+            const MassMoments<double>& mass = link[j];
+            lanes.ours[j] = 1;
             lanes.cos_alpha[j] = chain.joint[j].cos_alpha;
             lanes.sin_alpha[j] = chain.joint[j].sin_alpha;
             if (j + 1 < chain.dof) {
-                lanes.dx[at] = displacement[j + 1][0];
-                lanes.dy[at] = displacement[j + 1][1];
+                lanes.dx[j] = displacement[j + 1][0];
+                lanes.dy[j] = displacement[j + 1][1];
             }
-            const MassMoments<double>& mass = link[j];
-            lanes.hx[at] = mass.first[0];
-            lanes.hy[at] = mass.first[1];
-            lanes.xx[at] = mass.xx;
-            lanes.yy[at] = mass.yy;
-            lanes.xy[at] = mass.xy;
-            lanes.xz[at] = mass.xz;
-            lanes.yz[at] = mass.yz;
-            lanes.rotor[at] = rotor[j];
+            lanes.hx[j] = mass.first[0];
+            lanes.hy[j] = mass.first[1];
+            lanes.xx[j] = mass.xx;
+            lanes.yy[j] = mass.yy;
+            lanes.xy[j] = mass.xy;
+            lanes.xz[j] = mass.xz;
+            lanes.yz[j] = mass.yz;
+            lanes.rotor[j] = rotor[j];
         }
     }
+
     static void add(MassMoments<double>& sum, const LinkInertia& given, const Matrix3& to_link, double slide) {
         const double m = given.mass;
         Vector3 c = to_link * given.center;

@@ -2,8 +2,7 @@
 /// Newton-Euler of one arm with a joint in every lane of a register.
 ///
 /// Link after link, every step waits for the one before. In the base frame only the orientations do: rates, accelerations,
-/// forces and moments are sums over joints there, which a few shuffles add up in all lanes at once. With G registers joint
-/// j stands in lane j / G of register j % G, so that neighbours stand side by side in different registers.
+/// forces and moments are sums over joints there, which a few shuffles add up in all lanes at once.
 #pragma once
 
 #include "bumpstop/model/inertias.hpp"
@@ -11,263 +10,159 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Axes x and y of every joint's computing frame and the angular velocity w of its link [rad/s]: three components, and one
-/// that means nothing. All in the base frame turned by Chain::base_turn.
+/// Axes x, y and z of every joint's computing frame and the angular velocity w of its link [rad/s], in the base frame
+/// turned by Chain::base_turn: three numbers each, and one that means nothing.
 struct JointFrames {
-    alignas(64) double x[max_joints][4], y[max_joints][4], w[max_joints][4];
+    static constexpr int width = 16;
+    alignas(64) double row[max_joints][width];  ///< x, y, z, w
 
     /// `qd`: rates of the chain's joints [rad/s].
     void set(const JointLanes& chain, const JointAngles<double>& angle, const double* qd) noexcept {
         using V = Lanes<4>;
-        V to_x = 0.0, to_y = 0.0, to_z = 0.0, turning = 0.0;
-        to_x.set(0, 1);
-        to_y.set(1, 1);
-        to_z.set(2, 1);
-        int j = 0;
-        for (; j < chain.dof; ++j) {
-            const V ca = chain.cos_alpha[j], sa = chain.sin_alpha[j], c = angle.cos[j], s = angle.sin[j];
-            const V tilted = to_y * ca + to_z * sa;
-            to_z = to_z * ca - to_y * sa;
-            to_y = tilted * c - to_x * s;
-            to_x = to_x * c + tilted * s;
-            turning += to_z * qd[j];
-            store(to_x, x[j]);
-            store(to_y, y[j]);
-            store(turning, w[j]);
-        }
-        for (; j < chain.groups * native_lanes; ++j) {
-            store(V(0.0), x[j]);
-            store(V(0.0), y[j]);
-            store(V(0.0), w[j]);
+        V x = 0.0, y = 0.0, z = 0.0, w = 0.0;
+        x.set(0, 1);
+        y.set(1, 1);
+        z.set(2, 1);
+        for (int j = 0; j < chain.groups * native_lanes; ++j) {
+            const bool ours = j < chain.dof;
+            if (ours) {
+                const V ca = chain.cos_alpha[j], sa = chain.sin_alpha[j], c = angle.cos[j], s = angle.sin[j];
+                const V tilted = y * ca + z * sa;
+                z = z * ca - y * sa;
+                y = tilted * c - x * s;
+                x = x * c + tilted * s;
+                w += z * qd[j];
+            }
+            store(ours ? x : V(0.0), row[j]);
+            store(ours ? y : V(0.0), row[j] + 4);
+            store(ours ? z : V(0.0), row[j] + 8);
+            store(ours ? w : V(0.0), row[j] + 12);
         }
     }
 };
 
-#if defined(__AVX__)
-
-/// Of four vectors, `stride` numbers apart, the components: a vector in every lane.
-inline Point3<Lanes<4>> gathered(const double* v, int stride) {
-    const __m256d a = _mm256_loadu_pd(v), b = _mm256_loadu_pd(v + stride);
-    const __m256d c = _mm256_loadu_pd(v + 2 * stride), d = _mm256_loadu_pd(v + 3 * stride);
-    const __m256d xz0 = _mm256_unpacklo_pd(a, b), y0 = _mm256_unpackhi_pd(a, b);
-    const __m256d xz1 = _mm256_unpacklo_pd(c, d), y1 = _mm256_unpackhi_pd(c, d);
-    return {Lanes<4>::of(_mm256_insertf128_pd(xz0, _mm256_castpd256_pd128(xz1), 1)),
-            Lanes<4>::of(_mm256_insertf128_pd(y0, _mm256_castpd256_pd128(y1), 1)),
-            Lanes<4>::of(_mm256_permute2f128_pd(xz0, xz1, 0x31))};
-}
-/// In every lane the sum of the lanes before, or after.
-inline Lanes<4> sum_before(Lanes<4> v) {
-    const __m256d low = _mm256_permute2f128_pd(v.v, v.v, 0x08);
-    const Lanes<4> one = Lanes<4>::of(_mm256_shuffle_pd(low, v.v, 0b0100)), two = v + one;
-    return one + Lanes<4>::of(_mm256_permute2f128_pd(two.v, two.v, 0x08));
-}
-inline Lanes<4> sum_after(Lanes<4> v) {
-    const __m256d high = _mm256_permute2f128_pd(v.v, v.v, 0x81);
-    const Lanes<4> one = Lanes<4>::of(_mm256_shuffle_pd(v.v, high, 0b0101)), two = v + one;
-    return one + Lanes<4>::of(_mm256_permute2f128_pd(two.v, two.v, 0x81));
-}
-/// Numbers of the joints that have a mask; zero for others, which are not read.
-inline Lanes<4> loaded(const double* from, const std::int64_t* mask, Lanes<4>) {
-    return Lanes<4>::of(_mm256_maskload_pd(from, _mm256_loadu_si256(reinterpret_cast<const __m256i*>(mask))));
-}
-/// Two registers of numbers in the order of joints, to and from the order of lanes.
-inline void deal(Lanes<4> first, Lanes<4> second, Lanes<4>& even, Lanes<4>& odd) {
-    const __m256d a = first.v, b = second.v;
-    const __m256d low = _mm256_permute2f128_pd(a, b, 0x20), high = _mm256_permute2f128_pd(a, b, 0x31);
-    even = Lanes<4>::of(_mm256_unpacklo_pd(low, high));
-    odd = Lanes<4>::of(_mm256_unpackhi_pd(low, high));
-}
-inline void collect(Lanes<4> even, Lanes<4> odd, double* to) {
-    const __m256d low = _mm256_unpacklo_pd(even.v, odd.v), high = _mm256_unpackhi_pd(even.v, odd.v);
-    _mm256_storeu_pd(to, _mm256_permute2f128_pd(low, high, 0x20));
-    _mm256_storeu_pd(to + 4, _mm256_permute2f128_pd(low, high, 0x31));
-}
-
-#endif
-#if defined(__AVX512F__)
-
-inline Point3<Lanes<8>> gathered8(const double* v, int stride) {
-    const Point3<Lanes<4>> low = gathered(v, stride), high = gathered(v + 4 * stride, stride);
-    const auto both = [](Lanes<4> a, Lanes<4> b) {
-        return Lanes<8>::of(_mm512_maskz_insertf64x4(all_lanes, _mm512_castpd256_pd512(a.v), b.v, 1));
-    };
-    return {both(low.x, high.x), both(low.y, high.y), both(low.z, high.z)};
-}
-/// The lanes moved up, or down, and zeros in what becomes free.
-template <int by>
-Lanes<8> moved_up(Lanes<8> v) {
-    return Lanes<8>::of(_mm512_castsi512_pd(
-        _mm512_maskz_alignr_epi64(all_lanes, _mm512_castpd_si512(v.v), _mm512_setzero_si512(), 8 - by)));
-}
-template <int by>
-Lanes<8> moved_down(Lanes<8> v) {
-    return Lanes<8>::of(_mm512_castsi512_pd(
-        _mm512_maskz_alignr_epi64(all_lanes, _mm512_setzero_si512(), _mm512_castpd_si512(v.v), by)));
-}
-inline Lanes<8> sum_before(Lanes<8> v) {
-    const Lanes<8> one = moved_up<1>(v), two = v + one, four = two + moved_up<2>(two);
-    return one + moved_up<2>(two) + moved_up<4>(four);
-}
-inline Lanes<8> sum_after(Lanes<8> v) {
-    const Lanes<8> one = moved_down<1>(v), two = v + one, four = two + moved_down<2>(two);
-    return one + moved_down<2>(two) + moved_down<4>(four);
-}
-inline Lanes<8> loaded(const double* from, const std::int64_t* mask, Lanes<8>) {
-    const __m512i ours = _mm512_loadu_si512(mask);
-    return Lanes<8>::of(_mm512_maskz_loadu_pd(_mm512_test_epi64_mask(ours, ours), from));
-}
-inline void deal(Lanes<8> first, Lanes<8> second, Lanes<8>& even, Lanes<8>& odd) {
-    const __m512d a = first.v, b = second.v;
-    even = Lanes<8>::of(_mm512_permutex2var_pd(a, _mm512_setr_epi64(0, 2, 4, 6, 8, 10, 12, 14), b));
-    odd = Lanes<8>::of(_mm512_permutex2var_pd(a, _mm512_setr_epi64(1, 3, 5, 7, 9, 11, 13, 15), b));
-}
-inline void collect(Lanes<8> even, Lanes<8> odd, double* to) {
-    _mm512_storeu_pd(to, _mm512_permutex2var_pd(even.v, _mm512_setr_epi64(0, 8, 1, 9, 2, 10, 3, 11), odd.v));
-    _mm512_storeu_pd(to + 8, _mm512_permutex2var_pd(even.v, _mm512_setr_epi64(4, 12, 5, 13, 6, 14, 7, 15), odd.v));
-}
-
-#endif
-#if defined(__AVX__)
-
-/// A vector of every joint, in G registers each component.
+/// A number of every joint, in G registers.
 template <int G>
-class JointVectors {
-  public:
+struct JointNumbers {
     using L = Lanes<native_lanes>;
-    Point3<L>& operator[](int group) { return at_[group]; }
-    const Point3<L>& operator[](int group) const { return at_[group]; }
+    L at[G];
 
-    /// Sums over all joints up to each.
-    void add_up_from_base() {
-        const Point3<L> before = before_groups();
-        if constexpr (G == 2) at_[1] = at_[1] + at_[0] + before;
-        at_[0] = at_[0] + before;
+    JointNumbers() = default;
+    JointNumbers(double same) {
+        for (L& one : at) one = same;
     }
-    /// `start` and the sums over all joints before each.
-    void add_up_before(const Point3<L>& start) {
-        const Point3<L> before = start + before_groups();
-        if constexpr (G == 2) at_[1] = at_[0] + before;
-        at_[0] = before;
-    }
-    /// Sums over all joints from each on.
-    void add_up_from_tip() {
-        const Point3<L> all = total();
-        const Point3<L> after{sum_after(all.x), sum_after(all.y), sum_after(all.z)};
-        if constexpr (G == 2) at_[1] = at_[1] + after;
-        at_[0] = all + after;
+    explicit JointNumbers(const double* of_joints) {
+        for (int g = 0; g < G; ++g) at[g] = load<L>(of_joints + g * native_lanes);
     }
 
-  private:
-    Point3<L> total() const {
-        if constexpr (G == 1) return at_[0];
-        return at_[0] + at_[G - 1];
+    friend JointNumbers operator+(JointNumbers a, const JointNumbers& b) {
+        for (int g = 0; g < G; ++g) a.at[g] += b.at[g];
+        return a;
     }
-    Point3<L> before_groups() const {
-        const Point3<L> all = total();
-        return {sum_before(all.x), sum_before(all.y), sum_before(all.z)};
+    friend JointNumbers operator-(JointNumbers a, const JointNumbers& b) {
+        for (int g = 0; g < G; ++g) a.at[g] -= b.at[g];
+        return a;
     }
-    Point3<L> at_[G];
+    friend JointNumbers operator*(JointNumbers a, const JointNumbers& b) {
+        for (int g = 0; g < G; ++g) a.at[g] *= b.at[g];
+        return a;
+    }
+
+    /// Sums over the joints before each.
+    JointNumbers before() const {
+        JointNumbers sum;
+        double all = 0;
+        for (int g = 0; g < G; ++g) {
+            sum.at[g] = sum_of_lanes_before(at[g]);
+            if (g > 0) sum.at[g] += all;
+            if (g + 1 < G) all += sum_of_lanes(at[g]);
+        }
+        return sum;
+    }
+    /// Sums over the joints after each.
+    JointNumbers after() const {
+        JointNumbers sum;
+        double all = 0;
+        for (int g = G - 1; g >= 0; --g) {
+            sum.at[g] = sum_of_lanes_after(at[g]);
+            if (g + 1 < G) sum.at[g] += all;
+            if (g > 0) all += sum_of_lanes(at[g]);
+        }
+        return sum;
+    }
 };
 
-template <class T>
-Point3<T> operator*(const Point3<T>& a, T b) {
-    return {a.x * b, a.y * b, a.z * b};
+/// Sums over the joints before each, or after.
+template <class V>
+Point3<V> before(const Point3<V>& v) {
+    return {v.x.before(), v.y.before(), v.z.before()};
+}
+template <class V>
+Point3<V> after(const Point3<V>& v) {
+    return {v.x.after(), v.y.after(), v.z.after()};
 }
 
-/// a + b x c, two steps after the last of them.
-template <class T>
-Point3<T> with_cross(const Point3<T>& a, const Point3<T>& b, const Point3<T>& c) {
-    return {(a.x + b.y * c.z) - b.z * c.y, (a.y + b.z * c.x) - b.x * c.z, (a.z + b.x * c.y) - b.y * c.x};
-}
+/// U = [wd x] + [w x][w x], which a vector fixed to a link is multiplied by for its second derivative.
+template <class V>
+struct SecondDerivative {
+    V xx, yy, zz, xy, yx, xz, zx, yz, zy;  ///< of the diagonal the negative
+
+    SecondDerivative(const Point3<V>& w, const Point3<V>& wd)
+        : xx(w.y * w.y + w.z * w.z),
+          yy(w.z * w.z + w.x * w.x),
+          zz(w.x * w.x + w.y * w.y),
+          xy(w.x * w.y - wd.z),
+          yx(w.x * w.y + wd.z),
+          xz(w.x * w.z + wd.y),
+          zx(w.x * w.z - wd.y),
+          yz(w.y * w.z - wd.x),
+          zy(w.y * w.z + wd.x) {}
+    Point3<V> operator*(const Point3<V>& r) const {
+        return {xy * r.y + (xz * r.z - xx * r.x), yx * r.x + (yz * r.z - yy * r.y), zx * r.x + (zy * r.y - zz * r.z)};
+    }
+};
 
 /// newton_euler_in_lanes in G registers.
 template <int G>
-[[gnu::flatten]] void newton_euler_in_groups(const JointLanes& chain, const JointFrames& frames, const double* qd,
-                                             const double* qdd, const Point3<double>& free_fall, double* tau) noexcept {
+[[gnu::flatten]] void newton_euler_in_registers(const JointLanes& chain, const JointFrames& frames, const double* qd,
+                                                const double* qdd, const Point3<double>& free_fall,
+                                                double* tau) noexcept {
     using L = Lanes<native_lanes>;
-    constexpr int stride = 4 * G;
-    JointVectors<G> x, y, z, w, wd, a, d, h, f, n;
-    L rate[G], rise[G];
-    rate[0] = loaded(qd, chain.mask.data(), L());
-    rise[0] = loaded(qdd, chain.mask.data(), L());
-    if constexpr (G == 2) {
-        deal(rate[0], loaded(qd + native_lanes, &chain.mask[native_lanes], L()), rate[0], rate[1]);
-        deal(rise[0], loaded(qdd + native_lanes, &chain.mask[native_lanes], L()), rise[0], rise[1]);
-    }
-    const auto gather = [](const double* v) {
-#if defined(__AVX512F__)
-        return gathered8(v, stride);
-#else
-        return gathered(v, stride);
-#endif
-    };
-    // Sums over joints wait for shuffles. What does not need them comes next, and runs meanwhile.
-    BUMPSTOP_UNROLL
+    using V = JointNumbers<G>;
+    V frame[JointFrames::width], rate, rise;
     for (int g = 0; g < G; ++g) {
-        x[g] = gather(frames.x[g]);
-        y[g] = gather(frames.y[g]);
-        z[g] = cross(x[g], y[g]);
-        w[g] = gather(frames.w[g]);
-        wd[g] = z[g] * rise[g] + cross(w[g], z[g]) * rate[g];
+        const int first = g * native_lanes;
+        for (int c = 0; c < JointFrames::width; c += native_lanes) {
+            L part[native_lanes];
+            for (int i = 0; i < native_lanes; ++i) part[i] = load<L>(frames.row[first + i] + c);
+            transpose(part);
+            for (int i = 0; i < native_lanes; ++i) frame[c + i].at[g] = part[i];
+        }
+        // What lies beyond the last joint may be anything.
+        const MaskOf<L> ours = load<L>(&chain.ours[std::size_t(first)]) > L(0.5);
+        rate.at[g] = select(ours, load<L>(qd + first), L(0.0));
+        rise.at[g] = select(ours, load<L>(qdd + first), L(0.0));
     }
-    wd.add_up_from_base();
-    BUMPSTOP_UNROLL
-    for (int g = 0; g < G; ++g) {
-        const auto at = std::size_t(g * native_lanes);
-        d[g] = x[g] * load<L>(&chain.dx[at]) + y[g] * load<L>(&chain.dy[at]);
-        h[g] = x[g] * load<L>(&chain.hx[at]) + y[g] * load<L>(&chain.hy[at]);
-    }
-    JointVectors<G> p = d;
-    p.add_up_before({L(0.0), L(0.0), L(0.0)});
-    // A vector r on a link adds U r = wd x r + w x (w x r): to the acceleration of origins for a displacement, to the force
-    // for the first moment of mass.
-    BUMPSTOP_UNROLL
-    for (int g = 0; g < G; ++g) {
-        const Point3<L>&u = w[g], &ud = wd[g];
-        const L xx = u.x * u.x, yy = u.y * u.y, zz = u.z * u.z;
-        const L minus_uxx = yy + zz, minus_uyy = zz + xx, minus_uzz = xx + yy;
-        const L uxy = u.x * u.y - ud.z, uyx = u.x * u.y + ud.z;
-        const L uzx = u.x * u.z - ud.y, uxz = u.x * u.z + ud.y;
-        const L uyz = u.y * u.z - ud.x, uzy = u.y * u.z + ud.x;
-        const auto added = [&](const Point3<L>& r) {
-            return Point3<L>{uxy * r.y + (uxz * r.z - minus_uxx * r.x), uyx * r.x + (uyz * r.z - minus_uyy * r.y),
-                             uzx * r.x + (uzy * r.y - minus_uzz * r.z)};
-        };
-        f[g] = added(h[g]);
-        a[g] = added(d[g]);
-    }
-    a.add_up_before({L(free_fall.x), L(free_fall.y), L(free_fall.z)});
-    BUMPSTOP_UNROLL
-    for (int g = 0; g < G; ++g) {
-        const auto at = std::size_t(g * native_lanes);
-        // The moment as in newton_euler, in the frame of the link, but for that of the acceleration of the origin.
-        const Point3<L> v{dot(x[g], w[g]), dot(y[g], w[g]), dot(z[g], w[g])};
-        const L vxx = v.x * v.x, vyy = v.y * v.y, vzz = v.z * v.z;
-        const Point3<L> vd{dot(x[g], wd[g]), dot(y[g], wd[g]), dot(z[g], wd[g])};
-        const L uxy = v.x * v.y - vd.z, uyx = v.x * v.y + vd.z;
-        const L uzx = v.x * v.z - vd.y, uxz = v.x * v.z + vd.y;
-        const L uyz = v.y * v.z - vd.x, uzy = v.y * v.z + vd.x;
-        const L xx = load<L>(&chain.xx[at]), yy = load<L>(&chain.yy[at]);
-        const L xy = load<L>(&chain.xy[at]), xz = load<L>(&chain.xz[at]), yz = load<L>(&chain.yz[at]);
-        const Point3<L> moment{uzy * yy + (vzz - vyy) * yz + (uzx * xy - uyx * xz),
-                               uxy * yz - uzx * xx + ((vxx - vzz) * xz - uzy * xy),
-                               uyx * xx - uxy * yy + ((vyy - vxx) * xy + (uyz * xz - uxz * yz))};
-        n[g] = x[g] * moment.x + y[g] * moment.y + z[g] * moment.z + cross(p[g], f[g]);
-    }
-    f.add_up_from_tip();
-    BUMPSTOP_UNROLL
-    for (int g = 0; g < G; ++g) n[g] = with_cross(n[g], h[g], a[g]);
-    n.add_up_from_tip();
-    L torque[G];
-    BUMPSTOP_UNROLL
-    for (int g = 0; g < G; ++g)
-        torque[g] = dot(z[g], n[g]) +
-                    (rise[g] * load<L>(&chain.rotor[std::size_t(g * native_lanes)]) - dot(cross(z[g], p[g]), f[g]));
-    if constexpr (G == 1) {
-        store(torque[0], tau);
-    } else {
-        collect(torque[0], torque[1], tau);
-    }
+    const Point3<V> x{frame[0], frame[1], frame[2]}, y{frame[4], frame[5], frame[6]};
+    const Point3<V> z{frame[8], frame[9], frame[10]}, w{frame[12], frame[13], frame[14]};
+    const Point3<V> own = rise * z + rate * cross(w, z), wd = own + before(own);
+    const Point3<V> d = V(chain.dx.data()) * x + V(chain.dy.data()) * y;
+    const Point3<V> h = V(chain.hx.data()) * x + V(chain.hy.data()) * y;
+    const Point3<V> p = before(d);
+    const SecondDerivative<V> of_link(w, wd);
+    const Point3<V> force = of_link * h, fall{free_fall.x, free_fall.y, free_fall.z}, a = fall + before(of_link * d);
+    // The moment as in newton_euler, in the frame of the link, but for that of the acceleration of the origin.
+    const Point3<V> v{dot(x, w), dot(y, w), dot(z, w)}, vd{dot(x, wd), dot(y, wd), dot(z, wd)};
+    const SecondDerivative<V> u(v, vd);
+    const V xx(chain.xx.data()), yy(chain.yy.data()), xy(chain.xy.data()), xz(chain.xz.data()), yz(chain.yz.data());
+    const V across_xy = v.x * v.x - v.y * v.y, across_yz = v.y * v.y - v.z * v.z, across_zx = v.z * v.z - v.x * v.x;
+    const V about_x = u.zy * yy - across_yz * yz + (u.zx * xy - u.yx * xz);
+    const V about_y = u.xy * yz - u.zx * xx - (across_zx * xz + u.zy * xy);
+    const V about_z = u.yx * xx - u.xy * yy - (across_xy * xy - (u.yz * xz - u.xz * yz));
+    const Point3<V> moment = about_x * x + about_y * y + about_z * z + cross(p, force) + cross(h, a);
+    const Point3<V> f = force + after(force), n = moment + after(moment);
+    const V torque = dot(z, n) + (rise * V(chain.rotor.data()) - dot(cross(z, p), f));
+    for (int g = 0; g < G; ++g) store(torque.at[g], tau + g * native_lanes);
 }
 
 /// What newton_euler gives, for a chain with JointLanes::groups above 0. `tau` has max_joints numbers; those beyond the last
@@ -275,18 +170,10 @@ template <int G>
 inline void newton_euler_in_lanes(const JointLanes& chain, const JointFrames& frames, const double* qd,
                                   const double* qdd, const Point3<double>& free_fall, double* tau) noexcept {
     if (chain.groups == 1) {
-        newton_euler_in_groups<1>(chain, frames, qd, qdd, free_fall, tau);
+        newton_euler_in_registers<1>(chain, frames, qd, qdd, free_fall, tau);
     } else {
-        newton_euler_in_groups<2>(chain, frames, qd, qdd, free_fall, tau);
+        newton_euler_in_registers<2>(chain, frames, qd, qdd, free_fall, tau);
     }
 }
-
-#else
-
-/// No chain has groups where registers are short.
-inline void newton_euler_in_lanes(const JointLanes&, const JointFrames&, const double*, const double*,
-                                  const Point3<double>&, double*) noexcept {}
-
-#endif
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -73,7 +73,7 @@ struct JointAngles {
         sin[j] = sc.sin;
         cos[j] = sc.cos;
     }
-    /// As of `set`, from an array of max_joints numbers, those beyond the last joint finite.
+    /// Of every joint of a chain of doubles, from an array of max_joints numbers, those beyond the last joint finite.
     void set_padded(const Chain& chain, const double* q) {
         using L = Lanes<native_lanes>;
         for (int first = 0; first < chain.dof; first += native_lanes) {
@@ -83,24 +83,14 @@ struct JointAngles {
             store(sc.cos, &cos[first]);
         }
     }
-    /// Of every joint. A plain double goes through lanes of joints.
+    /// Of every joint.
     void set(const Chain& chain, const T* q) {
-        constexpr int width = Scalar<T>::lanes == 1 ? native_lanes : 1;
-        if constexpr (width == 1) {
-            for (int j = 0; j < chain.dof; ++j) set(chain, j, q[j]);
+        if constexpr (Scalar<T>::lanes == 1) {
+            double padded[max_joints] = {};
+            std::copy_n(q, chain.dof, padded);
+            set_padded(chain, padded);
         } else {
-            static_assert(max_joints % width == 0);
-            for (int first = 0; first < chain.dof; first += width) {
-                Lanes<width> x;
-                BUMPSTOP_UNROLL
-                for (int lane = 0; lane < width; ++lane) {
-                    const int j = std::min(first + lane, chain.dof - 1);
-                    set_lane(x, lane, q[j] * chain.joint[j].turns + chain.joint[j].offset);
-                }
-                const SinCos<Lanes<width>> sc = sincos(x);
-                store(sc.sin, &sin[first]);
-                store(sc.cos, &cos[first]);
-            }
+            for (int j = 0; j < chain.dof; ++j) set(chain, j, q[j]);
         }
     }
 };

@@ -88,7 +88,7 @@ def causal_derivatives(
     Args:
         t: times, (N,), increasing [s].
         q: positions, (N, n) [rad].
-        window: samples in the fit, above ``degree``, at most 64.
+        window: samples in the fit, above ``degree``, at most 512.
         degree: of the polynomial, 2 to 5.
 
     Returns:

@@ -237,10 +237,9 @@ class MomentSum {
         T probability = 0.0, one = 0.0, two = 0.0;
         for (int g = 0; g < order_; g += Scalar<T>::lanes) {
             const T part = 0.5 * (load<T>(&rule_.node[std::size_t(g)]) + 1.0);  // of the way from `low` to `reach`
-            const T here = (share * factor) * load<T>(&rule_.weight[std::size_t(g)]) *
-                           legendre_series(order_, T(2.0 * share * part - 1.0), [&](int l) {
-                               return T((2 * l + 1) * series[l]);
-                           }).value;
+            const T here =
+                (share * factor) * load<T>(&rule_.weight[std::size_t(g)]) *
+                legendre_series(order_, T(2.0 * share * part - 1.0), [&](int l) { return T((2 * l + 1) * series[l]); });
             const T value = (reach - low) * (1.0 - part) - about_;
             probability += here;
             one += here * value;

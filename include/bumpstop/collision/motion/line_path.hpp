@@ -162,17 +162,6 @@ T min_limit_margin(const MotionSettings& motion, const T* q) {
     return margin;
 }
 
-/// The joint beyond its limit; `q(joint)` says where they are.
-template <class Q>
-int joint_at_limit(const MotionSettings& motion, Q q) {
-    int at_limit = -1;
-    for (int f = 0; f < motion.free_count; ++f) {
-        const int j = motion.free_joint[f];
-        if (q(j) < motion.lower[j] || q(j) > motion.upper[j]) at_limit = j;
-    }
-    return at_limit;
-}
-
 /// The distances between the last one and that a stride after it, by the cubic through the last three strides and
 /// this one.
 inline void fill_stride(std::vector<double>& path, int stride, double next) {

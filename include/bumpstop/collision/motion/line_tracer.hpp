@@ -273,7 +273,11 @@ class LineTracer {
         at.criterion->observe(s, torque);
         for (int i = 0; i < count; ++i) {
             if (lane_of(margin, i) < 0) {
-                at.path->end_joint = detail::joint_at_limit(motion_, [&](int j) { return lane_of(q[j], i); });
+                for (int f = 0; f < n; ++f) {
+                    const int j = motion_.free_joint[f];
+                    const double place = lane_of(q[j], i);
+                    if (place < motion_.lower[j] || place > motion_.upper[j]) at.path->end_joint = j;
+                }
                 cut(lane, PathEnd::joint_limit, at.step[i]);
                 at.path = nullptr;
                 return false;
@@ -295,8 +299,7 @@ class LineTracer {
             q[motion_.free_joint[f]] = at.last_q[f];
             qd[motion_.free_joint[f]] = at.last_qd[f];
         }
-        detail::cut_line(
-            setup_, why, met_step, [&](int j) { return q[j]; }, [&](int j) { return qd[j]; }, *at.path);
+        detail::cut_line(setup_, why, met_step, q, qd, *at.path);
     }
 
     void write(int lane, int step, int i, const T& s, const T* torque) {
