@@ -35,7 +35,7 @@ def _from_page(page: str) -> str:
 def _recording() -> Any:
     import bumpstop as bs
 
-    t = 0.01 * np.arange(60)
+    t = 0.01 * np.arange(60, dtype=np.float64)
     phase = t[:, None] + np.arange(2)
     return bs.Recording(t=t, q=np.sin(phase), qd=np.cos(phase), current=2 * np.sin(phase), joint_names=("a", "b"))
 
@@ -229,7 +229,7 @@ def residuals() -> Files:
     from bumpstop.detection.tuning.residual_record import write_residuals
 
     rows = np.random.default_rng(0).normal(size=(120, 3))
-    return {"r.parquet": _saved(lambda path: write_residuals(path, 0.004 * np.arange(120), rows), "r.parquet")}
+    return {"r.parquet": _saved(lambda path: write_residuals(path, 0.004 * np.arange(120.0), rows), "r.parquet")}
 
 
 def trajectories() -> Files:
@@ -246,3 +246,43 @@ def trajectories() -> Files:
         "joint_names: &n [" + ", ".join(names) + "]\npoints:\n" + "".join(f"- {json.dumps(each)}\n" for each in points)
     )
     return {"t.json": text.encode(), "t.yaml": yaml.encode()}
+
+
+def gauge_curves() -> Files:
+    """The example with every twentieth of its rows: what is tried a million times is short."""
+    lines = (ROOT / "examples/measure/hand.csv").read_text(encoding="utf-8").splitlines(keepends=True)
+    first = next(i for i, line in enumerate(lines) if line[0].isdigit())
+    return {"hand.csv": "".join(lines[:first] + lines[first::20]).encode()}
+
+
+def cpp_texts() -> Files:
+    """A robot and two detectors as C++ reads them: one of currents, one with fitted dynamics."""
+    import bumpstop as bs
+    from bumpstop.detection import Detector, DetectorSettings, Thresholds, describe_detector
+    from bumpstop.identification import DynamicsModel
+    from bumpstop.identification.dynamics.regressor_columns import column_names
+    from bumpstop.joint import JointTorqueModel
+    from bumpstop.model import describe
+
+    thresholds = Thresholds(np.array([20, 10, 20, 20, 20, 20, np.inf]), fast=np.array([9.0] * 6 + [np.inf]))
+    sia5d, ur5e = bs.Robot.load("sia5d"), bs.Robot.load("ur5e")
+    settings = DetectorSettings(period_s=0.004, payload_kg=1.5)
+    of_currents = Detector(sia5d, JointTorqueModel.load("sia5d"), thresholds, settings)
+    couplings, top_speed, loaded = (((4, 1.0), (5, -0.7)),), np.array([2.0, *[np.nan] * 6]), (1, 4)
+    names = column_names(ur5e, couplings, top_speed, loaded)
+    model = DynamicsModel(
+        robot=ur5e,
+        columns=tuple(range(len(names))),
+        values=np.linspace(0.01, 0.09, len(names)),
+        sign_speed=np.full(6, 0.05),
+        top_speed=top_speed,
+        couplings=couplings,
+        loaded=loaded,
+        cutoff_hz=10.0,
+    )
+    fitted = Detector(ur5e, model, np.full(6, 10.0), DetectorSettings(period_s=0.004))
+    return {
+        "arm.robot": describe(sia5d).encode(),
+        "currents.detector": describe_detector(of_currents).encode(),
+        "fitted.detector": describe_detector(fitted).encode(),
+    }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import mmap
 import os
 import random
@@ -9,18 +10,18 @@ import struct
 import time
 import traceback
 import zlib
-from collections import Counter
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+from fuzz.guarded import GuardedReader
 from fuzz.mutations import mutated
 from fuzz.targets import TARGETS, Target
 
 ROOT = Path(__file__).resolve().parents[1]
 # An execution may take this much time of the processor, and memory on top of what the process has.
 MAX_SECONDS, MAX_MEMORY = 1.0, 512_000_000
-# Which file is read, and since when: kept where the process that watches can see it.
-NUMBER = struct.Struct("<qd")
+# Which file is read, since when, and how many were read and rejected: kept where the process that watches can see it.
+STATE = struct.Struct("<qdqq")
 
 
 def corpus(target: Target) -> tuple[dict[str, bytes], list[str]]:
@@ -43,8 +44,8 @@ def case(files: dict[str, bytes], names: list[str], target: str, seed: int, numb
     return name, mutated(files[name], others, rng)
 
 
-def read_many(name: str, seed: int, first: int, seconds: float, folder: str, pipe: Connection) -> None:
-    """In a process of its own: read one file after another."""
+def read_many(name: str, seed: int, first: int, last: int, seconds: float, folder: str, pipe: Connection) -> None:
+    """In a process of its own: read the files from ``first`` up to before ``last``, one after another."""
     import resource
     import warnings
 
@@ -60,36 +61,35 @@ def read_many(name: str, seed: int, first: int, seconds: float, folder: str, pip
         Path(file).write_bytes(content)
     for file in names:  # imports and caches are not counted
         _read(target, Path(file), bs.InputError)
+    gc.collect()
+    gc.freeze()
+    guarded = GuardedReader()
     space = 4096 * int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
     resource.setrlimit(resource.RLIMIT_AS, (space + MAX_MEMORY, resource.RLIM_INFINITY))
-    with (Path(folder) / "number").open("r+b") as handle:
-        number_place = mmap.mmap(handle.fileno(), NUMBER.size)
-    counts = Counter[str]()
-    number = first
+    with (Path(folder) / "state").open("r+b") as handle:
+        state = mmap.mmap(handle.fileno(), STATE.size)
+    counts = {"read": 0, "rejected": 0}
     pipe.send(("begun", 0, ""))
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        NUMBER.pack_into(number_place, 0, number, time.monotonic())
+    parent, end, number = os.getppid(), time.monotonic() + seconds, first
+    while number < last and (begin := time.monotonic()) < end and os.getppid() == parent:
+        # In one piece: pack_into would write zeros first, which the process that watches may see.
+        state[:] = STATE.pack(number, begin, *counts.values())
         file, content = case(files, names, name, seed, number)
         Path(file).write_bytes(content)
         begin = time.process_time()
         kind, text = _read(target, Path(file), bs.InputError)
-        if time.process_time() - begin > MAX_SECONDS and kind != "found":
+        own = time.process_time() - begin
+        seconds_there, memory_there = guarded.used()
+        if kind != "found" and own + seconds_there > MAX_SECONDS:
             kind, text = "found", f"took more than {MAX_SECONDS:g} s"
+        if kind != "found" and memory_there > MAX_MEMORY:
+            kind, text = "found", f"its reader took more than {MAX_MEMORY / 1e6:g} MB"
         if kind == "found":
             pipe.send(("found", number, text))
         else:
             counts[kind] += 1
         number += 1
-        if number % 50 == 0:
-            _tell(pipe, counts)
-    _tell(pipe, counts)
-
-
-def _tell(pipe: Connection, counts: Counter[str]) -> None:
-    for kind, count in counts.items():
-        pipe.send((kind, count, ""))
-    counts.clear()
+    state[:] = STATE.pack(number, time.monotonic(), *counts.values())
 
 
 def _read(target: Target, path: Path, refusal: type[Exception]) -> tuple[str, str]:

@@ -130,6 +130,12 @@ def _experiment(path: Path) -> None:
     Experiment.load(path)
 
 
+def _cpp_text(path: Path) -> None:
+    from fuzz.cpp_text import read_text
+
+    read_text(path)
+
+
 def _target(read: Read, module: str, *files: str) -> Target:
     from importlib import import_module
 
@@ -161,7 +167,8 @@ TARGETS: dict[str, Target] = {
     "residuals": _target(_residuals, "residuals"),
     "trajectory": _target(_trajectory, "trajectories", "examples/06_pick_and_place.csv"),
     "stopping_table": _target(_stopping_table, "", "examples/stopping/*.toml"),
-    "gauge_curve": _target(_gauge_curve, "", "examples/measure/hand.csv"),
+    "gauge_curve": _target(_gauge_curve, "gauge_curves"),
     "register": _target(_register, "registers"),
     "experiment": _target(_experiment, "", "examples/plant/*.toml"),
+    "cpp_text": _target(_cpp_text, "cpp_texts"),
 }

@@ -18,7 +18,7 @@ from bumpstop.live.loaded_detector import LoadedDetector
 from bumpstop.live.rtde import RtdeServer
 from bumpstop.live.rtde.source import output_fields
 from bumpstop.model import Robot
-from cpp.builds import COMPILER, ROOT, WARNINGS
+from cpp.builds import COMPILER, ROOT, compiled
 from live.test_rtde import served
 
 NUMBER = re.compile(r"-?\d+\.?\d*(?:e[-+]\d+)?")
@@ -51,9 +51,7 @@ def in_python(file: Path, t: np.ndarray, q: np.ndarray, current: np.ndarray) -> 
 def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("rtde") / "05_rtde"
     source = ROOT / "examples" / "cpp" / "05_rtde.cpp"
-    flags = [*WARNINGS, "-O0", "-ffp-contract=off", *FLAGS.get(_native.target, [])]
-    command = [*COMPILER, *flags, f"-I{ROOT / 'include'}", str(source), "-o", str(made)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = compiled([*COMPILER, "-O0", "-ffp-contract=off", *FLAGS.get(_native.target, [])], source, made)
     assert done.returncode == 0, done.stderr
     return made
 

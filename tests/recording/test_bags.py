@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Any
 
@@ -145,6 +146,21 @@ def test_bag_that_ends_in_the_middle(plugin: StoragePlugin, tmp_path: Path) -> N
     file.write_bytes(data[: int(0.7 * len(data))])
     with pytest.raises(InputError, match=r"ends in the middle .* [1-9][0-9]{3,4} messages are readable"):
         Recording.load(file)
+
+
+def test_lengths_without_end_in_a_damaged_bag_cost_no_minutes(tmp_path: Path) -> None:
+    """A page whose 16 000 rows all say that they reach far beyond its end."""
+    page = bytearray(b"\xff" * 65536)
+    page[0], page[3:5] = 0x0D, (16383).to_bytes(2, "big")
+    page[8 : 8 + 2 * 16383] = b"\x90\x00" * 16383
+    first = bytearray(65536)
+    first[:18] = b"SQLite format 3\x00" + (1).to_bytes(2, "big")
+    file = tmp_path / "r.db3"
+    file.write_bytes(first + page)
+    begin = time.process_time()
+    with pytest.raises(InputError, match=r"damaged .* 0 messages are readable"):
+        Recording.load(file)
+    assert time.process_time() - begin < 10
 
 
 def test_unreadable_message_is_a_bad_row(tmp_path: Path) -> None:

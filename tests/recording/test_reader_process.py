@@ -15,6 +15,7 @@ import scipy.io
 import bumpstop as bs
 from bumpstop.detection.tuning.residual_record import read_residuals, write_residuals
 from bumpstop.recording.formats import reader_process
+from bumpstop.recording.formats.parquet_excel import read_parquet
 from recording.cases import recording
 
 
@@ -57,6 +58,16 @@ def test_a_reader_that_takes_too_long_is_ended(tmp_path: Path, monkeypatch: pyte
     with pytest.raises(bs.InputError, match="it took longer than 0 s"):
         bs.Recording.load(file)
     assert process.poll() is not None
+
+
+def test_rows_that_a_file_only_says_it_has_are_named(tmp_path: Path) -> None:
+    """One flipped bit in the number of rows: the columns are read without a word, and are shorter or empty."""
+    file = tmp_path / "r.parquet"
+    recording(rows=50).save(file)
+    table = read_parquet(file)
+    recording(rows=20).save(file)
+    with pytest.raises(bs.InputError, match=r"cannot be read as Parquet \(it says that it has 50 rows, and has 20\)"):
+        table.fetch([0])
 
 
 @pytest.mark.parametrize("kind", ["parquet", "mat", "residuals"])

@@ -193,9 +193,11 @@ def manifest_flipped(cell: Cell, out: Path, rng: random.Random) -> Outcome:
 
 
 def two_clients(cell: Cell, out: Path, rng: random.Random) -> Outcome:
-    """A second command begins in the same folder."""
+    """A second command begins in the same folder, while the first is held up: it could have ended before."""
     process = _interrupted(cell, out, rng)
+    process.send_signal(signal.SIGSTOP)
     second, printed = cell.run("run", cell.file, "--out", out)
+    process.send_signal(signal.SIGCONT)
     first, _ = finish(process)
     return _line(printed, "error"), first == 0 and second == 2 and "in use" in printed
 

@@ -8,15 +8,16 @@ import resource
 import tempfile
 import time
 from collections.abc import Iterator
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from statistics import median
 
+import numpy as np
 import polars as pl
 
 from bumpstop.campaign import Campaign, load_campaign
 from bumpstop.shards import ResultFolder, Workers
-from bumpstop.shards.run import Account, complete
+from bumpstop.shards.run import complete
 from validation.campaign.cell import Cell
 from validation.findings import Findings
 
@@ -80,31 +81,62 @@ def _many_shards(findings: Findings, folder: Path, *, shards: int) -> None:
     findings.progress(f"{1e3 * each:.3f} ms a distribution, {account.size / account.rows:.0f} bytes a row in shards")
 
 
+@dataclass(frozen=True)
+class Timing:
+    """How long a campaign took with some workers.
+
+    Attributes:
+        whole: start of the processes and joining included [s].
+        steady: from a tenth of the shards to nine tenths, the same ones whoever computes them [s].
+        spent: what the workers took for all shards, added up [s].
+    """
+
+    whole: float
+    steady: float
+    spent: float
+
+    def told(self, workers: int) -> str:
+        """Steady and whole time, and the share of the whole that workers spent on shards."""
+        return f"{self.steady:.2f} of {self.whole:.2f} s, {self.spent / (workers * self.whole):.1%} of it on shards"
+
+
 def _throughput(findings: Findings, folder: Path, *, pairs: int, poses: int) -> None:
-    """Paired runs, one after the other, so that both meet the same neighbours. The start of processes counts."""
+    """Paired runs, one after the other, so that both meet the same neighbours."""
     cell = Cell(folder, poses=poses, shard_s=0.2)
-    ratios = []
+    steady, whole, dearer = [], [], []
     for pair in range(pairs):
-        seconds = {}
-        for workers in (1, 2) if pair % 2 else (2, 1):
-            _, seconds[workers] = _run(cell, folder / f"{pair}-{workers}", workers)
-        ratios.append(seconds[1] / seconds[2])
-        findings.progress(f"pair {pair + 1}: {seconds[1]:.1f} s, {seconds[2]:.1f} s, ratio {ratios[-1]:.3f}")
+        of = {n: _timed(cell, folder / f"{pair}-{n}", n) for n in ((1, 2) if pair % 2 else (2, 1))}
+        steady.append(of[1].steady / of[2].steady)
+        whole.append(of[1].whole / of[2].whole)
+        dearer.append(of[2].spent / of[1].spent)
+        findings.progress(
+            f"pair {pair + 1}: one {of[1].told(1)}; two {of[2].told(2)}; ratio {steady[-1]:.3f}, whole {whole[-1]:.3f}"
+        )
     findings.check(
         "two workers have at least 1.9 times the throughput of one",
-        median(ratios) >= 1.9,
-        f"median {median(ratios):.3f} of {pairs} pairs, {min(ratios):.3f} to {max(ratios):.3f}; "
+        median(steady) >= 1.9,
+        f"median {median(steady):.3f} of {pairs} pairs, {min(steady):.3f} to {max(steady):.3f}; "
+        f"with start and joining {median(whole):.3f}; a shard takes {median(dearer):.3f} times as long beside another; "
         f"load of the machine {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores",
     )
 
 
-def _run(cell: Cell, out: Path, workers: int) -> tuple[Account, float]:
+def _timed(cell: Cell, out: Path, workers: int) -> Timing:
     campaign = load_campaign(cell.file)
     store = ResultFolder(out, campaign)
     store.open(campaign)
+    reached: list[tuple[float, float]] = []
     begin = time.perf_counter()
-    _, account = complete(campaign, store, Workers(processes=workers))
-    return account, time.perf_counter() - begin
+    _, account = complete(
+        campaign,
+        store,
+        Workers(processes=workers),
+        progress=lambda done, total: reached.append((done / total, time.perf_counter() - begin)),
+    )
+    whole = time.perf_counter() - begin
+    done, when = zip(*reached, strict=True)
+    first, last = np.interp([0.1, 0.9], done, when)
+    return Timing(whole, float(last - first), account.seconds)
 
 
 def _resident_mb() -> float:

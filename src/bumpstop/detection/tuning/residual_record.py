@@ -128,7 +128,7 @@ def read_residuals(path: str | Path) -> tuple[FloatArray, FloatArray]:
         found, _ = read_guarded("parquet", Path(path))
         numeric = dict(zip(found["names"], found["numeric"], strict=True))
         read = [name for name in numeric if numeric[name] and (name == "t" or name.startswith("residual_"))]
-        arrays = read_guarded("parquet", Path(path), columns=read)[1] if read else []
+        arrays = read_guarded("parquet", Path(path), columns=read, rows=found["rows"])[1] if read else []
     except InputError as error:
         raise InputError(where, error.problem.replace(" as Parquet", "", 1), wanted) from None
     values = dict(zip(read, arrays, strict=True))

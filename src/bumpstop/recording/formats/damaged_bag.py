@@ -10,6 +10,7 @@ from bumpstop.errors import InputError
 _MAGIC = b"\x89MCAP0\r\n"
 _MESSAGE, _CHUNK = 0x05, 0x06
 _TABLE_LEAF = 0x0D
+_COLUMNS = 4
 _FIRST_BLOB = 12  # type of an empty one; text has odd numbers
 
 
@@ -48,11 +49,12 @@ def _rows(page: bytes) -> int:
         for _ in range(2):  # length of the row, and its number
             _, place = _varint(page, place)
         length, inside = _varint(page, place)
-        kinds = []
-        while inside < min(place + length, len(page)):
+        kinds: list[int] = []
+        # No row of a message has more: a damaged length would lead through the whole page, for each of its rows.
+        while inside < min(place + length, len(page)) and len(kinds) <= _COLUMNS:
             kind, inside = _varint(page, inside)
             kinds.append(kind)
-        count += len(kinds) == 4 and kinds[3] >= _FIRST_BLOB and kinds[3] % 2 == 0
+        count += len(kinds) == _COLUMNS and kinds[3] >= _FIRST_BLOB and kinds[3] % 2 == 0
     return count
 
 

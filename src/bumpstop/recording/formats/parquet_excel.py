@@ -25,7 +25,7 @@ def read_parquet(path: Path) -> Table:
     def fetch(wanted: list[int]) -> FloatArray:
         if not wanted:
             return np.empty((rows, 0))
-        _, columns = read_guarded("parquet", path, columns=[names[i] for i in wanted])
+        _, columns = read_guarded("parquet", path, columns=[names[i] for i in wanted], rows=rows)
         return np.stack(columns).T
 
     return Table(

@@ -18,31 +18,36 @@ Answer = tuple[dict[str, Any], list[npt.NDArray[Any]]]
 _DAMAGED = "the file may be damaged or cut short"
 
 
-def parquet(path: Path, shown: str, columns: list[str] | None) -> Answer:
+def parquet(path: Path, shown: str, columns: list[str] | None, rows: int | None) -> Answer:
     """Names, types, metadata and rows of a Parquet file; or some of its columns as numbers.
 
     Args:
         path: of the file.
         shown: how errors call it.
         columns: names; None: what the file says of itself.
+        rows: that it says of itself, where columns are wanted.
     """
     import polars as pl
 
     try:
         if columns is not None:
             # A bracket in the name of a file is no pattern.
-            return {}, _numbers(pl.read_parquet(path, columns=sorted(set(columns)), glob=False), columns)
+            found = pl.read_parquet(path, columns=sorted(set(columns)), glob=False)
+            if found.height != rows:
+                problem = f"cannot be read as Parquet (it says that it has {rows} rows, and has {found.height})"
+                raise InputError(shown, problem, _DAMAGED)
+            return {}, _numbers(found, columns)
         table = pl.scan_parquet(path, glob=False)
         schema = table.collect_schema()
         said = pl.read_parquet_metadata(path)
-        rows = int(table.select(pl.len()).collect().item())
+        count = int(table.select(pl.len()).collect().item())
     except InputError:
         raise
     except Exception as error:  # polars raises many kinds for a damaged file
         raise _damaged(shown, "Parquet", error) from None
     numeric = [kind.is_numeric() for kind in schema.values()]
     said = {key: said[key] for key in ("joint_names", "robot") if key in said}
-    return {"names": list(schema), "numeric": numeric, "rows": rows, "said": said}, []
+    return {"names": list(schema), "numeric": numeric, "rows": count, "said": said}, []
 
 
 def excel(path: Path, shown: str, header: bool | None) -> Answer:

@@ -109,12 +109,7 @@ def _running() -> subprocess.Popen[bytes]:
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        env=os.environ
-        | {
-            "PYTHONPATH": os.pathsep.join(dict.fromkeys(places)),
-            "POLARS_MAX_THREADS": "2",
-            "OPENBLAS_NUM_THREADS": "1",
-        },
+        env=os.environ | _ENVIRONMENT | {"PYTHONPATH": os.pathsep.join(dict.fromkeys(places))},
         start_new_session=True,  # Ctrl-C is for the parent to answer
     )
     if _READER.process is None:
@@ -232,7 +227,7 @@ def _answer(asked: dict[str, Any]) -> tuple[dict[str, Any], list[npt.NDArray[Any
 
     path, shown = Path(asked["path"]), asked["shown"]
     if asked["kind"] == "parquet":
-        return reader_libraries.parquet(path, shown, asked.get("columns"))
+        return reader_libraries.parquet(path, shown, asked.get("columns"), asked.get("rows"))
     if asked["kind"] == "excel":
         return reader_libraries.excel(path, shown, asked["header"])
     return reader_libraries.matlab(path, shown)
