@@ -107,7 +107,7 @@ def turn_points(browser: Any, folder: Path, count: int) -> None:
     page = browser.new_page(viewport={"width": 1280, "height": 800})
     page.add_init_script(COUNT)
     page.goto(url)
-    page.wait_for_selector("[data-details]", timeout=120_000)
+    page.wait_for_selector("#root [data-details]", timeout=120_000)
     page.wait_for_timeout(3000)
     page.evaluate("window.frames.length = 0")
     page.mouse.move(600, 700)
@@ -134,10 +134,15 @@ def measure(browser: Any, kind: str, file: Path, seconds: float) -> None:
     faults: list[str] = []
     page.on("console", lambda message: faults.append(message.text) if message.type == "error" else None)
     page.on("pageerror", lambda error: faults.append(str(error)))
-    page.goto(url)
+    page.goto(url, wait_until="commit")
+    # First the one that the page is sent with, then that of the page, from which on its controls can be moved.
     page.wait_for_selector("[data-serial]", timeout=120_000)
-    print(f"{kind}: served after {served:.2f} s, first result on the page after {time.perf_counter() - begin:.2f} s")
-    page.wait_for_selector("[data-details]", timeout=120_000)
+    first = time.perf_counter() - begin
+    page.wait_for_selector("#root [data-serial]", timeout=120_000)
+    paint = page.evaluate("performance.getEntriesByName('first-contentful-paint')[0]?.startTime ?? NaN") / 1e3
+    print(f"{kind}: served after {served:.2f} s, first paint {paint:.2f} s after that, first result on the page after "
+          f"{first:.2f} s, its own after {time.perf_counter() - begin:.2f} s")  # fmt: skip
+    page.wait_for_selector("#root [data-details]", timeout=120_000)
     page.wait_for_timeout(4000)
     page.evaluate(WATCH)
     box = page.locator("xpath=//label[normalize-space()='speed, mm/s']/ancestor::*[.//input][1]//input").last

@@ -23,7 +23,8 @@ class Screen:
         own = (server.url, server.url.replace("http", "ws"), "data:", "blob:")
         self.page.on("request", lambda r: None if r.url.startswith(own) else self.elsewhere.append(r.url))
         self.page.goto(server.url)
-        self.page.wait_for_selector("[data-serial]", timeout=WAIT_MS)
+        # Not the one that the page is sent with: what a person can use is up when the page shows its own.
+        self.page.wait_for_selector("#root [data-serial]", timeout=WAIT_MS)
         # A folder that is closed has no text.
         self.page.get_by_text("Scenario file", exact=True).click()
         self.page.wait_for_selector("[data-scenario]", timeout=WAIT_MS)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 from contextlib import nullcontext
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,10 +13,13 @@ import pytest
 import bumpstop as bs
 from bumpstop.report.markup import Html
 from bumpstop.view.answer import Answer
-from bumpstop.view.document import with_keys
+from bumpstop.view.document import ViewDocument, with_keys
+from bumpstop.view.page.page import Page
 from bumpstop.view.page.result_panel import ResultPanel
 from bumpstop.view.page.scene_view import SceneView
-from view.cases import HAND
+from view.cases import HAND, LOWER_ARM
+
+LOWER_ARM_SCENARIO = bs.load_scenario(LOWER_ARM)
 
 
 class Place:
@@ -102,3 +107,45 @@ def test_a_verdict_is_the_same_in_pieces() -> None:
     reason = bs.evaluate(HAND).verdict.reason
     assert reason in client.places[0].content.replace("&lt;", "<")
     assert 'data-chart="distribution"' in client.places[1].content
+
+
+def test_a_line_on_warnings_stands_before_and_after_they_are_known() -> None:
+    """Nothing below the verdict moves, and is drawn anew for that, when there are none."""
+    client = Client()
+    panel = ResultPanel(client)  # type: ignore[arg-type]
+    answer = Answer.of(LOWER_ARM_SCENARIO)
+    assert not answer.result.warnings
+    lines = []
+    for each in (answer, answer.with_warnings()):
+        panel.show(each, serial=1)
+        lines.append(client.places[0].content.count("<div"))
+    assert "No warnings." in client.places[0].content
+    assert lines[0] == lines[1]
+
+
+@pytest.mark.parametrize("newer", [False, True])
+def test_the_plot_is_sent_first_and_the_force_in_the_picture_where_no_key_follows(newer: bool) -> None:
+    done: list[str] = []
+
+    class Recorder:
+        def __getattr__(self, name: str) -> Any:
+            return lambda *_, **__: done.append(name)
+
+    class Further(Recorder):
+        def has_newer(self) -> bool:
+            return newer
+
+        def newer_within(self, _: float) -> bool:
+            done.append("pause")
+            return True
+
+    page: Any = Page.__new__(Page)
+    document = page._document = ViewDocument(HAND)
+    page._lock, page._serial, page._moved = threading.RLock(), 0, None
+    page._before = page._answer = None
+    page._result, page._scene, page._further = Recorder(), Recorder(), Further()
+    page._playback, page._tools = SimpleNamespace(pose=None), SimpleNamespace(dragging=False)
+    page._compute(document)
+    assert done == ["show", "submit"]
+    page._compute_details((document, page._answer))
+    assert done[2:] == (["show"] if newer else ["show", "show_force", "pause"])

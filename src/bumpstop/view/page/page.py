@@ -39,7 +39,7 @@ _ONE_STEP_S = 1.0
 # A browser shows the first result before it is sent the controls and the picture, which keep it busy for seconds.
 _FIRST_S = 0.3
 # A browser draws the panel in a frame of its own before the picture, which takes longer.
-_FRAME_S = 0.02
+_FRAME_S = 0.06
 # A slider that rests for so long has time for further plots.
 _PAUSE_S = 0.12
 
@@ -50,18 +50,19 @@ class Page:
     Args:
         client: the browser.
         opened: what it begins with.
+        first: the result of its scenario; None where it has none.
     """
 
-    def __init__(self, client: viser.ClientHandle, opened: Opened) -> None:
+    def __init__(self, client: viser.ClientHandle, opened: Opened, first: Answer | None) -> None:
         self.client, self.opened = client, opened
         self._lock = threading.RLock()
         self._document = self._computed = ViewDocument(opened.scenario)
-        self._answer: Answer | None = None
+        self._answer = first
         self._before: Answer | None = None
         self._serial, self._last_edit = 0, 0.0
         self._moved: str | None = None
         self._result = ResultPanel(client)
-        self._answer_first()
+        self._show_first()
         self._worker: LatestWins[ViewDocument] = LatestWins(self._compute, "bumpstop-view")
         self._further = LatestWins(self._compute_details, "bumpstop-view-details")
         self._hand = LatestWins(self._reach, "bumpstop-view-hand")
@@ -188,14 +189,11 @@ class Page:
         # A text is left as it was typed, so that it can be mended.
         self._panel.show(self._document.scenario, but=key if text else None)
 
-    def _answer_first(self) -> None:
+    def _show_first(self) -> None:
         """Show the result before anything else is built."""
-        try:
-            self._answer = Answer.of(self._document.scenario)
-        except InputError:
-            return
-        self._draw(self._answer)
-        time.sleep(_FIRST_S)
+        if self._answer is not None:
+            self._draw(self._answer)
+            time.sleep(_FIRST_S)
 
     def _compute(self, document: ViewDocument) -> None:
         try:
@@ -220,13 +218,16 @@ class Page:
         time.sleep(_FRAME_S)
         q = answer.result.problem.q if self._playback.pose is None else self._playback.pose
         self._scene.show(document.scenario, q, answer, hand=not self._tools.dragging)
+        if self._further.has_newer():
+            return
+        # Before the pause: viser draws a picture over and over for 0.25 s, in which the next key would have to wait.
+        self._scene.show_force(answer)
         if self._further.newer_within(_PAUSE_S):
             return
         self._playback.follow(document.scenario)
         self._program.follow(document.scenario)
         self._panel.show(document.scenario, but=self._moved)
         self._file.content = str(_file_html(document.text))
-        self._scene.show_force(answer)
         self._draw_forces(answer)
         self._result.show_tail(answer)
         try:

@@ -25,6 +25,9 @@ _LOOKS = {"good": (EVENT, "✔"), "bad": (LIMIT, "✖"), "open": (FAINT, "?")}
 _FONT = f"font:12px/1.35 system-ui, sans-serif;color:{INK}"
 # The page puts every piece of HTML into a box of its own: it is that box which must stay where it is.
 _STICKY = Html("<style>div:has(> div > [data-verdict]){position:sticky;top:0;z-index:5}</style>")
+PANEL_WIDTH = 420  # of a browser's pixels
+# A layer of its own: without a graphics card a browser draws all of a layer anew for a line of it.
+_LAYER = "will-change:transform"
 _SHOWN = (("mean", "mean"), ("sd", "sd"), ("p50", "p50"), ("p95", "p95"), ("p99", "p99"), ("p999", "p99.9"))
 
 
@@ -49,9 +52,12 @@ def verdict_box(answer: Answer, *, serial: int, before: Answer | None = None) ->
         text = f"Kept for comparison: {before.word}, p99 {number(was)} N; now {number(now)} N."
         rows.append(element("div", text, style=f"padding:2px 8px;color:{FAINT}", data_before=""))
     # A verdict is never better by what is not known yet: until the warnings are computed, it says so.
-    warnings = answer.result.warnings if answer.checked else ("Warnings are being computed.",)
-    look = f"padding:2px 8px;color:{LIMIT if answer.checked else FAINT}"
-    rows += [element("div", f"⚠ {text}", style=look) for text in warnings]
+    warnings = answer.result.warnings if answer.checked else ["Warnings are being computed."]
+    look = f"padding:2px 8px;color:{LIMIT if answer.checked and warnings else FAINT}"
+    # A line in any case: nothing below moves when it is known that there are none.
+    rows += [element("div", f"⚠ {text}", style=look) for text in warnings] or [
+        element("div", "No warnings.", style=look)
+    ]
     look = f"{_FONT};background:white;border:2px solid {colour};margin:0 6px"
     return element("div", _STICKY, *rows, style=look, data_serial=str(serial))
 
@@ -79,6 +85,18 @@ def figures_table(answer: Answer) -> Html:
     )
     table = element("table", head, *rows, style="width:100%;font-size:11px;text-align:right;border-spacing:2px 0")
     return element("div", table, line, style=f"font-size:11px;color:{INK}")
+
+
+def figures_and_distribution(answer: Answer, before: Answer | None = None) -> Html:
+    """What changes with every answer besides the verdict.
+
+    Args:
+        answer: of the scenario on screen.
+        before: an answer kept for comparison.
+    """
+    look = f"{_FONT};background:white;padding:2px 6px 0"
+    parts = (figures_table(answer), distribution_plot(answer, before))
+    return element("div", *(element("div", part, style=_LAYER) for part in parts), style=look)
 
 
 def _figure(answer: Answer, key: str, *, share: bool = False, tag: str = "td") -> Html:
@@ -126,7 +144,7 @@ class ResultPanel:
             self._tail = client.gui.add_html("")
             self._further = client.gui.add_html("")
         panel.dock_right()
-        panel.set_width(420)
+        panel.set_width(PANEL_WIDTH)
 
     def show(self, answer: Answer, *, serial: int, before: Answer | None = None) -> None:
         """Show the verdict, the figures and the distribution, and send them at once.
@@ -136,12 +154,7 @@ class ResultPanel:
             serial: number of the answer, by which tests see that it is drawn.
             before: an answer kept for comparison.
         """
-        figures = element(
-            "div",
-            figures_table(answer),
-            distribution_plot(answer, before),
-            style=f"{_FONT};background:white;padding:2px 6px 0",
-        )
+        figures = figures_and_distribution(answer, before)
         with self._client.atomic():
             _fill(self._verdict, verdict_box(answer, serial=serial, before=before))
             _fill(self._figures, figures)
@@ -149,11 +162,11 @@ class ResultPanel:
 
     def show_tail(self, answer: Answer) -> None:
         """Show the risk of higher peaks."""
-        _fill(self._tail, element("div", exceedance_plot(answer), style="padding:0 6px"))
+        _fill(self._tail, element("div", exceedance_plot(answer), style=f"padding:0 6px;{_LAYER}"))
 
     def show_details(self, details: Html) -> None:
         """Show the plots that need more than one evaluation."""
-        _fill(self._further, element("div", details, style=f"{_FONT};padding:0 6px 12px"))
+        _fill(self._further, element("div", details, style=f"{_FONT};padding:0 6px 12px;{_LAYER}"))
 
 
 def _fill(place: viser.GuiHtmlHandle, html: Html) -> None:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
 import http
 import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Awaitable, Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from bumpstop.errors import InputError
+from bumpstop.view.answer import Answer
+from bumpstop.view.page.front import with_first_result
 from bumpstop.view.page.page import Page
 
 if TYPE_CHECKING:
@@ -24,6 +28,8 @@ _LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
 _MAX_PORT = 65_535
 # How long what is being computed may take to end.
 _WAIT_S = 20.0
+# How long a page waits for the first result, which most scenarios have in a tenth of it.
+_FIRST_S = 0.5
 _STARTING = threading.Lock()
 
 
@@ -42,9 +48,12 @@ class ViewServer:
         self._ended: list[Page] = []
         self._lock = threading.Lock()
         self._opened = opened
+        # While the browser starts: what its page is sent with, and what every page begins with.
+        self._computer = ThreadPoolExecutor(1, "bumpstop-view-first")
+        self._first = self._computer.submit(_first_answer, opened)
         # A page that closes while it is drawn is no fault.
         warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
-        with _guarded(host), _silent():
+        with _guarded(host, self._sent), _silent():
             self._server = viser.ViserServer(host=host, port=port, verbose=False)
         self._host = host
         self._server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
@@ -69,11 +78,17 @@ class ViewServer:
         # A thread that still computes must not outlive the interpreter.
         for page in pages:
             page.wait(_WAIT_S)
+        self._computer.shutdown()
         with _silent():
             self._server.stop()
 
+    async def _sent(self, page: bytes) -> bytes:
+        """The page as it is sent."""
+        await asyncio.wait([asyncio.wrap_future(self._first)], timeout=_FIRST_S)
+        return with_first_result(page, self._opened.title, self._first.result() if self._first.done() else None)
+
     def _connect(self, client: viser.ClientHandle) -> None:
-        page = Page(client, self._opened)
+        page = Page(client, self._opened, self._first.result())
         with self._lock:
             # A browser may be gone before its page is built.
             if client.client_id in self._server.get_clients():
@@ -89,6 +104,14 @@ class ViewServer:
             if page is not None:
                 page.close()
                 self._ended.append(page)
+
+
+def _first_answer(opened: Opened) -> Answer | None:
+    """The result of what was opened; None where it cannot be computed: its page says why."""
+    try:
+        return Answer.of(opened.scenario)
+    except InputError:
+        return None
 
 
 def is_loopback(host: str) -> bool:
@@ -131,8 +154,13 @@ def viser_module() -> Any:
 
 
 @contextmanager
-def _guarded(host: str) -> Iterator[None]:
-    """Have a viser server that starts in here refuse foreign origins: viser 1.1 has no setting for that."""
+def _guarded(host: str, sent: Callable[[bytes], Awaitable[bytes]]) -> Iterator[None]:
+    """Have a viser server that starts in here refuse foreign origins: viser 1.1 has no setting for that.
+
+    Args:
+        host: that it is bound to.
+        sent: the page to send for that of viser.
+    """
     import websockets.asyncio.server as websockets
 
     serve = websockets.serve
@@ -142,8 +170,14 @@ def _guarded(host: str) -> Iterator[None]:
             upgrade = request.headers.get("Upgrade", "").lower() == "websocket"
             if not may_connect(request.headers, host, upgrade=upgrade):
                 return connection.respond(http.HTTPStatus.FORBIDDEN, "foreign origin\n")
+            # Packed again, three quarters of a megabyte take longer than they are under way on this machine.
+            request.headers.pop("Accept-Encoding", None)
             answer = process_request(connection, request)
-            return await answer if hasattr(answer, "__await__") else answer
+            if answer is not None and answer.headers.get("Content-Type", "").startswith("text/html"):
+                answer.body = await sent(answer.body)
+                answer.headers.pop("Content-Length", None)
+                answer.headers["Content-Length"] = str(len(answer.body))
+            return answer
 
         return serve(*arguments, process_request=checked, **others)
 

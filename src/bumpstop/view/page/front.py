@@ -1,0 +1,66 @@
+"""The page as it is sent: with the first result in it, which stands there until the page of viser is up."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bumpstop.report.markup import Html, element, escape
+from bumpstop.view.page.result_panel import PANEL_WIDTH, figures_and_distribution, verdict_box
+
+if TYPE_CHECKING:
+    from bumpstop.view.answer import Answer
+
+# Before the page of viser: it unpacks and compiles three megabytes of script, which keep a browser busy for seconds.
+_BEFORE = b"<script data-p="
+# Without a graphics card smooth edges cost half the time of a picture. viser has no setting for that.
+_EDGES = """
+const open = HTMLCanvasElement.prototype.getContext;
+let fast;
+HTMLCanvasElement.prototype.getContext = function (kind, options) {
+  if (!String(kind).startsWith("webgl")) return open.call(this, kind, options);
+  fast ??= open.call(document.createElement("canvas"), kind, { failIfMajorPerformanceCaveat: true }) !== null;
+  return open.call(this, kind, fast ? options : { ...options, antialias: false });
+};
+"""
+# A slider that moves and its number are drawn by themselves, and not with all of their panel.
+_LAYERS = Html("<style>.mantine-Slider-root,.mantine-Input-wrapper{will-change:transform}</style>")
+# The result of the page itself takes the place of the one that was sent with it.
+_PLACE = """
+const placed = new MutationObserver(() => {
+  if (document.querySelector("#root [data-serial]") === null) return;
+  placed.disconnect();
+  document.getElementById("first").remove();
+});
+placed.observe(document.documentElement, { subtree: true, childList: true });
+"""
+
+
+def with_first_result(page: bytes, title: str, answer: Answer | None) -> bytes:
+    """The page of viser with a title, and with a result to read while its script is still unpacked.
+
+    Args:
+        page: as viser sends it.
+        title: of what was opened.
+        answer: the first result; None: there is none yet.
+    """
+    head, found, rest = page.partition(_BEFORE)
+    if not found:
+        return page
+    head = head.replace(b"<title>Viser</title>", f"<title>{escape(title)} - bumpstop</title>".encode())
+    scripts = Html(_LAYERS + _script(_EDGES))
+    if answer is not None:
+        look = f"position:fixed;top:0;right:0;width:{PANEL_WIDTH}px;height:100%;overflow:hidden;background:white"
+        first = element(
+            "div",
+            verdict_box(answer, serial=0),
+            figures_and_distribution(answer),
+            id="first",
+            style=f"{look};padding-top:66px;box-sizing:border-box;z-index:1",
+        )
+        scripts = Html(f"{first}{scripts}{_script(_PLACE)}")
+    return b"".join([head, scripts.encode(), found, rest])
+
+
+def _script(text: str) -> Html:
+    # A scope of its own: the page of viser has names of its own.
+    return Html(f"<script>{{{text}}}</script>")
