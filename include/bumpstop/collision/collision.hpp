@@ -15,15 +15,15 @@ namespace detail {
 /// Whether the collision with the farthest body is detected for certain before the last tick of a path.
 inline bool surely_detected(const CollisionSetup& setup, const LinePath& path, const ContactPropagator& by,
                             const GaussianThresholds& detector, const Contact& contact) {
-    const ContactDynamics<double> dynamics(by);
-    ContactState<double> state = dynamics.begin();
+    const ContactDynamics dynamics(by);
+    ContactState state;
     SurvivalCriterion<double> criterion(setup, detector, contact);
     double residual[max_joints];
     for (int i = 0; i < int(path.s.size()); ++i) {
-        if (i > 0)
-            dynamics.step(state, path.s[std::size_t(i) - 1], path.s[std::size_t(i)], contact.offset.largest(), 1.0);
+        if (i > 0) dynamics.step(state, path.s[std::size_t(i) - 1], path.s[std::size_t(i)], contact.offset.largest());
         if (i < 1 || (i - 1) % setup.timing.period != 0) continue;
-        dynamics.residuals(state, path, (i - 1) / setup.timing.period, residual);
+        const int tick = (i - 1) / setup.timing.period;
+        dynamics.residuals(state, &path.torque_per_N[std::size_t(tick * path.dof)], path.dof, residual);
         criterion.observe_contact(state.touched, residual);
         if (criterion.finished(0)) return true;
     }

@@ -142,6 +142,18 @@ Lanes<N> max(Lanes<N> a, Lanes<N> b) {
     return Lanes<N>::of(a.v > b.v ? a.v : b.v);
 }
 
+/// a b + c, rounded once where the instruction set can.
+template <int N>
+Lanes<N> fused(Lanes<N> a, Lanes<N> b, Lanes<N> c) {
+#if defined(__AVX512F__)
+    if constexpr (N == 8) return Lanes<N>::of(_mm512_maskz_fmadd_pd(all_lanes, a.v, b.v, c.v));
+#endif
+#if defined(__FMA__)
+    if constexpr (N == 4) return Lanes<N>::of(_mm256_fmadd_pd(a.v, b.v, c.v));
+#endif
+    return a * b + c;
+}
+
 /// Of all lanes.
 inline double sum_of_lanes(double x) { return x; }
 template <int N>

@@ -32,14 +32,16 @@ int main() {
 
     const ContactSystem system(arm, body);
     const ContactPropagator propagator(system, step);
-    const ContactDynamics<double> dynamics(propagator);
-    auto state = dynamics.begin();
+    const ContactDynamics dynamics(propagator);
+    ContactState state;
     state.speed = (path[1] - path[0]) / step;  // the arm is on its way already
     state.reacts = reacts;
     for (int i = 0; i < steps; ++i) {
-        dynamics.step(state, path[std::size_t(i)], path[std::size_t(i + 1)], offset, 1.0);
+        dynamics.step(state, path[std::size_t(i)], path[std::size_t(i + 1)], offset);
         std::printf("%.17g %.17g %.17g", state.force, state.peak, state.since);
-        for (int j = 0; j < arm.dof; ++j) std::printf(" %.17g", dynamics.residual(state, j));
+        double residual[max_joints];
+        if (arm.dof > 0) dynamics.residuals(state, nullptr, arm.dof, residual);
+        for (int j = 0; j < arm.dof; ++j) std::printf(" %.17g", residual[j]);
         std::printf("\n");
     }
 }

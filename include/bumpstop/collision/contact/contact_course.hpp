@@ -17,15 +17,17 @@ struct ContactCourse {
 
 /// `path`: distances of the reference after every simulation step, the start first; the body stands at `offset` [m].
 inline ContactCourse contact_course(const ContactPropagator& by, std::span<const double> path, double offset) {
-    const ContactDynamics<double> dynamics(by);
-    ContactState<double> state = dynamics.begin();
-    state.reacts = 1;  // whatever the path does is sudden
+    const ContactDynamics dynamics(by);
+    ContactState state;
+    state.reacts = true;  // whatever the path does is sudden
     ContactCourse course;
     for (std::size_t i = 0; i < path.size(); ++i) {
         allow_interruption();
-        if (i > 0) dynamics.step(state, path[i - 1], path[i], offset, 1.0);
+        if (i > 0) dynamics.step(state, path[i - 1], path[i], offset);
         course.force.push_back(state.force);
-        for (int j = 0; j < int(by.residual.size()); ++j) course.residual.push_back(dynamics.residual(state, j));
+        if (by.dof == 0) continue;
+        course.residual.resize(course.residual.size() + std::size_t(by.dof));
+        dynamics.residuals(state, nullptr, by.dof, course.residual.data() + course.residual.size() - by.dof);
     }
     course.peak = state.peak;
     course.duration = state.since;

@@ -57,29 +57,27 @@ class ContactCuts {
         Probe made;
         made.offset = offset;
         made.first = i < 1 ? 0 : (i - 1) / paths_.period + 1;
-        ContactState<double> state = dynamics_.begin();
+        ContactState state;
         // The first touch comes inside a step.
         const double rise = paths_.undisturbed(i + 1) - paths_.undisturbed(i);
         const double touch = rise > 0 ? i + std::clamp((offset - paths_.undisturbed(i)) / rise, 0.0, 1.0) : i + 1.0;
-        for (; i < paths_.last_step() && !(state.separated > 0.5); ++i) {
+        for (; i < paths_.last_step() && !state.separated; ++i) {
             allow_interruption();
-            dynamics_.step(state, paths_.undisturbed(i), paths_.undisturbed(i + 1), offset, 1.0);
+            dynamics_.step(state, paths_.undisturbed(i), paths_.undisturbed(i + 1), offset);
             if (narrow_ != nullptr && i % paths_.period == 0) feel(made, i / paths_.period, state);
         }
-        if (state.separated > 0.5) made.separated = touch + state.since / paths_.step;
+        if (state.separated) made.separated = touch + state.since / paths_.step;
         return made;
     }
 
-    void feel(Probe& made, int k, const ContactState<double>& state) const {
+    void feel(Probe& made, int k, const ContactState& state) const {
         const LinePath& path = *paths_.path;
         if (k >= path.ticks) return;
-        for (int w = 0; w < narrow_->monitored; ++w) {
-            const int joint = narrow_->joint[w];
-            const double torque = dynamics_.propagator().elastic
-                                      ? dynamics_.residual(state, joint)
-                                      : path.torque_per_N[std::size_t(k * path.dof + joint)] * state.force;
-            made.residual.push_back(narrow_->filtered(made.at_tick(k - 1, w, narrow_->monitored), torque));
-        }
+        std::array<double, max_joints> torque;
+        dynamics_.residuals(state, &path.torque_per_N[std::size_t(k * path.dof)], path.dof, torque.data());
+        for (int w = 0; w < narrow_->monitored; ++w)
+            made.residual.push_back(narrow_->filtered(made.at_tick(k - 1, w, narrow_->monitored),
+                                                      torque[std::size_t(narrow_->joint[std::size_t(w)])]));
     }
 
     /// The step in which contact ends, with the path at the latest.
@@ -143,7 +141,7 @@ class ContactCuts {
     }
 
     const ContactPaths& paths_;
-    ContactDynamics<double> dynamics_;
+    ContactDynamics dynamics_;
     bool felt_;
     const GaussianThresholds* narrow_;
 };

@@ -118,7 +118,7 @@ namespace detail {
 inline std::vector<double> least_touched(const ContactPaths& paths, const ContactPropagator& by, int certain) {
     const int ticks = paths.path->ticks, last = paths.last_step();
     std::vector<double> least(std::size_t(ticks), HUGE_VAL);
-    const ContactDynamics<double> dynamics(by);
+    const ContactDynamics dynamics(by);
     double reached = -HUGE_VAL, before = 0;
     for (int j = 0; j < ticks; ++j) {
         const int first = paths.tick_step(j);
@@ -127,10 +127,10 @@ inline std::vector<double> least_touched(const ContactPaths& paths, const Contac
         reached = offset;
         int i = std::min(last, paths.tick_step(std::min(j + certain, ticks)));
         if (by.gets_away) {
-            ContactState<double> state = dynamics.begin();
-            for (i = first; i < last && !(state.separated > 0.5); ++i) {
+            ContactState state;
+            for (i = first; i < last && !state.separated; ++i) {
                 allow_interruption();
-                dynamics.step(state, paths.undisturbed(i), paths.undisturbed(i + 1), offset, 1.0);
+                dynamics.step(state, paths.undisturbed(i), paths.undisturbed(i + 1), offset);
             }
         }
         // Bodies nearer than this one were struck after the tick before.
@@ -146,7 +146,6 @@ inline std::vector<double> least_touched(const ContactPaths& paths, const Contac
 class ReactionFamily {
   public:
     static constexpr int nodes = 8, checks = 2;
-    static constexpr double tolerance = 1e-8;  ///< [m]: less than a millinewton of the stiffest body
 
     ReactionFamily(int first, int last, bool contains_switch) : first_(first), last_(last) {
         if (contains_switch || last - first + 1 < 2 * (nodes + checks)) return;
@@ -166,8 +165,8 @@ class ReactionFamily {
         return {ReactionFamily(first_, middle, false), ReactionFamily(middle + 1, last_, false)};
     }
 
-    /// False, and nothing done, where the reactions are not smooth.
-    bool fill(ContactPaths& paths) const {
+    /// False, and nothing done, where the reactions are not smooth: interpolated distances are off by more than `tolerance` [m].
+    bool fill(ContactPaths& paths, double tolerance) const {
         if (node_.empty()) return true;
         std::size_t longest = 0;
         for (int k : node_) longest = std::max(longest, paths.reaction[std::size_t(k)].size());
@@ -249,6 +248,8 @@ ContactPaths contact_paths(const CollisionSetup& setup, const StoppingCurve& cur
     detail::split_at_switches(setup, path, 0, OvertravelTolerance{}, ranges);
     std::vector<detail::ReactionFamily> families;
     for (const detail::TickRange& range : ranges) families.emplace_back(range.first, range.last, range.contains_switch);
+    // Some millinewtons of the stiffest body; an arm that gives way presses it less.
+    const double tolerance = by.elastic ? 1e-7 : 1e-8;
     while (!families.empty()) {
         std::vector<int> wanted;
         for (const detail::ReactionFamily& family : families) {
@@ -259,7 +260,7 @@ ContactPaths contact_paths(const CollisionSetup& setup, const StoppingCurve& cur
         simulate(wanted);
         std::vector<detail::ReactionFamily> rough;
         for (const detail::ReactionFamily& family : families) {
-            if (family.fill(paths)) continue;
+            if (family.fill(paths, tolerance)) continue;
             const auto halves = family.halves();
             rough.insert(rough.end(), halves.begin(), halves.end());
         }

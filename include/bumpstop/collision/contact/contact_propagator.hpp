@@ -10,43 +10,60 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace detail {
 
-/// Adds some rows of M x to as many of y.
-template <int rows, class T>
-void multiply_add_rows(const double* column, int stride, int columns, const T* x, T* y) {
-    std::array<T, rows> sum;
-    std::copy_n(y, rows, sum.begin());
-    for (int j = 0; j < columns; ++j, column += stride)
-        for (std::size_t i = 0; i < rows; ++i) sum[i] += column[i] * x[j];
-    std::copy_n(sum.begin(), rows, y);
-}
-
-/// Adds M x to y (rows), for a matrix of `columns` stored one after the other, each of `stride` values. Sums of eight rows
-/// at once hide how long each addition takes.
-template <class T>
-void multiply_add(const double* column, int stride, int rows, int columns, const T* x, T* y) {
-    int i = 0;
-    for (; i + 8 <= rows; i += 8) multiply_add_rows<8>(column + i, stride, columns, x, y + i);
-    for (; i + 2 <= rows; i += 2) multiply_add_rows<2>(column + i, stride, columns, x, y + i);
-    if (i < rows) multiply_add_rows<1>(column + i, stride, columns, x, y + i);
-}
-
-/// The same for one vector of doubles, rows beside one another: `stride` rows, of which some may be padding.
-inline void multiply_add(const double* column, int stride, int columns, const double* x, double* y) {
+/// Adds `registers` registers of rows of M x to y. Two sums of each, where few, hide how long each addition takes.
+template <int registers>
+void multiply_add_registers(const double* column, int stride, int columns, const double* x, double* y) {
     using Native = Lanes<native_lanes>;
-    constexpr int together = 4;  // sums of registers of rows, which hide how long each addition takes
-    for (int i = 0; i < stride; i += together * native_lanes) {
-        Native sum[together];
-        const int count = std::min(together, (stride - i) / native_lanes);
-        const auto add = [&](auto registers) {
-            for (int r = 0; r < registers; ++r) sum[r] = Native::load(y + i + r * native_lanes);
-            for (int j = 0; j < columns; ++j)
-                for (int r = 0; r < registers; ++r)
-                    sum[r] += Native::load(column + j * stride + i + r * native_lanes) * x[j];
-            for (int r = 0; r < registers; ++r) sum[r].store(y + i + r * native_lanes);
-        };
-        count == together ? add(std::integral_constant<int, together>()) : add(count);
+    constexpr int sums = registers <= 2 ? 4 : registers <= 4 ? 2 : 1;
+    Native sum[sums][registers];
+    for (int n = 0; n < sums; ++n)
+        for (int r = 0; r < registers; ++r) sum[n][r] = n == 0 ? Native::load(y + r * native_lanes) : Native(0.0);
+    int j = 0;
+    for (; j + sums <= columns; j += sums)
+        for (int n = 0; n < sums; ++n)
+            for (int r = 0; r < registers; ++r)
+                sum[n][r] =
+                    fused(Native::load(column + (j + n) * stride + r * native_lanes), Native(x[j + n]), sum[n][r]);
+    for (; j < columns; ++j)
+        for (int r = 0; r < registers; ++r)
+            sum[0][r] = fused(Native::load(column + j * stride + r * native_lanes), Native(x[j]), sum[0][r]);
+    for (int r = 0; r < registers; ++r) {
+        for (int n = 1; n < sums; ++n) sum[0][r] += sum[n][r];
+        sum[0][r].store(y + r * native_lanes);
     }
 }
+
+/// Adds M x to y, for a matrix of `columns` stored one after the other, each of `stride` values, of which some may be
+/// padding: whole registers of rows.
+inline void multiply_add(const double* column, int stride, int columns, const double* x, double* y) {
+    constexpr int most = 8;
+    for (int i = 0; i < stride; i += most * native_lanes) {
+        const auto add = [&]<int... n>(std::integer_sequence<int, n...>) {
+            const int registers = std::min(most, (stride - i) / native_lanes);
+            ((registers == n + 1 ? multiply_add_registers<n + 1>(column + i, stride, columns, x, y + i) : void()), ...);
+        };
+        add(std::make_integer_sequence<int, most>());
+    }
+}
+
+/// Rows of a matrix as `multiply_add` wants them, padded with zeros.
+class PaddedMatrix {
+  public:
+    static constexpr int padding = 8;
+    static constexpr int padded(int rows) { return (rows + padding - 1) / padding * padding; }
+
+    PaddedMatrix() = default;
+    PaddedMatrix(int rows, int columns)
+        : stride_(padded(rows)), columns_(columns), column_(std::size_t(stride_ * columns), 0.0) {}
+    double& operator()(int i, int j) { return column_[std::size_t(j * stride_ + i)]; }
+    int rows() const { return stride_; }
+    /// Adds M x to y, of length `rows`.
+    void add(const double* x, double* y) const { multiply_add(column_.data(), stride_, columns_, x, y); }
+
+  private:
+    int stride_ = 0, columns_ = 0;
+    std::vector<double> column_;
+};
 
 }  // namespace detail
 
@@ -54,67 +71,80 @@ inline void multiply_add(const double* column, int stride, int columns, const do
 /// the digits of what hardly changes.
 class Transitions {
   public:
+    static constexpr int padded = detail::PaddedMatrix::padded(ContactSystem::max_size);
+
     Transitions() = default;
     Transitions(const detail::SquareMatrix& a, double duration)
-        : size_(a.size()), stride_((a.size() + 7) / 8 * 8), duration_(duration) {
-        constexpr double small = 1.0 / 128;
+        : size_(a.size()), coordinates_(a.size() / 2 - 1), duration_(duration) {
         int halvings = 0;
         double t = duration;
         for (const double norm = a.norm(); norm * t > small; t /= 2) ++halvings;
-        // The series by Horner's rule: small^7 / 5040 is beyond the last digit.
+        // The series by Horner's rule.
         const detail::SquareMatrix step = t * a;
         detail::SquareMatrix psi = step;
-        for (int k = 6; k > 1; --k) psi = step + (1.0 / k) * (step * psi);
+        for (int k = matrix_terms; k > 1; --k) psi = step + (1.0 / k) * (step * psi);
         by_halving_.resize(std::size_t(halvings) + 1);
-        keep(a, generator_);
-        keep(psi, by_halving_.back());
+        by_halving_.back() = kept(psi);
         for (int h = halvings; h-- > 0;) {
             psi = 2.0 * psi + psi * psi;
-            keep(psi, by_halving_[std::size_t(h)]);
+            by_halving_[std::size_t(h)] = kept(psi);
         }
+        if (coordinates_ == 0) return;
+        rate_unit_ = a(0, coordinates_);
+        accelerations_ = detail::PaddedMatrix(coordinates_, size_);
+        for (int j = 0; j < size_; ++j)
+            for (int i = 0; i < coordinates_; ++i) accelerations_(i, j) = a(coordinates_ + i, j);
     }
 
-    /// Adds to the first `rows` of y what the duration changes of x.
-    template <class T>
-    void add(const T* x, T* y, int rows) const {
-        detail::multiply_add(by_halving_[0].data(), stride_, rows, size_, x, y);
-    }
+    /// Adds to y what the duration changes of x; both of length `padded`.
+    void add(const double* x, double* y) const { by_halving_[0].add(x, y); }
     /// Takes x, of length `padded`, on by a share of the duration; the entries past A's are 0.
     void advance(double* x, double share) const {
+        const int halvings = int(by_halving_.size()) - 1;
+        const auto parts = std::lround(std::ldexp(share, halvings));
         std::array<double, padded> y;
-        double part = 1;
-        for (const std::vector<double>& change : by_halving_) {
-            if (share >= part) {
-                std::copy_n(x, padded, y.begin());
-                detail::multiply_add(change.data(), stride_, size_, x, y.data());
-                std::copy_n(y.begin(), padded, x);
-                share -= part;
-            }
-            part /= 2;
+        for (int h = 0; h <= halvings; ++h) {
+            if ((parts >> (halvings - h) & 1) == 0) continue;
+            const detail::PaddedMatrix& change = by_halving_[std::size_t(h)];
+            std::copy_n(x, change.rows(), y.begin());
+            change.add(x, y.data());
+            std::copy_n(y.begin(), change.rows(), x);
         }
-        // What is left is short: its series.
-        if (!(share > 0)) return;
-        std::array<double, padded> term;
-        std::copy_n(x, padded, term.begin());
-        for (int k = 1; k <= 5; ++k) {
-            y.fill(0.0);
-            detail::multiply_add(generator_.data(), stride_, size_, term.data(), y.data());
-            for (int i = 0; i < size_; ++i) x[i] += term[std::size_t(i)] = y[std::size_t(i)] * (share * duration_ / k);
+        // What is left, forward or back, is short: its series.
+        const double left = (share - std::ldexp(double(parts), -halvings)) * duration_;
+        if (left == 0 || coordinates_ == 0) return;
+        const std::size_t m = std::size_t(coordinates_), n = 2 * m;
+        alignas(64) std::array<double, padded> term, rate;
+        std::copy_n(x, size_, term.begin());
+        for (int k = 1; k <= terms; ++k) {
+            std::fill_n(rate.begin(), accelerations_.rows(), 0.0);
+            accelerations_.add(term.data(), rate.data());
+            const double factor = left / k;
+            for (std::size_t i = 0; i < m; ++i) {
+                x[i] += term[i] = term[m + i] * (rate_unit_ * factor);
+                x[m + i] += term[m + i] = rate[i] * factor;
+            }
+            x[n] += term[n] = term[n + 1] * factor;
+            term[n + 1] = 0;
         }
     }
-    static constexpr int padded = (ContactSystem::max_size + 7) / 8 * 8;
 
   private:
-    void keep(const detail::SquareMatrix& psi, std::vector<double>& out) const {
-        out.assign(std::size_t(stride_ * size_), 0.0);
+    /// What a series of so many terms leaves out is beyond the last digit: small^15 / 15!, and (small / 2)^12 / 12!.
+    static constexpr double small = 0.5;
+    static constexpr int matrix_terms = 14, terms = 11;
+
+    detail::PaddedMatrix kept(const detail::SquareMatrix& psi) const {
+        detail::PaddedMatrix out(size_, size_);
         for (int j = 0; j < size_; ++j)
-            for (int i = 0; i < size_; ++i) out[std::size_t(j * stride_ + i)] = psi(i, j);
+            for (int i = 0; i < size_; ++i) out(i, j) = psi(i, j);
+        return out;
     }
 
-    int size_ = 0, stride_ = 0;
-    double duration_ = 0;
-    std::vector<double> generator_;                ///< A, [column][row]
-    std::vector<std::vector<double>> by_halving_;  ///< [halving][column][row]
+    int size_ = 0, coordinates_ = 0;
+    double duration_ = 0, rate_unit_ = 1;
+    detail::PaddedMatrix accelerations_;  ///< the rows of A that tell them
+    std::vector<detail::PaddedMatrix> by_halving_;
 };
 
 /// Several steps at once, as long as arm and body neither meet nor part: what they make of the state, of the distance r at
@@ -122,74 +152,87 @@ class Transitions {
 class ContactBlock {
   public:
     static constexpr int points = 8, max_tells = 3;
-    /// State, r, the speed before and those of the steps, the ramp; state and what is told.
+    /// State, r, the speed before and those of the steps, the ramp; what is told, and the state.
     static constexpr int max_columns = ContactSystem::max_states + 3 + points,
-                         max_rows = ContactSystem::max_states + max_tells * points;
+                         max_rows = max_tells * points + Transitions::padded;
 
     ContactBlock() = default;
-    /// `by`: transitions, the first of which is one piece of `piece` seconds; `pieces` of a step, at most `points` and a power
+    /// `by`: transitions, the first of which is one of the `pieces` of a step, at most `points` and a power
     /// of two.
-    ContactBlock(const Transitions& by, int pieces, double piece, const ContactSystem& system,
+    ContactBlock(const Transitions& by, int pieces, const ContactSystem& system,
                  std::span<const ContactSystem::Row> tells)
-        : rows_(system.states() + int(tells.size()) * points),
-          columns_(system.states() + 3 + points / pieces),
-          stride_((rows_ + 3) / 4 * 4),
-          column_(std::size_t(stride_ * columns_), 0.0) {
-        using Native = Lanes<native_lanes>;  // a column each
-        const int states = system.states();
+        : steps_(points / pieces),
+          states_(system.states()),
+          told_(int(tells.size()) * points),
+          matrix_(told_ + states_, states_ + 3 + steps_) {
         const ContactSystem::Row jump = system.reaction_jump(), wound = system.jump();
-        std::array<Native, ContactSystem::max_size> z, next;
-        for (int first = 0; first < columns_; first += native_lanes) {
-            std::fill_n(z.begin(), states + 2, Native(0.0));
-            const int count = std::min(native_lanes, columns_ - first);
-            for (int lane = 0; lane < count && first + lane <= states; ++lane)
-                z[std::size_t(first + lane)].set(lane, 1);
-            const auto keep = [&](int row, Native value) {
-                for (int lane = 0; lane < count; ++lane)
-                    column_[std::size_t((first + lane) * stride_ + row)] = value[lane];
-            };
+        for (int steps = 1; steps < steps_; steps *= 2) partial_.emplace_back(states_, states_ + 3 + steps);
+        std::array<double, Transitions::padded> z, next;
+        for (int column = 0; column < states_ + 3 + steps_; ++column) {
+            z.fill(0.0);
+            if (column <= states_) z[std::size_t(column)] = 1;
             // Column states + 1 + i is a speed that lasts for step i: before the first step, or a step of the block. The last
             // one is the ramp.
-            const auto speed_in = [&](int i) {
-                Native speed = 0.0;
-                for (int lane = 0; lane < count; ++lane)
-                    if (first + lane == states + 1 + i) speed.set(lane, 1);
-                return speed;
-            };
+            const bool of_ramp = column == states_ + 2 + steps_;
+            const auto speed_in = [&](int i) { return column == states_ + 1 + i && !of_ramp ? 1.0 : 0.0; };
             for (int point = 0; point < points; ++point) {
-                Native& speed = z[std::size_t(states) + 1];
+                double& speed = z[std::size_t(states_) + 1];
+                const int step = point / pieces + 1;
                 if (point % pieces == 0) {
-                    const int step = point / pieces + 1;
                     speed = speed_in(step);
-                    const Native change = speed - speed_in(step - 1);
-                    const Native ramp = speed_in(points / pieces + 1);
-                    for (int j = 0; j < states; ++j)
+                    const double change = speed - speed_in(step - 1), ramp = of_ramp ? 1.0 : 0.0;
+                    for (int j = 0; j < states_; ++j)
                         z[std::size_t(j)] += jump[std::size_t(j)] * (change - ramp) + wound[std::size_t(j)] * ramp;
                 }
                 next = z;
-                by.add(z.data(), next.data(), states);
-                next[std::size_t(states)] += speed * piece;
+                by.add(z.data(), next.data());
                 z = next;
                 for (std::size_t t = 0; t < tells.size(); ++t) {
-                    Native told = 0.0;
-                    for (int j = 0; j < states + 2; ++j) told += tells[t][std::size_t(j)] * z[std::size_t(j)];
-                    keep(states + int(t) * points + point, told);
+                    double told = 0;
+                    for (int j = 0; j < states_ + 2; ++j) told += tells[t][std::size_t(j)] * z[std::size_t(j)];
+                    matrix_(int(t) * points + point, column) = told;
+                }
+                for (std::size_t n = 0; n < partial_.size() && (point + 1) % pieces == 0; ++n) {
+                    if (step != 1 << n || (column > states_ + 1 + step && !of_ramp)) continue;
+                    const int own = of_ramp ? states_ + 2 + step : column;
+                    for (int j = 0; j < states_; ++j) partial_[n](j, own) = z[std::size_t(j)];
                 }
             }
-            for (int j = 0; j < states; ++j) keep(j, z[std::size_t(j)]);
+            for (int j = 0; j < states_; ++j) matrix_(told_ + j, column) = z[std::size_t(j)];
         }
     }
 
-    /// in: state, r, speeds, ramp (states + 3 + steps); out: state and what the rows tell at every point, zero before.
-    template <class T>
-    void operator()(const T* in, T* out) const {
-        detail::multiply_add(column_.data(), stride_, rows_, columns_, in, out);
+    /// in: state, r, speeds, ramp (states + 3 + steps); out: what the rows tell at every point, and the state.
+    void operator()(const double* in, double* out) const {
+        std::fill_n(out, matrix_.rows(), 0.0);
+        matrix_.add(in, out);
     }
-    int rows() const { return rows_; }
+    const double* state(const double* out) const { return out + told_; }
+
+    /// `count` steps, fewer than a block has, whose begins and ends are `place`: the state in `in` becomes what it is then.
+    void some(int count, double* in, const double* place, double offset) const {
+        std::array<double, max_columns> x;
+        std::array<double, Transitions::padded> z;
+        const double *speed = in + states_ + 1, ramp = speed[steps_ + 1];
+        for (int done = 0, n = int(partial_.size()) - 1; n >= 0; --n) {
+            const int steps = 1 << n;
+            if ((count & steps) == 0) continue;
+            std::copy_n(in, states_, x.begin());
+            double* rest = x.data() + states_;
+            *rest++ = place[done] - offset;
+            std::copy_n(speed + done, steps + 1, rest);
+            rest[steps + 1] = ramp;
+            std::fill_n(z.begin(), partial_[std::size_t(n)].rows(), 0.0);
+            partial_[std::size_t(n)].add(x.data(), z.data());
+            std::copy_n(z.begin(), states_, in);
+            done += steps;
+        }
+    }
 
   private:
-    int rows_ = 0, columns_ = 0, stride_ = 0;
-    std::vector<double> column_;
+    int steps_ = 0, states_ = 0, told_ = 0;
+    detail::PaddedMatrix matrix_;
+    std::vector<detail::PaddedMatrix> partial_;  ///< the state alone, after 1, 2, 4 and so on steps
 };
 
 /// An arm this far from a body does not touch it, whatever rounding does [m].
@@ -228,10 +271,20 @@ struct ContactPropagator {
         }
         block_steps = pieces > ContactBlock::points ? 0 : ContactBlock::points / pieces;
         if (block_steps > 0) {
-            block_in_contact = ContactBlock(in_contact, pieces, piece, system, force);
-            block_apart = ContactBlock(apart, pieces, piece, system, {gap.data(), 1});
+            block_in_contact = ContactBlock(in_contact, pieces, system, force);
+            block_apart = ContactBlock(apart, pieces, system, {gap.data(), 1});
         }
-        for (int j = 0; j < system.arm().dof; ++j) residual.push_back(system.residual(j));
+        tells = detail::PaddedMatrix(int(force.size() + gap.size()), states + 2);
+        for (int j = 0; j < states + 2; ++j) {
+            for (std::size_t m = 0; m < force.size(); ++m) tells(int(m), j) = force[m][std::size_t(j)];
+            for (std::size_t m = 0; m < gap.size(); ++m) tells(int(force.size() + m), j) = gap[m][std::size_t(j)];
+        }
+        dof = system.arm().dof;
+        residual = detail::PaddedMatrix(dof, states);
+        for (int i = 0; i < dof; ++i) {
+            const Row row = system.residual(i);
+            for (int j = 0; j < states; ++j) residual(i, j) = row[std::size_t(j)];
+        }
     }
 
     using Row = ContactSystem::Row;
@@ -254,7 +307,9 @@ struct ContactPropagator {
     Row jump, reaction_jump;                     ///< as of ContactSystem
     int block_steps;                             ///< of a block; 0: oscillations are too quick for blocks
     ContactBlock block_in_contact, block_apart;  ///< the force, its rate and bend are told; the gap
-    std::vector<Row> residual;                   ///< by joint, of an elastic arm
+    detail::PaddedMatrix tells;                  ///< the rows of force and gap, of state, r and speed
+    int dof = 0;                                 ///< of an elastic arm
+    detail::PaddedMatrix residual;               ///< [joint][state], of an elastic arm
 
   private:
     /// Blocks want a power of two.

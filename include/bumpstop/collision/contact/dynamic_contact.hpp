@@ -13,6 +13,7 @@ struct ContactNodes {
     std::vector<double> peak_force, lasting_force, duration, force_at_detection;  ///< [slot][node] [N, N, s, N]
     /// [panel][node] [N, N, s]
     std::vector<double> undetected_peak_force, undetected_lasting_force, undetected_duration;
+    bool kinks = false;  ///< an arm that gives way: a later peak may outgrow an earlier one from some offset on
 };
 
 /// False alarms whose reaction still reaches the body, in pieces of one tick: cells of offset, and the nodes of a
@@ -33,65 +34,54 @@ struct EarlyReactions {
 template <class T>
 class DynamicContact {
   public:
-    explicit DynamicContact(const ContactReactions<T>& reactions) : reactions_(reactions) {}
+    explicit DynamicContact(const ContactReactions& reactions) : reactions_(reactions) {}
 
     void begin(const OffsetPanel& panel, const T* offset) {
-        int tick[lanes];
-        std::fill(tick, tick + lanes, panel.tick);
-        one_offset_ = panel.low == panel.high;
+        same_ = panel.low == panel.high;
         collision_.clear();
-        for (int r = 0; r < registers; ++r) collision_.emplace_back(reactions_, tick, offset[r]);
+        for (int node = 0; node < (same_ ? 1 : nodes); ++node)
+            collision_.emplace_back(reactions_, panel.tick, lane_of(offset[node / lanes], node % lanes));
     }
-    T force(double, int i, int r) { return collision_[std::size_t(r)].force(i); }
+    T force(double, int i, int r) {
+        return by_lane(r, [&](ContactCollision& collision) { return collision.force(i); });
+    }
     /// What the force at the i-th tick in contact, or the arm's oscillation, is in a joint's residual.
     T residual(T force, double torque_per_N, int joint, int i, int r) {
-        const ContactDynamics<T>& dynamics = reactions_.dynamics();
-        if (!dynamics.propagator().elastic) return torque_per_N * force;
-        return dynamics.residual(collision_[std::size_t(r)].at(i), joint);
+        if (!reactions_.dynamics().propagator().elastic) return torque_per_N * force;
+        return by_lane(r, [&](ContactCollision& collision) { return collision.residual(i, joint); });
     }
 
     static constexpr bool parts = true;
     /// 1 where a detection then is one of this contact: a body that has got away cannot be felt.
-    T touched(int i, int r) { return collision_[std::size_t(r)].touched(i); }
+    T touched(int i, int r) {
+        return by_lane(r, [&](ContactCollision& collision) { return collision.separated(i) ? 0.0 : 1.0; });
+    }
 
     /// What the reactions come to that have any probability.
     void finish(const DetectionProbabilities::Panel& panel, std::size_t first, std::size_t order,
                 DetectionProbabilities& out) {
         for (auto values : by_slot()) (out.*values).resize(out.detected.size(), 0.0);
         for (auto values : by_panel()) (out.*values).resize(out.survived.size(), 0.0);
-        for (int r = 0; r < registers; ++r) {
-            ContactCollision<T>& collision = collision_[std::size_t(r)];
-            const std::size_t node = first + std::size_t(r * lanes);
-            std::vector<int> asked;
-            for (int i = 0; i < panel.slots; ++i) {
-                const std::size_t at = (panel.first_slot + std::size_t(i)) * order + node;
-                if (any(load<T>(&out.detected[at]) > T(0.0))) asked.push_back(i);
-            }
-            const auto keep = [&](int i, T peak, T lasting, T duration) {
-                const std::size_t at = (panel.first_slot + std::size_t(i)) * order + node;
-                store(peak, &out.peak_force[at]);
-                store(lasting, &out.lasting_force[at]);
-                store(duration, &out.duration[at]);
-                store(collision.force(i), &out.force_at_detection[at]);
+        // Where all nodes hold one offset, what becomes of the first is told of all.
+        for (std::size_t node = 0; node < collision_.size(); ++node) {
+            ContactCollision& collision = collision_[node];
+            const auto put = [&](std::vector<double>& values, std::size_t row, double value) {
+                std::fill_n(values.begin() + std::ptrdiff_t(row * order + first + node), same_ ? nodes : 1, value);
             };
-            // Where all lanes hold one offset, each takes a slot of its own.
-            const std::size_t group = one_offset_ ? std::size_t(lanes) : 1;
-            for (std::size_t n = 0; n < asked.size(); n += group) {
-                int since[lanes];
-                for (std::size_t lane = 0; lane < std::size_t(lanes); ++lane)
-                    since[lane] = asked[std::min(n + (one_offset_ ? lane : 0), asked.size() - 1)];
-                const auto outcome = collision.detected(since);
-                if (!one_offset_) keep(asked[n], outcome.peak, outcome.lasting, outcome.duration);
-                for (std::size_t m = n; one_offset_ && m < std::min(n + group, asked.size()); ++m)
-                    keep(asked[m], lane_of(outcome.peak, int(m - n)), lane_of(outcome.lasting, int(m - n)),
-                         lane_of(outcome.duration, int(m - n)));
+            for (int i = 0; i < panel.slots; ++i) {
+                const std::size_t slot = panel.first_slot + std::size_t(i);
+                if (!(out.detected[slot * order + first + node] > 0)) continue;
+                const ContactCollision::Outcome outcome = collision.detected(i);
+                put(out.peak_force, slot, outcome.peak);
+                put(out.lasting_force, slot, outcome.lasting);
+                put(out.duration, slot, outcome.duration);
+                put(out.force_at_detection, slot, collision.force(i));
             }
-            const std::size_t at = panel.row * order + node;
-            if (!any(load<T>(&out.survived[at]) > T(0.0))) continue;
-            const auto outcome = collision.undetected();
-            store(outcome.peak, &out.undetected_peak_force[at]);
-            store(outcome.lasting, &out.undetected_lasting_force[at]);
-            store(outcome.duration, &out.undetected_duration[at]);
+            if (!(out.survived[panel.row * order + first + node] > 0)) continue;
+            const ContactCollision::Outcome outcome = collision.undetected();
+            put(out.undetected_peak_force, panel.row, outcome.peak);
+            put(out.undetected_lasting_force, panel.row, outcome.lasting);
+            put(out.undetected_duration, panel.row, outcome.duration);
         }
     }
 
@@ -132,11 +122,19 @@ class DynamicContact {
     }
 
   private:
-    static constexpr int lanes = Scalar<T>::lanes, registers = block_registers<T>;
+    static constexpr int lanes = Scalar<T>::lanes, nodes = lanes * block_registers<T>;
 
-    const ContactReactions<T>& reactions_;
-    std::vector<ContactCollision<T>> collision_;  ///< by register
-    bool one_offset_ = false;                     ///< the panel is a point
+    template <class Value>
+    T by_lane(int r, Value value) {
+        if (same_) return value(collision_[0]);
+        T out;
+        for (int lane = 0; lane < lanes; ++lane) set_lane(out, lane, value(collision_[std::size_t(r * lanes + lane)]));
+        return out;
+    }
+
+    const ContactReactions& reactions_;
+    std::vector<ContactCollision> collision_;  ///< by node; one where the panel is a point
+    bool same_ = false;                        ///< the panel is a point
 };
 
 namespace detail {
@@ -162,10 +160,9 @@ inline std::vector<double> turns(const ContactPaths& paths, int k, double low) {
 }
 
 /// Some of the false alarms at tick k, against bodies from `low` to `top`.
-template <class T>
-void add_piece(const ContactReactions<T>& reactions, const OffsetDistribution& offset, int k, double chance, double low,
-               double top, EarlyReactions& out) {
-    constexpr int lanes = Scalar<T>::lanes, cells = EarlyReactions::cells, nodes = EarlyReactions::nodes;
+inline void add_piece(const ContactReactions& reactions, const OffsetDistribution& offset, int k, double chance,
+                      double low, double top, EarlyReactions& out) {
+    constexpr int cells = EarlyReactions::cells, nodes = EarlyReactions::nodes;
     const bool fixed = offset.kind == OffsetKind::fixed;
     out.tick.push_back(k);
     std::array<double, cells + 1 + nodes> place;
@@ -189,20 +186,11 @@ void add_piece(const ContactReactions<T>& reactions, const OffsetDistribution& o
     std::array<double, place.size()> force, lasting, duration;
     // A body that stands at one place is struck once.
     const std::size_t places = fixed ? 1 : place.size();
-    for (std::size_t first = 0; first < places; first += lanes) {
-        T at;
-        int tick[lanes], first_step[lanes];
-        for (int lane = 0; lane < lanes; ++lane) {
-            set_lane(at, lane, place[std::min(first + lane, place.size() - 1)]);
-            tick[lane] = k;
-            first_step[lane] = 0;
-        }
-        const auto outcome = reactions(reactions.dynamics().begin(), tick, first_step, at);
-        for (std::size_t i = first; i < std::min(first + lanes, places); ++i) {
-            force[i] = lane_of(outcome.peak, int(i - first));
-            lasting[i] = lane_of(outcome.lasting, int(i - first));
-            duration[i] = lane_of(outcome.duration, int(i - first));
-        }
+    for (std::size_t i = 0; i < places; ++i) {
+        const ContactReactions::Outcome outcome = reactions(ContactState(), k, 0, place[i]);
+        force[i] = outcome.peak;
+        lasting[i] = outcome.lasting;
+        duration[i] = outcome.duration;
     }
     const auto keep = [&](auto& values, std::vector<double>& at_edge, std::vector<double>& at_node) {
         if (fixed) std::fill(values.begin() + 1, values.end(), values[0]);
@@ -219,9 +207,8 @@ void add_piece(const ContactReactions<T>& reactions, const OffsetDistribution& o
 /// Adds the false alarms at tick k, of probability `chance`, against bodies from `low` on. Where a reaction barely
 /// arrives, contact time grows from nothing like a square root: places crowd there. One that swings forward again and
 /// reaches far has a piece for each swing, and the density of the offset bends little in any.
-template <class T>
-void add_alarms(const ContactReactions<T>& reactions, const OffsetDistribution& offset, int k, double chance,
-                double low, EarlyReactions& out) {
+inline void add_alarms(const ContactReactions& reactions, const OffsetDistribution& offset, int k, double chance,
+                       double low, EarlyReactions& out) {
     constexpr double most_sd = 0.5;  // in a piece
     const double top = std::min(reactions.paths().max_distance[std::size_t(k)], offset.largest());
     if (offset.kind == OffsetKind::fixed) {

@@ -2,60 +2,54 @@
 /// A course between two moments, of which values and rates are known at both.
 #pragma once
 
-#include "bumpstop/math/functions.hpp"
+#include <algorithm>
+#include <cmath>
+
+#include "bumpstop/math/mask.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// The polynomial on 0 to 1 that takes the values, slopes and second derivatives given at both ends.
-template <class T>
 class HermiteCourse {
   public:
-    HermiteCourse(T value0, T slope0, T bend0, T value1, T slope1, T bend1) : c_{value0, slope0, bend0 * 0.5} {
-        const T value = value1 - c_[0] - c_[1] - c_[2], slope = slope1 - c_[1] - bend0, bend = bend1 - bend0;
-        c_[3] = 10.0 * value - 4.0 * slope + 0.5 * bend;
-        c_[4] = -15.0 * value + 7.0 * slope - bend;
-        c_[5] = 6.0 * value - 3.0 * slope + 0.5 * bend;
+    HermiteCourse(double value0, double slope0, double bend0, double value1, double slope1, double bend1)
+        : c_{value0, slope0, bend0 * 0.5} {
+        const double value = value1 - c_[0] - c_[1] - c_[2], slope = slope1 - c_[1] - bend0, bend = bend1 - bend0;
+        c_[3] = 10 * value - 4 * slope + 0.5 * bend;
+        c_[4] = -15 * value + 7 * slope - bend;
+        c_[5] = 6 * value - 3 * slope + 0.5 * bend;
     }
     /// Without second derivatives: the cubic.
-    HermiteCourse(T value0, T slope0, T value1, T slope1) : c_{value0, slope0} {
-        const T value = value1 - value0;
-        c_[2] = 3.0 * value - 2.0 * slope0 - slope1;
-        c_[3] = slope0 + slope1 - 2.0 * value;
+    HermiteCourse(double value0, double slope0, double value1, double slope1) : c_{value0, slope0} {
+        const double value = value1 - value0;
+        c_[2] = 3 * value - 2 * slope0 - slope1;
+        c_[3] = slope0 + slope1 - 2 * value;
     }
 
-    /// Where it is zero, in lanes whose ends have different signs.
-    T root() const {
-        const T end = value(T(1.0));
-        return polish(c_[0] / (c_[0] - end), [&](T x, T& f, T& slope) {
-            f = value(x);
-            slope = this->slope(x);
-        });
+    /// Where it is zero, if its ends have different signs.
+    double root() const {
+        return polish(c_[0] / (c_[0] - value(1)), [&](double x) { return value(x) / away(slope(x)); });
     }
-    /// Its greatest value, in lanes that rise at first and fall at last.
-    T summit() const {
-        const T x = polish(c_[1] / (c_[1] - slope(T(1.0))), [&](T at, T& f, T& slope) {
-            f = this->slope(at);
-            slope = bend(at);
-        });
-        return value(x);
+    /// Its greatest value, if it rises at first and falls at last.
+    double summit() const {
+        return value(polish(c_[1] / (c_[1] - slope(1)), [&](double x) { return slope(x) / away(bend(x)); }));
     }
 
   private:
-    template <class Function>
-    static T polish(T x, Function function) {
-        for (int i = 0; i < 4; ++i) {
-            T f, slope;
-            function(x, f, slope);
-            const T step = f / select(abs(slope) > T(1e-300), slope, T(1e300));
-            x = min(max(x - step, T(0.0)), T(1.0));
-        }
+    /// By Newton's method, whose step `correction` tells.
+    template <class Correction>
+    static double polish(double x, Correction correction) {
+        for (int i = 0; i < 4; ++i) x = std::clamp(x - correction(x), 0.0, 1.0);
         return x;
     }
-    T value(T x) const { return c_[0] + x * (c_[1] + x * (c_[2] + x * (c_[3] + x * (c_[4] + x * c_[5])))); }
-    T slope(T x) const { return c_[1] + x * (2.0 * c_[2] + x * (3.0 * c_[3] + x * (4.0 * c_[4] + x * (5.0 * c_[5])))); }
-    T bend(T x) const { return 2.0 * c_[2] + x * (6.0 * c_[3] + x * (12.0 * c_[4] + x * (20.0 * c_[5]))); }
+    static double away(double slope) { return std::fabs(slope) > 1e-300 ? slope : 1e300; }
+    double value(double x) const { return c_[0] + x * (c_[1] + x * (c_[2] + x * (c_[3] + x * (c_[4] + x * c_[5])))); }
+    double slope(double x) const {
+        return c_[1] + x * (2 * c_[2] + x * (3 * c_[3] + x * (4 * c_[4] + x * (5 * c_[5]))));
+    }
+    double bend(double x) const { return 2 * c_[2] + x * (6 * c_[3] + x * (12 * c_[4] + x * (20 * c_[5]))); }
 
-    T c_[6] = {0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
+    double c_[6] = {};
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

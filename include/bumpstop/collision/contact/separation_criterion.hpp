@@ -35,17 +35,17 @@ class SeparationCriterion {
 /// body struck after every step tells.
 inline bool all_separated(const LinePath& path, const ContactPropagator& by, const Timing& timing,
                           double largest_offset) {
-    const ContactDynamics<double> dynamics(by);
+    const ContactDynamics dynamics(by);
     const std::size_t last = std::size_t(path.ticks - 1) * std::size_t(timing.period) + 1;
     double offset = -HUGE_VAL;
     for (std::size_t first = 0; first < last && offset < largest_offset; ++first) {
         if (!(path.s[first] > offset)) continue;  // whoever stands here has been struck before
         offset = std::min(path.s[first], largest_offset);
-        ContactState<double> state = dynamics.begin();
+        ContactState state;
         // The farthest body stands before this step.
-        for (std::size_t i = first > 0 ? first - 1 : 0; i < last && !(state.separated > 0.5); ++i)
-            dynamics.step(state, path.s[i], path.s[i + 1], offset, 1.0);
-        if (!(state.separated > 0.5)) return false;
+        for (std::size_t i = first > 0 ? first - 1 : 0; i < last && !state.separated; ++i)
+            dynamics.step(state, path.s[i], path.s[i + 1], offset);
+        if (!state.separated) return false;
     }
     return true;
 }

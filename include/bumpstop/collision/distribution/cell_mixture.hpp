@@ -117,14 +117,13 @@ CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity qu
     constexpr int lanes = Scalar<T>::lanes;
     const PiecewiseDensity& density = law.density;
     const std::size_t order = std::size_t(density.order);
-    const bool positive = quantity == ContactQuantity::duration;
+    const bool positive = quantity == ContactQuantity::duration,
+               kinks = law.nodes.kinks && quantity != ContactQuantity::force_at_detection;
     // What is detected at a tick less probably than this is spread evenly over all it may come to.
     constexpr double one_cell = 1e-14;
-    // Cells of a panel. In a far tail probability falls steeply across a cell over which it is spread evenly, and with few
-    // panels there is time for more.
+    // Of a panel. In a far tail probability falls steeply across a cell, over which it is spread evenly.
+    constexpr std::size_t cells = 32;
     const std::size_t panels = density.panel.size();
-    std::size_t cells = order <= 8 ? 4 : order <= 10 ? 8 : order <= 14 ? 16 : 32;
-    if (panels <= 64) cells = std::max<std::size_t>(cells, 16);
     const std::size_t rows =
         (std::max(cells + 1, order) + std::size_t(lanes) - 1) / std::size_t(lanes) * std::size_t(lanes);
     const GaussRule& rule = gauss_rule(int(order));
@@ -172,6 +171,12 @@ CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity qu
     const auto add = [&](const double* coefficient, const double* value) {
         product(below, coefficient, series, mass.data());
         product(to_edge, value, once, edge.data());
+        // Where a later peak outgrows an earlier one the values have a kink, about which the polynomial swings. Between nodes
+        // none is beyond all of them.
+        const auto [least, most] = std::minmax_element(value, value + order);
+        for (std::size_t i = 0; kinks && i <= cells; ++i)
+            if (std::fabs(2.0 * double(i) / double(cells) - 1) < rule.node[order - 1])
+                edge[i] = std::clamp(edge[i], *least, *most);
         for (std::size_t i = 0; i < cells; ++i) {
             const double from = std::max(edge[i], 0.0), to = std::max(edge[i + 1], 0.0);
             if (!positive || std::max(from, to) > 0) out.add_cell(from, to, mass[i]);

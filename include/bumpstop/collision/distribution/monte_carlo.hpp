@@ -156,9 +156,12 @@ class MonteCarlo {
         if (reactions_) {
             int touch[lanes];
             for (int lane = 0; lane < lanes; ++lane) touch[lane] = first_beyond(lane_of(offset, lane));
-            ContactCollision<T> collision(*reactions_, touch, offset);
-            tick_by_tick(number, runs, offset, open, index, used, out, touch, &collision);
-            keep_outcome(collision, touch, index, used, out);
+            std::vector<ContactCollision> collision;
+            for (int lane = 0; lane < used; ++lane)
+                collision.emplace_back(*reactions_, touch[lane], lane_of(offset, lane));
+            tick_by_tick(number, runs, offset, open, index, used, out, touch, collision.data());
+            for (int lane = 0; lane < used; ++lane)
+                keep_outcome(collision[std::size_t(lane)], touch[lane], index[lane], out);
             return;
         }
         if (record_ != nullptr || detector_.correlated_noise()) {
@@ -231,32 +234,20 @@ class MonteCarlo {
         return int(s_.size());
     }
 
-    void keep_outcome(ContactCollision<T>& collision, const int* touch, const std::int64_t* index, int used,
-                      MonteCarloRuns& out) const {
-        int since[lanes] = {};
-        bool missed = false;
-        for (int lane = 0; lane < used; ++lane) {
-            const int tick = out.tick[index[lane]];
-            since[lane] = tick < 0 ? 0 : tick - touch[lane];
-            missed = missed || tick < 0;
-        }
-        using Outcome = typename ContactCollision<T>::Outcome;
-        const Outcome undetected = missed ? collision.undetected() : Outcome{};
-        const Outcome detected = collision.detected(since);
-        for (int lane = 0; lane < used; ++lane) {
-            const std::int64_t i = index[lane];
-            const bool known = out.tick[i] >= 0;
-            out.peak_force[i] = lane_of(known ? detected.peak : undetected.peak, lane);
-            out.lasting_force[i] = lane_of(known ? detected.lasting : undetected.lasting, lane);
-            out.duration[i] = lane_of(known ? detected.duration : undetected.duration, lane);
-            out.force_at_detection[i] = known ? lane_of(collision.force(since[lane]), lane) : 0.0;
-        }
+    void keep_outcome(ContactCollision& collision, int touch, std::int64_t i, MonteCarloRuns& out) const {
+        const bool known = out.tick[i] >= 0;
+        const int since = out.tick[i] - touch;
+        const ContactCollision::Outcome outcome = known ? collision.detected(since) : collision.undetected();
+        out.peak_force[i] = outcome.peak;
+        out.lasting_force[i] = outcome.lasting;
+        out.duration[i] = outcome.duration;
+        out.force_at_detection[i] = known ? collision.force(since) : 0.0;
     }
 
     /// Runs whose noise or noiseless residual depends on the ticks before: every tick is played from the first on.
     /// Where something gives way, the collision comes with the first tick in contact of every lane.
     void tick_by_tick(const std::int64_t* number, IntOf<T> runs, T offset, bool* open, const std::int64_t* index,
-                      int used, MonteCarloRuns& out, const int* touch, ContactCollision<T>* collision) const {
+                      int used, MonteCarloRuns& out, const int* touch, ContactCollision* collision) const {
         const int dof = curve_.path.dof;
         const double fresh = std::sqrt((1 - detector_.correlation) * (1 + detector_.correlation));
         T noise[max_joints], contact[max_joints];  // by joint, monitored or not
@@ -273,9 +264,8 @@ class MonteCarlo {
                 for (int lane = 0; lane < lanes; ++lane) {
                     const int i = k - touch[lane];
                     if (i < 0 || !open[lane]) continue;
-                    const ContactState<T>& state = collision->at(i);
                     // A body that has got away cannot be felt.
-                    if (lane_of(state.separated, lane) > 0.5) {
+                    if (collision[lane].separated(i)) {
                         open[lane] = false;
                         --remaining;
                         continue;
@@ -284,8 +274,8 @@ class MonteCarlo {
                     for (int j = 0; j < dof; ++j)
                         set_lane(torque[j], lane,
                                  elastic
-                                     ? lane_of(reactions_->dynamics().residual(state, j), lane)
-                                     : curve_.path.torque_per_N[std::size_t(k) * dof + j] * lane_of(state.force, lane));
+                                     ? collision[lane].residual(i, j)
+                                     : curve_.path.torque_per_N[std::size_t(k) * dof + j] * collision[lane].force(i));
                 }
             }
             for (int j = 0; j < dof; ++j) contact[j] = detector_.filtered(contact[j], torque[j]);
@@ -355,8 +345,8 @@ class MonteCarlo {
     OffsetDistribution offset_;
     std::uint64_t seed_;
     std::int64_t first_run_;
-    const ResidualRecord* record_;                  ///< measured noise instead of Gaussian; may be null
-    std::optional<ContactReactions<T>> reactions_;  ///< where something gives way
+    const ResidualRecord* record_;               ///< measured noise instead of Gaussian; may be null
+    std::optional<ContactReactions> reactions_;  ///< where something gives way
     std::vector<double> s_;
     int first_armed_ = 0;
     bool quiet_ = true;  ///< every noise mean lies inside its thresholds

@@ -135,7 +135,8 @@ class OffsetMesh {
     }
 
     /// By the growth of the residual over a tick's travel, at most: an order of 16 leaves errors of 1e-13 in the mean, 1e-11
-    /// in the quantiles and a part in 1e7 in the far tails where it is four standard deviations, as `refinement` shows.
+    /// in the quantiles and a part in 1e7 in the far tails where it is four standard deviations, as `refinement` shows. The
+    /// forces of an elastic arm have kinks, where it bounces, of a part in 1e4 and more: half that order does.
     void choose_width() {
         width_ = {PiecewiseDensity::block, 1, 1};
         transitions_ = false;
@@ -147,7 +148,10 @@ class OffsetMesh {
         transitions_ = growth > 4 * wide.residual;
         if (settings_->paths != nullptr) growth /= timing_.period;  // panels are cut at every step
         if (groups_) growth = std::max(growth, group_growth);
-        width_ = growth <= narrow.residual ? narrow : growth <= middle.residual || transitions_ ? middle : wide;
+        if (settings_->paths != nullptr && settings_->propagator->elastic && !transitions_)
+            width_ = elastic;
+        else
+            width_ = growth <= narrow.residual ? narrow : growth <= middle.residual || transitions_ ? middle : wide;
         width_.order = std::min(max_order, width_.order * settings_->refinement);
     }
 
@@ -341,7 +345,7 @@ class OffsetMesh {
         }
     }
 
-    static constexpr PanelWidth narrow{8, 0.4, 1}, middle{16, 4, 1}, wide{24, 6, 1};
+    static constexpr PanelWidth narrow{8, 0.4, 1}, middle{16, 4, 1}, wide{24, 6, 1}, elastic{8, 4, 1};
     static constexpr double group_growth = 1.75;        ///< of the residual over a panel of several ticks
     static constexpr double rare_alarm = 1e-5;          ///< without contact at a tick, for a panel to hold several
     static constexpr double unnoticeable_alarm = 1e-6;  ///< the same: a body's parting changes no digit

@@ -77,7 +77,7 @@ class OffsetQuadrature {
         };
         if constexpr (!Alarms::tabulated) {
             if (dynamic()) {
-                const ContactReactions<T> reactions(*settings_.paths, *settings_.propagator);
+                const ContactReactions reactions(*settings_.paths, *settings_.propagator);
                 return interpolate(DynamicContact<T>(reactions));
             }
         }
@@ -350,6 +350,7 @@ class OffsetQuadrature {
                 values.insert(values.end(), first, first + step);
             }
         };
+        to.kinks = settings_.propagator->elastic;
         keep(probabilities_.peak_force, to.peak_force);
         keep(probabilities_.lasting_force, to.lasting_force);
         keep(probabilities_.duration, to.duration);
@@ -361,7 +362,7 @@ class OffsetQuadrature {
 
     /// False alarms whose reaction still reaches the body.
     void add_early_reactions() {
-        const ContactReactions<T> reactions(*settings_.paths, *settings_.propagator);
+        const ContactReactions reactions(*settings_.paths, *settings_.propagator);
         // Where alarms before contact are rare and bodies stand many ticks apart, what one comes to stands for some ticks'.
         const bool rare = before_.false_alarm_before(path_->ticks) < rare_alarms;
         const int group = rare && settings_.contact.offset.kind == OffsetKind::half_normal ? max_group : 1;
@@ -370,14 +371,14 @@ class OffsetQuadrature {
             double chance = 0;
             for (int i = first; i < end; ++i) chance += before_.survival_before(i) * before_.no_contact(i).alarm;
             if (chance > negligible_chance)
-                bumpstop::add_alarms<T>(reactions, settings_.contact.offset, k, chance,
-                                        mesh_.edges()[std::size_t(k) + 1], result_.early_reactions);
+                bumpstop::add_alarms(reactions, settings_.contact.offset, k, chance, mesh_.edges()[std::size_t(k) + 1],
+                                     result_.early_reactions);
         }
         zero_force_from_ -= result_.early_reactions.total;
     }
 
     static constexpr double rare_alarms = 1e-4;         ///< before contact, in all
-    static constexpr int max_group = 8;                 ///< ticks
+    static constexpr int max_group = 16;                ///< ticks
     static constexpr double negligible_chance = 1e-18;  ///< of an alarm before contact: it changes nothing printed
 
     const CollisionSetup& setup_;

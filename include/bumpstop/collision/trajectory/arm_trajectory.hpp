@@ -148,9 +148,9 @@ class ArmTrajectory {
         GaussianThresholds nobody;
         SurvivalCriterion<double> criterion(setup_, detector ? *detector : nobody, contact.at_body());
         // Where something gives way, only the collision itself says when it is detected, or arm and body part.
-        std::optional<ContactDynamics<double>> dynamics;
-        ContactState<double> body;
-        if (by != nullptr) body = dynamics.emplace(*by).begin();
+        std::optional<ContactDynamics> dynamics;
+        ContactState body;
+        if (by != nullptr) dynamics.emplace(*by);
         bool away = false;  // at the tick before
         const std::size_t n = std::size_t(setup_.chain.dof);
         double greatest = 0;  // distance since contact began
@@ -160,7 +160,7 @@ class ArmTrajectory {
             const bool touched = i * step() > begin;
             path.s.push_back(touched ? s : std::min(s, not_yet));
             if (touched) greatest = std::max(greatest, s);
-            if (dynamics && touched && i > 0) dynamics->step(body, path.s[std::size_t(i) - 1], path.s.back(), 0.0, 1.0);
+            if (dynamics && touched && i > 0) dynamics->step(body, path.s[std::size_t(i) - 1], path.s.back(), 0.0);
             if (i < 1 || (i - 1) % setup_.timing.period != 0) continue;
             allow_interruption();
             const int k = path.ticks++;
@@ -168,7 +168,7 @@ class ArmTrajectory {
             path.torque_per_N.insert(path.torque_per_N.end(), torque.begin(), torque.end());
             curve.max_distance.push_back(max_distance(k, begin, origin, normal, greatest));
             if (dynamics) {
-                dynamics->residuals(body, path, k, torque.data());
+                dynamics->residuals(body, &path.torque_per_N[std::size_t(k) * n], path.dof, torque.data());
                 criterion.observe_contact(body.touched, torque.data());
             } else {
                 criterion.observe(path.s.back(), torque.data());

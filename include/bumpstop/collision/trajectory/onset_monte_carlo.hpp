@@ -53,9 +53,8 @@ struct OnsetSampler {
         out.undetected_distance[i] = std::max(0.0, *std::max_element(curve.path.s.begin(), curve.path.s.end()));
         if (by == nullptr || k < 0) return;
         paths = trajectory.contact_paths(curve, begin, normal, k);
-        const ContactReactions<double> reactions(paths, *by);
-        const int since = k - first;
-        const auto outcome = ContactCollision<double>(reactions, &first, 0.0).detected(&since);
+        const ContactReactions reactions(paths, *by);
+        const auto outcome = ContactCollision(reactions, first, 0.0).detected(k - first);
         out.peak_force[i] = outcome.peak;
         out.duration[i] = outcome.duration;
     }
