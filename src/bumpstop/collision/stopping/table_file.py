@@ -85,7 +85,7 @@ def _read_csv(text: str, name: str) -> tuple[list[str], list[list[Any]], dict[st
     lines = []
     for line in text.splitlines():
         if line.lstrip().startswith("#"):
-            said = re.match(r"\s*#\s*(\w+)\s*[=:]\s*(.+?)\s*$", line)
+            said = re.match(r"#\s*(\w+)\s*[=:]\s*(.+)", line.strip())
             if said and said[1] in STATED:
                 numbers = [number_of(part) for part in re.split(r"[\s,;]+", said[2].strip("[] "))]
                 if any(part is None for part in numbers):

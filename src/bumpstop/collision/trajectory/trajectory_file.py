@@ -218,7 +218,7 @@ def _numbers(path: Path, value: Any, names: list[str], where: str) -> list[float
 
 def _number(path: Path, value: Any, where: str) -> float:
     # YAML takes 1e-3, without a point, for a text.
-    if isinstance(value, str) and re.fullmatch(r"[+-]?[0-9]*\.?[0-9]+([eE][+-]?[0-9]{1,3})?", value):
+    if isinstance(value, str) and re.fullmatch(r"[+-]?([0-9]+(\.[0-9]+)?|\.[0-9]+)([eE][+-]?[0-9]{1,3})?", value):
         value = float(value)
     usable = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
     if not usable or not math.isfinite(value):

@@ -116,7 +116,7 @@ def _is(name: str, quantity: Quantity) -> bool:
 
 def unit_of_name(name: str, quantity: Quantity) -> str | None:
     """Unit that a name states: ``Force [N]``, ``force_N``, ``Kraft in N``; None: none."""
-    found = re.search(r"[\[(]([^\])]*)[\])]", name)
+    found = re.search(r"[\[(]([^\[\](]*)[\])]", name)
     if found is not None:
         return _unit(found[1], quantity)
     parts = [part for part in re.split(r"[\s_,:]+", name.strip()) if part]

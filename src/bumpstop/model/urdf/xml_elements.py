@@ -24,7 +24,7 @@ MAX_NAME_LENGTH = 200
 # Wide enough for any machine and any unit slip, narrow enough that no product of them overflows.
 _MAX = {"m": 1e3, "rad": 1e3, "kg": 1e6, "kg m2": 1e6, "": 1e9}
 
-_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", re.ASCII)
+_NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?", re.ASCII)
 
 
 def parse(path: Path, kind: str = "a URDF file") -> Element:
