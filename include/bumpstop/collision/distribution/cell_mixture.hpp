@@ -26,6 +26,21 @@ class CellMixture {
         }
         total_ += mass;
     }
+    /// Cells side by side between `count` + 1 finite edges.
+    void add_cells(const double* edge, const double* mass, std::size_t count) {
+        const std::size_t first = mass_.size();
+        for (std::vector<double>* values : {&low_, &high_, &mass_}) values->resize(first + count);
+        for (std::size_t i = 0; i < count; ++i) {
+            const double low = std::min(edge[i], edge[i + 1]), high = std::max(edge[i], edge[i + 1]);
+            const double here = std::max(mass[i], 0.0);
+            low_[first + i] = low;
+            high_[first + i] = high;
+            mass_[first + i] = here;
+            most_ = std::max(most_, here > 0 ? high : most_);
+            least_ = std::min(least_, here > 0 ? low : least_);
+            total_ += here;
+        }
+    }
     void add_node(double value, double mass) {
         node_.push_back(value);
         node_mass_.push_back(mass);
@@ -177,10 +192,10 @@ CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity qu
         for (std::size_t i = 0; kinks && i <= cells; ++i)
             if (std::fabs(2.0 * double(i) / double(cells) - 1) < rule.node[order - 1])
                 edge[i] = std::clamp(edge[i], *least, *most);
-        for (std::size_t i = 0; i < cells; ++i) {
-            const double from = std::max(edge[i], 0.0), to = std::max(edge[i + 1], 0.0);
-            if (!positive || std::max(from, to) > 0) out.add_cell(from, to, mass[i]);
-        }
+        for (std::size_t i = 0; i <= cells; ++i) edge[i] = std::max(edge[i], 0.0);
+        if (!positive) out.add_cells(edge.data(), mass.data(), cells);
+        for (std::size_t i = 0; positive && i < cells; ++i)
+            if (std::max(edge[i], edge[i + 1]) > 0) out.add_cell(edge[i], edge[i + 1], mass[i]);
         product(at_nodes, coefficient, series, node_mass.data());
         for (std::size_t g = 0; g < order; ++g)
             if (!positive || value[g] > 0) out.add_node(value[g], node_mass[g]);
