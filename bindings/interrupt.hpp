@@ -1,4 +1,4 @@
-// Ctrl-C in work that takes minutes.
+// Ctrl-C in work that takes minutes, and questions of those who may not want it any more.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -9,8 +9,11 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
+// A Python function that work of this thread asks; null: none. Who sets it keeps it alive.
+inline thread_local PyObject* question = nullptr;
+
 // Work that has released the lock, and stops when somebody wants it to: it throws Interrupted then, which becomes the error
-// that Python has set. Only the thread in which signals are heard is ever stopped.
+// that Python has set: by a signal, in the thread in which signals are heard, or by the question of this thread.
 class Unlocked {
   public:
     Unlocked() : interruption_([last = Clock::now()]() mutable { return interrupted(last); }) {}
@@ -26,6 +29,11 @@ class Unlocked {
         {
             const nanobind::gil_scoped_acquire locked;
             wanted = PyErr_CheckSignals() != 0;
+            if (!wanted && question != nullptr) {
+                PyObject* const answer = PyObject_CallNoArgs(question);
+                wanted = answer == nullptr;
+                Py_XDECREF(answer);
+            }
         }
         last = Clock::now();
         return wanted;
@@ -40,6 +48,15 @@ template <class Work>
 auto unlocked(Work work) {
     const Unlocked here;
     return work();
+}
+
+inline void bind_questions(nanobind::module_& module) {
+    module.def(
+        "ask_while_working", [](nanobind::handle what) { question = what.is_none() ? nullptr : what.ptr(); },
+        nanobind::arg("question").none(),
+        "Work of this thread calls `question()` now and then, and ends with what it raises; None: nothing is asked. "
+        "The "
+        "caller keeps it alive until then.");
 }
 
 // Python has set its error where the interruption was heard.

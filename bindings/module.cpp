@@ -8,6 +8,7 @@ NB_MODULE(BUMPSTOP_MODULE, module) {
     module.doc() = "Kernels of bumpstop for one instruction set. Use them through the bumpstop package.";
     module.attr("lanes") = bumpstop::native_lanes;
     bumpstop::translate_interruptions();
+    bumpstop::bind_questions(module);
     bumpstop::bind_math(module);
     bumpstop::bind_model(module);
     bumpstop::bind_dynamics(module);

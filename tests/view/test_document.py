@@ -212,6 +212,33 @@ def test_only_the_newest_request_is_answered() -> None:
     assert not worker.alive
 
 
+def test_long_work_that_nobody_waits_for_is_given_up() -> None:
+    """A body so soft that it is pressed for seconds, typed on the way to a stiff one."""
+    soft = HAND.with_values({"contact.stiffness_N_m": 1.0, "contact.damping_Ns_m": 5.0, "contact.offset_sd_s": 1.0})
+    begun = threading.Event()
+    answered: list[str] = []
+
+    def work(request: str) -> None:
+        begun.set()
+        if request == "soft":
+            for _ in range(1000):
+                bs.evaluate(soft)
+        answered.append(request)
+
+    worker = LatestWins(work, "test")
+    worker.submit("soft")
+    assert begun.wait(5)
+    worker.submit("stiff")
+    for _ in range(600):
+        if answered:
+            break
+        threading.Event().wait(0.05)
+    assert answered == ["stiff"]
+    assert worker.dropped == 1
+    worker.close(5)
+    assert not worker.alive
+
+
 def test_a_fault_loses_one_answer_and_no_other(capsys: pytest.CaptureFixture[str]) -> None:
     answered: list[int] = []
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 from bumpstop.arrays import finite_or_none
 from bumpstop.collision import evaluate
+from bumpstop.view.latest import SupersededError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,10 +26,6 @@ _WORDS: dict[str, tuple[str, Tone]] = {
     "no_limits": ("NO VERDICT", "open"),
     "pending": ("COMPUTING", "open"),
 }
-
-
-class SupersededError(Exception):
-    """The scenario on screen is another by now: nobody waits for this."""
 
 
 @dataclass(frozen=True, eq=False)

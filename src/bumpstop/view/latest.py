@@ -3,23 +3,32 @@
 from __future__ import annotations
 
 import threading
+import time
 import traceback
 from typing import TYPE_CHECKING, Generic, TypeVar
+
+from bumpstop.interruption import asked_while_working
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 Request = TypeVar("Request")
+# What has begun is let go on for so long, whoever waits: shown a little late, it moves with what the hand does.
+_PATIENCE_S = 0.5
+
+
+class SupersededError(Exception):
+    """Another request has come: nobody waits for this."""
 
 
 class LatestWins(Generic[Request]):
     """Runs a function on the newest request, in a thread of its own.
 
-    A request that has not begun when the next one comes is dropped. One that has begun runs to its end. What it raises
-    is printed, and the next one is answered all the same.
+    A request that has not begun when the next one comes is dropped. One that has begun is given up after half a second,
+    where kernels work. What it raises is printed, and the next one is answered all the same.
 
     Attributes:
-        dropped: requests that were replaced before they began.
+        dropped: requests that were replaced before they were answered.
         done: requests that were answered.
     """
 
@@ -70,8 +79,18 @@ class LatestWins(Generic[Request]):
                 if self._closed:
                     return
                 request = self._waiting.pop()
+            patient_until = time.monotonic() + _PATIENCE_S
+
+            def give_up(until: float = patient_until) -> None:
+                if time.monotonic() > until and self.has_newer():
+                    raise SupersededError
+
             try:
-                self._work(request)
+                with asked_while_working(give_up):
+                    self._work(request)
+            except SupersededError:
+                self.dropped += 1
+                continue
             except Exception:  # a fault of ours: one answer is lost, and the page goes on
                 traceback.print_exc()
             self.done += 1

@@ -10,9 +10,9 @@ import numpy as np
 
 from bumpstop.errors import InputError
 from bumpstop.report.markup import Html, element
-from bumpstop.view.answer import Answer, SupersededError
+from bumpstop.view.answer import Answer
 from bumpstop.view.document import ViewDocument
-from bumpstop.view.latest import LatestWins
+from bumpstop.view.latest import LatestWins, SupersededError
 from bumpstop.view.page.control_panel import ControlPanel
 from bumpstop.view.page.overlay import Overlay
 from bumpstop.view.page.playback_panel import PlaybackPanel

@@ -13,9 +13,10 @@ from bumpstop.errors import InputError
 from bumpstop.report.colours import LAW
 from bumpstop.report.markup import Html
 from bumpstop.terminal import number
-from bumpstop.view.answer import Answer, SupersededError
+from bumpstop.view.answer import Answer
 from bumpstop.view.controls import NOT_GIVEN, SPEED, controls_of
 from bumpstop.view.document import with_keys
+from bumpstop.view.latest import SupersededError
 from bumpstop.view.plots.chart import Chart, nothing
 from bumpstop.view.uncertainty_text import OFFERED
 
