@@ -188,9 +188,13 @@ def test_no_latency_is_milder_than_a_shorter_one_whatever_the_feedback_period(ca
 def test_an_arm_that_brakes_before_the_first_tick_is_followed_to_its_rest(gives: dict[str, Any]) -> None:
     """At its limits it cannot follow the line at all: nothing is detected, in both distributions."""
     scenario = control_group(
-        pose_deg=[-180, 30, 0, -20, 110, -40, 0], motion__velocity_mm_s=[-191, 60, -196], motion__held_joints=[], **gives
+        pose_deg=[-180, 30, 0, -20, 110, -40, 0],
+        motion__velocity_mm_s=[-191, 60, -196],
+        motion__held_joints=[],
+        **gives,
     )
     integrated, sampled = bs.evaluate(scenario), bs.evaluate(scenario, samples=2000, seed=1)
     assert integrated.curve.line.ticks == 0
-    assert sampled.runs is not None and (sampled.runs["tick"] < 0).all()
+    assert sampled.runs is not None
+    assert (sampled.runs["tick"] < 0).all()
     assert sampled.peak_force.mean == pytest.approx(integrated.peak_force.mean, rel=0.05, abs=1e-12)

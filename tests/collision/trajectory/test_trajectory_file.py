@@ -97,6 +97,7 @@ CSV_REFUSALS = {
     "too few joints": ("t,q_1,q_2\n0,0,0\n", "no column 'q_3'"),
     "too many joints": ("t,q_1,q_2,q_3,q_4\n", "has a column 'q_4'"),
     "some velocities": ("t,q_1,q_2,q_3,qd_1\n", "no column 'qd_2'"),
+    "no blank": (HEAD + "0,0,0\x1f,0\n", r"row 1, column q_2: '0\\x1f' cannot be used; wanted a finite number"),
     "no number": (HEAD + "0,0,0,0\n1,0,x,0\n", "row 2, column q_2: 'x' cannot be used; wanted a finite number"),
     "not finite": (HEAD + "0,0,0,0\n1,0,0,inf\n", "row 2, column q_3: inf cannot be used"),
     "NaN time": (HEAD + "0,0,0,0\nnan,0,0,0\n", "row 2, column t: nan cannot be used"),

@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import re
+import string
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -108,7 +109,7 @@ def _csv(path: Path, text: str, robot: Robot) -> Rows:
             table[number - 1] = [float(cell) for cell in row]
         except ValueError:
             for name, cell in zip(header, row, strict=True):
-                _number(path, cell.strip(), f"row {number}, column {name}")
+                _number(path, cell.strip(string.whitespace), f"row {number}, column {name}")
             raise
     column = {name: table[:, i] for i, name in enumerate(header)}
     velocity = np.column_stack([column[name] for name in velocities]) if velocities[0] in column else None
