@@ -10,7 +10,7 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace detail {
 
-/// Adds `registers` registers of rows of M x to y. Two sums of each, where few, hide how long each addition takes.
+/// Adds `registers` registers of rows of M x to y. Several sums of each, where there are few, hide how long an addition takes.
 template <int registers>
 void multiply_add_registers(const double* column, int stride, int columns, const double* x, double* y) {
     using Native = Lanes<native_lanes>;
