@@ -153,7 +153,7 @@ def test_inactive_all_the_time_is_said_first_and_ends_with_3(free: Path, tmp_pat
     ):
         done = run("detect", free, "--robot", "ur5e", *options, "--out", tmp_path / "out")
         assert done.status == 3
-        assert done.out.startswith(f"INACTIVE all the time ({why}): nothing could be detected. 0 alarms in 39.996 s")
+        assert done.out.startswith(f"INACTIVE all the time ({why}): nothing could be detected. 0 alarms in 40 s")
         page = (tmp_path / "out" / "report.html").read_text()
         assert "detector inactive" in page
         assert page.index("INACTIVE all the time") < page.index("<table")

@@ -279,7 +279,7 @@ class DetectionRun(Displayed):
     def conclusion(self) -> str:
         """One sentence: alarms, or that the detector could not have detected anything."""
         seconds, count = float(self.t[-1] - self.t[0]), len(self.events)
-        alarms = f"{count} alarm{'' if count == 1 else 's'} in {seconds:.6g} s, {self.t.size} rows"
+        alarms = f"{count} alarm{'' if count == 1 else 's'} in {seconds:.4g} s, {self.t.size} rows"
         if self.inactive:
             return f"INACTIVE all the time ({self.inactive}): nothing could be detected. {alarms}"
         idle = self.no_data_s + self.arming_s
