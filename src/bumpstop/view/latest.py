@@ -81,12 +81,12 @@ class LatestWins(Generic[Request]):
                 request = self._waiting.pop()
             patient_until = time.monotonic() + _PATIENCE_S
 
-            def give_up(until: float = patient_until) -> None:
+            def ask(until: float = patient_until) -> None:
                 if time.monotonic() > until and self.has_newer():
                     raise SupersededError
 
             try:
-                with asked_while_working(give_up):
+                with asked_while_working(ask):
                     self._work(request)
             except SupersededError:
                 self.dropped += 1
