@@ -137,7 +137,7 @@ CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity qu
     // What is detected at a tick less probably than this is spread evenly over all it may come to.
     constexpr double one_cell = 1e-14;
     // Of a panel. In a far tail probability falls steeply across a cell, over which it is spread evenly.
-    constexpr std::size_t cells = 32;
+    const std::size_t cells = order > 8 || law.nodes.kinks ? 32 : 16;  // those of few nodes are narrow, of rigid arms
     const std::size_t panels = density.panel.size();
     const std::size_t rows =
         (std::max(cells + 1, order) + std::size_t(lanes) - 1) / std::size_t(lanes) * std::size_t(lanes);
