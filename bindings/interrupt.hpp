@@ -54,9 +54,7 @@ inline void bind_questions(nanobind::module_& module) {
     module.def(
         "ask_while_working", [](nanobind::handle what) { question = what.is_none() ? nullptr : what.ptr(); },
         nanobind::arg("question").none(),
-        "Work of this thread calls `question()` now and then, and ends with what it raises; None: nothing is asked. "
-        "The "
-        "caller keeps it alive until then.");
+        "Work of this thread calls `question()`, which the caller keeps alive, and ends with what it raises.");
 }
 
 // Python has set its error where the interruption was heard.

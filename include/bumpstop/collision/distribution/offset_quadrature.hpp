@@ -377,9 +377,8 @@ class OffsetQuadrature {
         zero_force_from_ -= result_.early_reactions.total;
     }
 
-    static constexpr double rare_alarms = 1e-4;         ///< before contact, in all
-    static constexpr int max_group = 16;                ///< ticks
-    static constexpr double negligible_chance = 1e-18;  ///< of an alarm before contact: it changes nothing printed
+    static constexpr double rare_alarms = 1e-4, negligible_chance = 1e-18;  ///< before contact: of all, of one
+    static constexpr int max_group = 16;                                    ///< ticks
 
     const CollisionSetup& setup_;
     const GaussianThresholds& detector_;
