@@ -87,10 +87,11 @@ def limit_tables() -> Files:
 
 
 def registers() -> Files:
-    """The example, with its scenario beside it."""
+    """Two rows of the example, with their scenario beside them."""
     text = (ROOT / "examples/register/sia5d_downward.csv").read_text(encoding="utf-8")
-    scenarios = {path.name: path.read_bytes() for path in sorted(ROOT.glob("examples/0[1-4]*.toml"))}
-    return {"cell.csv": text.replace("../", "").encode(), **scenarios}
+    scenarios = {path.name: path.read_bytes() for path in sorted(ROOT.glob("examples/01*.toml"))}
+    rows = text.replace("../", "").splitlines(keepends=True)[:3]
+    return {"cell.csv": "".join(rows).encode(), **scenarios}
 
 
 def dynamics() -> Files:
@@ -99,6 +100,7 @@ def dynamics() -> Files:
 robot = "sia5d"
 couplings = []
 sign_speed = [0.01, 0.01, 0.01, 0.01, 0.01, 0.01, 0.01]
+presliding = [0.01, 0.0, 0.03, 0.0, 0.0, 0.0, 0.0]
 cutoff_hz = 10.0
 rows_used = 1000
 [[parameter]]
@@ -135,7 +137,7 @@ _MATLAB_COLUMNS = b'time = { variable = "t", unit = "s" }\nposition = { variable
 
 def recordings_csv() -> Files:
     """With names and without, with points and with commas."""
-    rows = [(0.01 * i, np.sin(0.01 * i), np.cos(0.01 * i)) for i in range(40)]
+    rows = [(0.01 * i, np.sin(0.01 * i), np.cos(0.01 * i)) for i in range(20)]
     named = "t,q_1,q_2\n" + "".join(f"{t:.2f},{a:.9f},{b:.9f}\n" for t, a, b in rows)
     return {
         "named.csv": named.encode(),

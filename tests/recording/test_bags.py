@@ -163,6 +163,14 @@ def test_lengths_without_end_in_a_damaged_bag_cost_no_minutes(tmp_path: Path) ->
     assert time.process_time() - begin < 10
 
 
+@pytest.mark.parametrize("size", [0, 256])
+def test_a_damaged_size_of_pages_finds_no_messages(size: int, tmp_path: Path) -> None:
+    file = tmp_path / "r.db3"
+    file.write_bytes(b"SQLite format 3\0" + size.to_bytes(2, "big") + bytes(2000))
+    with pytest.raises(InputError, match=r"damaged .* 0 messages are readable"):
+        Recording.load(file)
+
+
 def test_unreadable_message_is_a_bad_row(tmp_path: Path) -> None:
     bodies = [state(0.01 * i, ["a", "b"]) for i in range(200)]
     bodies[7] = bodies[7][:40]

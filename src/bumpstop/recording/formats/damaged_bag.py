@@ -10,6 +10,7 @@ from bumpstop.errors import InputError
 _MAGIC = b"\x89MCAP0\r\n"
 _MESSAGE, _CHUNK = 0x05, 0x06
 _TABLE_LEAF = 0x0D
+_SMALLEST_PAGE = 512  # bytes, of sqlite's file format
 _COLUMNS = 4
 _FIRST_BLOB = 12  # type of an empty one; text has odd numbers
 
@@ -36,7 +37,9 @@ def _in_sqlite(path: Path) -> int:
         return 0
     size = int.from_bytes(data[16:18], "big")
     size = 65536 if size == 1 else size
-    return sum(_rows(data[start : start + size]) for start in range(size, len(data) - size + 1, size) if size >= 512)
+    if size < _SMALLEST_PAGE:  # a damaged header
+        return 0
+    return sum(_rows(data[start : start + size]) for start in range(size, len(data) - size + 1, size))
 
 
 def _rows(page: bytes) -> int:
