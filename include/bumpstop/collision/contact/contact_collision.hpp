@@ -12,7 +12,7 @@ class ContactReactions {
     ContactReactions(const ContactPaths& paths, const ContactPropagator& by)
         : paths_(&paths),
           dynamics_(by),
-          swing_(int(std::min((by.elastic ? 4 : 1) * by.half_oscillation / paths.step, 1e6)) + 2) {}
+          swing_(int(std::min((by.elastic() ? 4 : 1) * by.half_oscillation / paths.step, 1e6)) + 2) {}
 
     const ContactPaths& paths() const { return *paths_; }
     const ContactDynamics& dynamics() const { return dynamics_; }
@@ -44,7 +44,7 @@ class ContactReactions {
     void follow(ContactState& state, const PathAfter& path, double offset) const {
         const int block = dynamics_.propagator().block_steps, longest = path.length();
         // The reaction itself makes an elastic arm swing, before it touches the body, too.
-        const bool swings = dynamics_.propagator().elastic;
+        const bool swings = dynamics_.propagator().elastic();
         state.reacts = true;
         double from = path.at(0);
         for (int i = 0; !state.separated; ++i) {
@@ -81,7 +81,7 @@ class ContactReactions {
     }
     /// Whether the arm may come back by itself to a body that is held.
     bool may_return(const ContactState& state) const {
-        return dynamics_.propagator().elastic && state.touched && !state.separated;
+        return dynamics_.propagator().elastic() && state.touched && !state.separated;
     }
 
     const ContactPaths* paths_;

@@ -49,7 +49,7 @@ class ContactDynamics {
     void step(ContactState& at, double from, double to, double offset, bool final = false) const {
         if (at.separated) return;
         const double speed = (to - from) * (1 / by_->step);
-        if (by_->elastic && at.begun) {
+        if (by_->elastic() && at.begun) {
             const double change = speed - at.speed, sudden = at.reacts ? change - at.ramp : 0.0;
             for (std::size_t i = 0; i < states_; ++i)
                 at.z[i] += by_->jump[i] * (change - sudden) + by_->reaction_jump[i] * sudden;
@@ -97,7 +97,7 @@ class ContactDynamics {
     /// What a detector sees at a tick of a path [Nm], by joint; the torques per newton of the path count where the arm is
     /// rigid.
     void residuals(const ContactState& at, const double* torque_per_N, int dof, double* residual) const {
-        if (!by_->elastic) {
+        if (!by_->elastic()) {
             for (int j = 0; j < dof; ++j) residual[j] = at.force * torque_per_N[j];
             return;
         }
@@ -169,7 +169,7 @@ class ContactDynamics {
     }
 
     void advance(ContactState& at, double r, double speed, bool final) const {
-        if (!by_->elastic && !at.touched && !(r + speed * by_->piece > 0)) return;
+        if (!by_->elastic() && !at.touched && !(r + speed * by_->piece > 0)) return;
         double left = 1;  // share of the piece
         for (int cut = 0; left > 0 && !at.separated && cut < max_cuts; ++cut) {
             const double time = left * by_->piece, end = r + speed * time;

@@ -249,7 +249,7 @@ ContactPaths contact_paths(const CollisionSetup& setup, const StoppingCurve& cur
     std::vector<detail::ReactionFamily> families;
     for (const detail::TickRange& range : ranges) families.emplace_back(range.first, range.last, range.contains_switch);
     // Some millinewtons of the stiffest body; an arm that gives way presses it less.
-    const double tolerance = by.elastic ? 1e-7 : 1e-8;
+    const double tolerance = by.elastic() ? 1e-7 : 1e-8;
     while (!families.empty()) {
         std::vector<int> wanted;
         for (const detail::ReactionFamily& family : families) {

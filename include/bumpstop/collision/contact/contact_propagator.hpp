@@ -244,7 +244,7 @@ struct ContactPropagator {
 
     ContactPropagator(const ContactSystem& system, double step)
         : states(system.states()),
-          elastic(system.arm().dof > 0),
+          dof(system.arm().dof),
           gets_away(system.body().gets_away()),
           step(step),
           pieces(pieces_of(system.frequency() * step / max_turn)),
@@ -279,7 +279,6 @@ struct ContactPropagator {
             for (std::size_t m = 0; m < force.size(); ++m) tells(int(m), j) = force[m][std::size_t(j)];
             for (std::size_t m = 0; m < gap.size(); ++m) tells(int(force.size() + m), j) = gap[m][std::size_t(j)];
         }
-        dof = system.arm().dof;
         residual = detail::PaddedMatrix(dof, states);
         for (int i = 0; i < dof; ++i) {
             const Row row = system.residual(i);
@@ -289,8 +288,11 @@ struct ContactPropagator {
 
     using Row = ContactSystem::Row;
 
+    /// The arm gives way.
+    bool elastic() const { return dof > 0; }
+
     int states;
-    bool elastic;             ///< the arm gives way
+    int dof;                  ///< of an arm that gives way; 0: it is rigid
     bool gets_away;           ///< nothing holds the body
     double step;              ///< simulation step [s]
     int pieces;               ///< of a step, each a small part of an oscillation
@@ -308,7 +310,6 @@ struct ContactPropagator {
     int block_steps;                             ///< of a block; 0: oscillations are too quick for blocks
     ContactBlock block_in_contact, block_apart;  ///< the force, its rate and bend are told; the gap
     detail::PaddedMatrix tells;                  ///< the rows of force and gap, of state, r and speed
-    int dof = 0;                                 ///< of an elastic arm
     detail::PaddedMatrix residual;               ///< [joint][state], of an elastic arm
 
   private:

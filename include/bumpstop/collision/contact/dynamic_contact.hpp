@@ -14,6 +14,34 @@ struct ContactNodes {
     /// [panel][node] [N, N, s]
     std::vector<double> undetected_peak_force, undetected_lasting_force, undetected_duration;
     bool kinks = false;  ///< an arm that gives way: a later peak may outgrow an earlier one from some offset on
+
+    /// Keeps what was found or is interpolated, in the order of the panels, of `order` nodes each.
+    template <class T>
+    void keep(const DetectionProbabilities& found, std::size_t order, bool elastic) {
+        std::vector<double> room;
+        const auto keep = [&](const std::vector<double>& from, std::vector<double>& values) {
+            values.clear();
+            for (std::size_t p = 0; p < found.panel.size(); ++p) {
+                const double* first = found.by_slot<T>(from, p, order, room);
+                values.insert(values.end(), first, first + std::size_t(found.panel[p].slots) * order);
+            }
+        };
+        const auto keep_one = [&](const std::vector<double>& from, std::vector<double>& values) {
+            values.clear();
+            for (std::size_t p = 0; p < found.panel.size(); ++p) {
+                const double* first = found.by_panel<T>(from, p, order, room);
+                values.insert(values.end(), first, first + order);
+            }
+        };
+        kinks = elastic;
+        keep(found.peak_force, peak_force);
+        keep(found.lasting_force, lasting_force);
+        keep(found.duration, duration);
+        keep(found.force_at_detection, force_at_detection);
+        keep_one(found.undetected_peak_force, undetected_peak_force);
+        keep_one(found.undetected_lasting_force, undetected_lasting_force);
+        keep_one(found.undetected_duration, undetected_duration);
+    }
 };
 
 /// False alarms whose reaction still reaches the body, in pieces of one tick: cells of offset, and the nodes of a
@@ -47,7 +75,7 @@ class DynamicContact {
     }
     /// What the force at the i-th tick in contact, or the arm's oscillation, is in a joint's residual.
     T residual(T force, double torque_per_N, int joint, int i, int r) {
-        if (!reactions_.dynamics().propagator().elastic) return torque_per_N * force;
+        if (!reactions_.dynamics().propagator().elastic()) return torque_per_N * force;
         return by_lane(r, [&](ContactCollision& collision) { return collision.residual(i, joint); });
     }
 
@@ -101,7 +129,7 @@ class DynamicContact {
     bool agrees(const Interpolated& panels, std::size_t p, const DetectionProbabilities& known) const {
         // Of both forces, of the time in contact. An arm that gives way bounces: how long it touches in all is no smooth
         // function of the offset.
-        const bool bounces = reactions_.dynamics().propagator().elastic;
+        const bool bounces = reactions_.dynamics().propagator().elastic();
         const double of_force = bounces ? 1e-4 : 1e-5, tolerance[] = {of_force, of_force, bounces ? 0.1 : 5e-5};
         for (std::size_t q = 0; q < std::size(tolerance); ++q) {
             const std::vector<double>& values = known.*by_slot()[q];
@@ -202,8 +230,6 @@ inline void add_piece(const ContactReactions& reactions, const OffsetDistributio
     keep(duration, out.edge_duration, out.node_duration);
 }
 
-}  // namespace detail
-
 /// Adds the false alarms at tick k, of probability `chance`, against bodies from `low` on. Where a reaction barely
 /// arrives, contact time grows from nothing like a square root: places crowd there. One that swings forward again and
 /// reaches far has a piece for each swing, and the density of the offset bends little in any.
@@ -212,21 +238,41 @@ inline void add_alarms(const ContactReactions& reactions, const OffsetDistributi
     constexpr double most_sd = 0.5;  // in a piece
     const double top = std::min(reactions.paths().max_distance[std::size_t(k)], offset.largest());
     if (offset.kind == OffsetKind::fixed) {
-        if (top >= offset.size && offset.size >= low) detail::add_piece(reactions, offset, k, chance, low, top, out);
+        if (top >= offset.size && offset.size >= low) add_piece(reactions, offset, k, chance, low, top, out);
         return;
     }
     if (!(top > low)) return;
     const double widest = offset.kind == OffsetKind::half_normal ? most_sd * offset.size : HUGE_VAL;
-    std::vector<double> ends = detail::turns(reactions.paths(), k, low);
+    std::vector<double> ends = turns(reactions.paths(), k, low);
     std::erase_if(ends, [&](double end) { return !(end < top); });
     ends.push_back(top);
     double begin = low;
     for (double end : ends) {
         const int parts = std::max(1, int(std::ceil((end - begin) / widest)));
         for (int i = 0; i < parts; ++i)
-            detail::add_piece(reactions, offset, k, chance, begin + (end - begin) * i / parts,
-                              begin + (end - begin) * (i + 1) / parts, out);
+            add_piece(reactions, offset, k, chance, begin + (end - begin) * i / parts,
+                      begin + (end - begin) * (i + 1) / parts, out);
         begin = end;
+    }
+}
+
+}  // namespace detail
+
+/// Adds false alarms whose reaction still reaches the body; `edges`: of the ticks, where the point is then [m].
+inline void add_early_reactions(const ContactReactions& reactions, const OffsetDistribution& offset,
+                                const PreContactAlarms& before, const std::vector<double>& edges, EarlyReactions& out) {
+    constexpr double rare_alarms = 1e-4, negligible_chance = 1e-18;  // before contact: of all, of one
+    constexpr int max_group = 16;
+    const int ticks = reactions.paths().path->ticks;
+    // Where alarms before contact are rare and bodies stand many ticks apart, what one comes to stands for some ticks'.
+    const bool rare = before.false_alarm_before(ticks) < rare_alarms;
+    const int group = rare && offset.kind == OffsetKind::half_normal ? max_group : 1;
+    for (int first = before.unarmed(); first < ticks; first += group) {
+        const int end = std::min(first + group, ticks), k = (first + end - 1) / 2;
+        double chance = 0;
+        for (int i = first; i < end; ++i) chance += before.survival_before(i) * before.no_contact(i).alarm;
+        if (chance > negligible_chance)
+            detail::add_alarms(reactions, offset, k, chance, edges[std::size_t(k) + 1], out);
     }
 }
 

@@ -148,7 +148,7 @@ class OffsetMesh {
         transitions_ = growth > 4 * wide.residual;
         if (settings_->paths != nullptr) growth /= timing_.period;  // panels are cut at every step
         if (groups_) growth = std::max(growth, group_growth);
-        if (settings_->paths != nullptr && settings_->propagator->elastic && !transitions_)
+        if (settings_->paths != nullptr && settings_->propagator->elastic() && !transitions_)
             width_ = elastic;
         else
             width_ = growth <= narrow.residual ? narrow : growth <= middle.residual || transitions_ ? middle : wide;
@@ -265,7 +265,7 @@ class OffsetMesh {
     std::vector<double> abrupt_offsets() const {
         const int ticks = path_->ticks;
         // Elastic arms still pull at their joints when the body gets away.
-        const bool felt = settings_->propagator->elastic || transitions_ ||
+        const bool felt = settings_->propagator->elastic() || transitions_ ||
                           (ticks > 0 && alarms_.no_contact(ticks - 1).alarm > unnoticeable_alarm);
         return ContactCuts(*settings_->paths, *settings_->propagator, felt,
                            transitions_ ? &detector_ : nullptr)(settings_->contact.offset.largest());

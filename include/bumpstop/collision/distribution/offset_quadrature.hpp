@@ -47,7 +47,10 @@ class OffsetQuadrature {
     void finish(const std::vector<double>& max_distance) {
         zero_force_from_ = alarm_before_ + result_.no_contact;
         if (dynamic()) {
-            add_early_reactions();
+            const ContactReactions reactions(*settings_.paths, *settings_.propagator);
+            bumpstop::add_early_reactions(reactions, settings_.contact.offset, before_, mesh_.edges(),
+                                          result_.early_reactions);
+            zero_force_from_ -= result_.early_reactions.total;
         } else {
             add_alarms(max_distance);
         }
@@ -69,7 +72,7 @@ class OffsetQuadrature {
 
     void find_probabilities() {
         integrator_.begin(*path_, settings_.contact.body.stiffness * std::max(0.0, mesh_.edges().back()),
-                          dynamic() && settings_.propagator->elastic);
+                          dynamic() && settings_.propagator->elastic());
         const auto interpolate = [&](auto&& contact) {
             InterpolatedPanels panels(integrator_, contact, mesh_, before_, probabilities_);
             panels();
@@ -174,7 +177,8 @@ class OffsetQuadrature {
         }
         find_triggers();
         density.sum_later_masses();
-        if (dynamic()) keep_nodes();
+        if (dynamic())
+            result_.nodes.keep<T>(probabilities_, std::size_t(mesh_.order()), settings_.propagator->elastic());
         count_false_alarms();
     }
 
@@ -331,54 +335,6 @@ class OffsetQuadrature {
         const double part = step > 0 ? std::clamp((o - s[i]) / step, 0.0, 1.0) : 0.0;
         return (double(i) + part) * setup_.motion.step;
     }
-
-    /// What bodies that give way meet, in the order of the density's panels.
-    void keep_nodes() {
-        const std::size_t step = std::size_t(mesh_.order());
-        ContactNodes& to = result_.nodes;
-        const auto keep = [&](const std::vector<double>& from, std::vector<double>& values) {
-            values.clear();
-            for (std::size_t p = 0; p < result_.density.panel.size(); ++p) {
-                const double* first = probabilities_.by_slot<T>(from, p, step, room_);
-                values.insert(values.end(), first, first + std::size_t(probabilities_.panel[p].slots) * step);
-            }
-        };
-        const auto keep_one = [&](const std::vector<double>& from, std::vector<double>& values) {
-            values.clear();
-            for (std::size_t p = 0; p < result_.density.panel.size(); ++p) {
-                const double* first = probabilities_.by_panel<T>(from, p, step, room_);
-                values.insert(values.end(), first, first + step);
-            }
-        };
-        to.kinks = settings_.propagator->elastic;
-        keep(probabilities_.peak_force, to.peak_force);
-        keep(probabilities_.lasting_force, to.lasting_force);
-        keep(probabilities_.duration, to.duration);
-        keep(probabilities_.force_at_detection, to.force_at_detection);
-        keep_one(probabilities_.undetected_peak_force, to.undetected_peak_force);
-        keep_one(probabilities_.undetected_lasting_force, to.undetected_lasting_force);
-        keep_one(probabilities_.undetected_duration, to.undetected_duration);
-    }
-
-    /// False alarms whose reaction still reaches the body.
-    void add_early_reactions() {
-        const ContactReactions reactions(*settings_.paths, *settings_.propagator);
-        // Where alarms before contact are rare and bodies stand many ticks apart, what one comes to stands for some ticks'.
-        const bool rare = before_.false_alarm_before(path_->ticks) < rare_alarms;
-        const int group = rare && settings_.contact.offset.kind == OffsetKind::half_normal ? max_group : 1;
-        for (int first = before_.unarmed(); first < path_->ticks; first += group) {
-            const int end = std::min(first + group, path_->ticks), k = (first + end - 1) / 2;
-            double chance = 0;
-            for (int i = first; i < end; ++i) chance += before_.survival_before(i) * before_.no_contact(i).alarm;
-            if (chance > negligible_chance)
-                bumpstop::add_alarms(reactions, settings_.contact.offset, k, chance, mesh_.edges()[std::size_t(k) + 1],
-                                     result_.early_reactions);
-        }
-        zero_force_from_ -= result_.early_reactions.total;
-    }
-
-    static constexpr double rare_alarms = 1e-4, negligible_chance = 1e-18;  ///< before contact: of all, of one
-    static constexpr int max_group = 16;                                    ///< ticks
 
     const CollisionSetup& setup_;
     const GaussianThresholds& detector_;
