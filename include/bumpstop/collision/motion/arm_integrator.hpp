@@ -57,7 +57,8 @@ class ArmIntegrator {
           near_singular_below_(std::pow(kind == Kind::trace ? line_near_singular_sine : near_singular_sine, 2)) {}
 
     ArmState<T> state;
-    Point3<T> target;  ///< velocity asked of the tool: the line's, or the reaction's [m/s]
+    Posture<T> posture;  ///< that of the state, as `step` looked at it
+    Point3<T> target;    ///< velocity asked of the tool: the line's, or the reaction's [m/s]
 
     /// The lane's state and target have been set anew. Its next `step` only looks where it is. Changes of the rates
     /// may differ from those extrapolated by `tolerance`, relative to the largest, and rates that are reached by
@@ -272,6 +273,7 @@ class ArmIntegrator {
             }
         }
         restarted_ = false;
+        forward_kinematics(chain_, state.q, state.angle, posture);
     }
 
     /// As limited_change, in the sub-step that begins `count` after the last Adams step's end.
@@ -309,8 +311,6 @@ class ArmIntegrator {
 
     Rates<T> find_wanted() const {
         if (kind_ != Kind::brake) {
-            Posture<T> posture;
-            forward_kinematics(chain_, state.q, state.angle, posture);
             return resolved_rates(chain_, motion_, posture, target);
         }
         Rates<T> still;

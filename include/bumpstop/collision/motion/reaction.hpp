@@ -3,7 +3,6 @@
 #pragma once
 
 #include "bumpstop/collision/motion/reaction_batch.hpp"
-#include "bumpstop/model/point_motion.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -74,10 +73,10 @@ void follow_reactions(const CollisionSetup& setup, ReactionJob* jobs, int count,
     }
     T speed, distance;
     auto look = [&] {
-        const PointMotion<T> point =
-            point_motion(chain, arm.state.q, arm.state.qd, arm.state.angle, setup.contact.point);
-        speed = dot(point.velocity, normal);
-        distance = dot(point.position - start, normal);
+        const LinkPoint& point = setup.contact.point;
+        const Point3<T> p = arm.posture.position(point);
+        speed = dot(point_velocity(chain, arm.posture, point.link, p, arm.state.qd), normal);
+        distance = dot(p - start, normal);
     };
     // As they were where lanes began to retreat.
     Arm arm_at_retreat = arm;
