@@ -252,24 +252,13 @@ class ArmIntegrator {
     /// As limited_change, in the sub-step that begins `count` after the last Adams step's end.
     MaskOf<T> find_change(const T* wanted, const T& count, T* change, T* saturation) const {
         if (!shaped_) return limited_change(motion_, full_, wanted, state, change, saturation);
-        const int n = motion_.free_count;
         const T now = elapsed_ + count;
         const MaskOf<T> slows = now < slowing_;
         // The limits in units of what they grow to.
         const T grown = select(slows & (ramp_ > T(0.0)), min((now + 0.5) / max(ramp_, T(1e-300)), T(1.0)), T(1.0));
-        T over = 0.0;
-        for (int f = 0; f < n; ++f) {
-            change[f] = wanted[f] - state.qd[motion_.free_joint[f]];
-            saturation[f] = abs(change[f]) * full_.of[f] * select(slows, inverse_scale_[f], T(1.0)) / grown;
-            over = max(over, saturation[f]);
-        }
-        if (independent_) {
-            for (int f = 0; f < n; ++f) change[f] *= 1.0 / max(saturation[f], T(1.0));
-        } else {
-            const T ratio = 1.0 / max(over, T(1.0));
-            for (int f = 0; f < n; ++f) change[f] *= ratio;
-        }
-        return over <= T(1.0);
+        T tightened[max_joints];
+        for (int f = 0; f < motion_.free_count; ++f) tightened[f] = select(slows, inverse_scale_[f], T(1.0)) / grown;
+        return limited_change(motion_, full_, wanted, state, change, saturation, tightened, independent_);
     }
 
     /// Sub-steps that an Adams step may take: what the limits grow to, and where they jump, a single one crosses.
