@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from bumpstop.arrays import FloatArray
 from bumpstop.detection import Detector, DetectorSettings, Thresholds
-from bumpstop.detection.events import STATES
+from bumpstop.detection.detection_run import STATES
 from bumpstop.model import inverse_dynamics
 from detection.moving_arms import DT, FILLING, UR5E, live, parabola
 

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bumpstop.detection import Detector, DetectorSettings
-from bumpstop.detection.events import FAULTS, STATES
+from bumpstop.detection.detection_run import FAULTS, STATES
 from bumpstop.joint import JointTorqueModel
 from bumpstop.model import Robot
 

@@ -9,7 +9,7 @@ from typing import get_args
 import pytest
 
 from bumpstop import _native
-from bumpstop.detection.events import FAULTS, STATES
+from bumpstop.detection.detection_run import FAULTS, STATES
 from bumpstop.detection.settings import ResidualKind
 
 HEADERS = Path(__file__).resolve().parents[2] / "include/bumpstop"

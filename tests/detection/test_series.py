@@ -8,7 +8,7 @@ import pytest
 import bumpstop as bs
 from bumpstop.arrays import FloatArray
 from bumpstop.detection import DetectorSettings, Thresholds, detect
-from bumpstop.detection.events import STATES
+from bumpstop.detection.detection_run import STATES
 from bumpstop.identification import DynamicsModel, identify_dynamics
 from bumpstop.recording import Recording
 from detection.moving_arms import UR5E, moving

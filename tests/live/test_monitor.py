@@ -13,7 +13,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from bumpstop.detection import Detector, DetectorSettings
-from bumpstop.detection.events import STATES
+from bumpstop.detection.detection_run import STATES
 from bumpstop.live import JointSample, SourceEvent, SourceEventKind
 from bumpstop.live.monitor import Monitor, MonitorSettings
 from bumpstop.live.summary import MonitorSummary

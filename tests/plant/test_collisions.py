@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("mujoco")
 
 from bumpstop.cli.main import main
-from bumpstop.detection.events import STATES
+from bumpstop.detection.detection_run import STATES
 from bumpstop.errors import InputError
 from bumpstop.joint import JointTorqueModel
 from bumpstop.model import inverse_dynamics

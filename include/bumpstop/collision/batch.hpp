@@ -215,7 +215,7 @@ void trace_poses(const BatchProblem& problem, BatchWorker<L>& worker, const int*
     };
     for (int i = 0; i < count; ++i) add(i);
     worker.path.resize(std::max(worker.path.size(), std::size_t(count)));
-    LineTracer<L, Tracing::fast, SurvivalCriterion<L>>(problem.setup)
+    LineTracer<L, SurvivalCriterion<L>>(problem.setup, batch_line)
         .trace(requests.data(), criteria.data(), worker.path.data(), count);
     // Near a singularity what an Adams step leaves out decides where the arm goes, and whether it meets the
     // singularity: there a batch traces as a single distribution does.
@@ -228,7 +228,7 @@ void trace_poses(const BatchProblem& problem, BatchWorker<L>& worker, const int*
     criteria.clear();
     for (int i : again) add(i);
     std::vector<LinePath> path(again.size());
-    LineTracer<L, Tracing::exact, SurvivalCriterion<L>>(problem.setup)
+    LineTracer<L, SurvivalCriterion<L>>(problem.setup)
         .trace(requests.data(), criteria.data(), path.data(), int(again.size()));
     for (std::size_t i = 0; i < again.size(); ++i) worker.path[std::size_t(again[i])] = std::move(path[i]);
 }

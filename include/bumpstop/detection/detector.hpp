@@ -13,7 +13,6 @@
 #include "bumpstop/detection/payload.hpp"
 #include "bumpstop/detection/sample_validator.hpp"
 #include "bumpstop/joint/joint_torque_batch.hpp"
-#include "bumpstop/model/joint_lanes.hpp"
 #include "bumpstop/signal/causal_derivative.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -124,11 +123,7 @@ class Detector {
         bank_.take_logarithms(qd);
         angle.set_padded(chain_, validator_.position());
         bank_.take_powers(qd);
-        if (fitted_) {
-            fitted_->advance(chain_.dof, validator_.interval(), qd);
-        } else if (in_lanes_) {
-            frames_.set(inertias_.lanes, angle, qd);
-        }
+        if (fitted_) fitted_->advance(chain_.dof, validator_.interval(), qd);
         bool finite = false;
         if (settings_.residual == ResidualKind::direct) {
             finite = direct_residual(angle, qd, qdd);
@@ -171,9 +166,6 @@ class Detector {
         std::array<LinkInertia, max_joints> links = links_;
         links[last] = with_payload(links_[last], payload);
         inertias_ = Inertias(chain_, std::span<const LinkInertia>(links.data(), std::size_t(chain_.dof)));
-        in_lanes_ = inertias_.lanes.groups > 0 && settings_.residual == ResidualKind::direct;
-        const Vector3& g = settings_.gravity;
-        free_fall_ = into_first_frame(chain_, Point3<double>{-g[0], -g[1], -g[2]});
         payload_point_ = link_point(chain_, last, payload.center);
         if (fitted_) fitted_->prepare(chain_, payload);
         watch_.reset();
@@ -232,13 +224,7 @@ class Detector {
     bool direct_residual(const JointAngles<double>& angle, const double* qd, const double* qdd) noexcept {
         alignas(64) double tau[max_joints], predicted[max_joints];
         estimate(qd, qdd, tau);
-        if (fitted_) {
-            fitted_prediction(angle, qd, qdd, predicted);
-        } else if (in_lanes_) {
-            newton_euler_in_lanes(inertias_.lanes, frames_, qd, qdd, free_fall_, predicted);
-        } else {
-            link_by_link(angle, qd, qdd, predicted);
-        }
+        predict(angle, qd, qdd, predicted);
         MaskOf<L> finite = L(0.0) <= L(0.0);
         for (int first = 0; first < chain_.dof; first += native_lanes)
             finite = finite & taken(first, load<L>(tau + first) - load<L>(predicted + first), qdd);
@@ -250,15 +236,14 @@ class Detector {
             finite = finite & taken(first, -load<L>(observer_.estimate() + first), qdd);
         return all(finite);
     }
-    [[gnu::noinline, gnu::flatten]] void link_by_link(const JointAngles<double>& angle, const double* qd,
-                                                      const double* qdd, double* predicted) noexcept {
+    void predict(const JointAngles<double>& angle, const double* qd, const double* qdd, double* predicted) noexcept {
         store(L(0.0), predicted + (chain_.dof - 1) / native_lanes * native_lanes);
-        inverse_dynamics(chain_, inertias_, {validator_.position(), angle, qd, qdd}, settings_.gravity, predicted);
-    }
-    [[gnu::noinline]] void fitted_prediction(const JointAngles<double>& angle, const double* qd, const double* qdd,
-                                             double* predicted) noexcept {
-        std::fill(predicted, predicted + max_joints, 0.0);
-        fitted_->predict(chain_, {validator_.position(), angle, qd, qdd}, settings_.gravity, predicted);
+        const JointMotion<double> motion{validator_.position(), angle, qd, qdd};
+        if (fitted_) {
+            fitted_->predict(chain_, motion, settings_.gravity, predicted);
+        } else {
+            inverse_dynamics(chain_, inertias_, motion, settings_.gravity, predicted);
+        }
     }
     /// The observer's next estimate; false while it begins. The acceleration only tells how motors are loaded.
     [[gnu::noinline, gnu::flatten]] bool observe(const JointAngles<double>& angle, const double* qd,
@@ -367,9 +352,6 @@ class Detector {
     std::array<double, max_joints> ours_{}, known_{};
     std::array<double, max_joints> reflected_{};  // inertia of the joint model, which the observer's momentum lacks
     Inertias inertias_;
-    bool in_lanes_ = false;  // Newton-Euler has a joint in every lane
-    JointFrames frames_{};
-    Point3<double> free_fall_{};
     JointTorqueBank bank_;
     CausalDerivative<max_joints> derivative_;
     SampleValidator validator_;

@@ -25,19 +25,10 @@ struct DetectorDescription {
 
 namespace detail {
 
-/// One keyword of the file, and where its numbers go.
-struct DetectorKey {
-    const char* name;
-    double* place;
-    int count;  ///< -1: one for each joint
-    double low, high;
-    bool seen = false;
-};
-
-inline bool read_joint_torque(DescriptionLine& line, JointTorqueParameters& p) {
+inline bool read_joint_torque(DescriptionText& text, JointTorqueParameters& p) {
     std::string map, friction;
     double v[15];
-    if (!line.word(map) || !line.word(friction) || !line.numbers(v, 15)) return false;
+    if (!text.word(map) || !text.word(friction) || !text.numbers(v, 15)) return false;
     if ((map != "odd" && map != "load_dependent") || (friction != "power" && friction != "stribeck")) return false;
     p.map = map == "odd" ? CurrentMap::odd : CurrentMap::load_dependent;
     p.friction = friction == "power" ? FrictionLaw::power : FrictionLaw::stribeck;
@@ -56,9 +47,9 @@ inline bool read_joint_torque(DescriptionLine& line, JointTorqueParameters& p) {
            p.speed_high > 0 && p.F >= 0 && p.F <= 3 && p.load >= 0 && p.load < 1;
 }
 
-inline bool read_joint_errors(DescriptionLine& line, JointTorqueErrors& e) {
+inline bool read_joint_errors(DescriptionText& text, JointTorqueErrors& e) {
     for (double* number : e.all())
-        if (!line.finite_numbers(number, 1) || !(*number >= 0)) return false;
+        if (!text.numbers(number, 1, 0, DescriptionField::largest)) return false;
     return true;
 }
 
@@ -66,14 +57,14 @@ inline bool read_joint_errors(DescriptionLine& line, JointTorqueErrors& e) {
 
 /// Reads a detector. Nothing and a message in `error` where the text is none: the message names the line.
 inline std::optional<DetectorDescription> read_detector(std::istream& in, std::string& error) {
-    int number = 0;
-    std::optional<RobotDescription> robot = detail::read_robot_part(in, number, error);
+    detail::DescriptionText text(in, error);
+    std::optional<RobotDescription> robot = detail::read_robot_part(text);
     if (!robot) return std::nullopt;
     DetectorDescription out;
     out.robot = *robot;
     const int n = int(robot->joints.size());
     const auto wrong = [&](const std::string& what) -> std::optional<DetectorDescription> {
-        error = "line " + std::to_string(number) + ": " + what;
+        text.fail(what);
         return std::nullopt;
     };
     for (const RobotDescription::Joint& joint : robot->joints)
@@ -86,16 +77,21 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
     PayloadMonitorSettings& watch = s.payload_monitor;
     constexpr double inf = std::numeric_limits<double>::infinity(), large = std::numeric_limits<double>::max();
     double degree = 0, measured_rates = 0, unknown = 0, unmonitored = 0, endless = 0, contact[4] = {}, payload[4] = {};
-    detail::DetectorKey keys[] = {
+    std::string residual, source;
+    const auto of_residual = [&] { return residual == "direct" || residual == "observer"; };
+    const auto of_source = [&] { return source == "current" || source == "torque"; };
+    std::vector<detail::DescriptionField> fields{
+        {"residual", nullptr, 0, 0, 0, "direct or observer", of_residual, &residual},
+        {"source", nullptr, 0, 0, 0, "current or torque", of_source, &source},
         {"period", &samples.period, 1, 1e-9, large},
         {"shortest_interval", &samples.shortest_interval, 1, 0, large},
         {"late_interval", &samples.late_interval, 1, 0, large},
         {"longest_interval", &samples.longest_interval, 1, 1e-9, large},
         {"resolution", &samples.resolution, 1, 0, large},
-        {"lower", samples.lower.data(), -1, -inf, inf},
-        {"upper", samples.upper.data(), -1, -inf, inf},
-        {"velocity", samples.velocity.data(), -1, 0, inf},
-        {"signal", samples.signal.data(), -1, 0, inf},
+        {"lower", samples.lower.data(), n, -inf, inf},
+        {"upper", samples.upper.data(), n, -inf, inf},
+        {"velocity", samples.velocity.data(), n, 0, inf},
+        {"signal", samples.signal.data(), n, 0, inf},
         {"measured_rates", &measured_rates, 1, 0, 1},
         {"frozen_time", &samples.frozen_time, 1, 0, inf},
         {"unmonitored", &unmonitored, 1, 0, double((1 << max_joints) - 1)},
@@ -106,8 +102,8 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
         {"gravity", s.gravity.data(), 3, -large, large},
         {"max_no_data_time", &s.max_no_data_time, 1, 0, large},
         {"unknown", &unknown, 1, 0, double((1 << max_joints) - 1)},
-        {"noise_sd", s.noise_sd.data(), -1, 1e-300, inf},
-        {"dead_zone", s.dead_zone.data(), -1, 0, large},
+        {"noise_sd", s.noise_sd.data(), n, 1e-300, inf},
+        {"dead_zone", s.dead_zone.data(), n, 0, large},
         {"contact", contact, 4, -large, large},
         {"direction", s.direction.data(), 3, -1, 1},
         {"payload", payload, 4, -large, large},
@@ -116,12 +112,12 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
         {"payload_least", &watch.min_mass, 1, 0, large},
         {"payload_share", &watch.min_share, 1, 0, 1},
         {"payload_change", &watch.min_change, 1, 0, 1},
-        {"constant", law.constant.data(), -1, 1e-300, inf},
-        {"speed", law.speed.data(), -1, 0, large},
-        {"acceleration", law.acceleration.data(), -1, 0, large},
-        {"rest", law.rest.data(), -1, 0, large},
-        {"rest_speed", law.rest_speed.data(), -1, 1e-300, large},
-        {"fast", law.fast.data(), -1, 1e-300, inf},
+        {"constant", law.constant.data(), n, 1e-300, inf},
+        {"speed", law.speed.data(), n, 0, large},
+        {"acceleration", law.acceleration.data(), n, 0, large},
+        {"rest", law.rest.data(), n, 0, large},
+        {"rest_speed", law.rest_speed.data(), n, 1e-300, large},
+        {"fast", law.fast.data(), n, 1e-300, inf},
         {"model_errors", &law.model_errors, 1, 0, large},
         {"arming_delay", &alarm.arming_delay, 1, 0, large},
         {"rest_time", &alarm.rest_time, 1, 0, large},
@@ -129,58 +125,27 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
         {"high_hz", &alarm.high_hz, 1, 1e-9, large},
         {"event_pause", &alarm.event_pause, 1, 1e-9, inf},
     };
-    const char* const in_range = " numbers in its range, once";
-    bool begun = false, ended = false;
-    detail::Keywords words;
     detail::FittedReader fitted(n);
-    std::string line;
-    while (!ended && detail::next_line(in, line, number)) {
-        detail::DescriptionLine here(line);
-        const std::string& key = here.keyword;
-        std::string word;
-        if (!begun) {
-            if (key != "bumpstop-detector" || !here.word(word) || word != "2")
-                return wrong("not a detector of version 2");
-            begun = true;
-        } else if (key == "end") {
-            ended = true;
-        } else if ((key == "residual" || key == "source") && !words.take(key)) {
-            return wrong(detail::quoted("", key, " comes twice"));
-        } else if (key == "residual") {
-            if (!here.word(word) || (word != "direct" && word != "observer"))
-                return wrong("'residual' wants direct or observer");
-            s.residual = word == "direct" ? ResidualKind::direct : ResidualKind::observer;
-        } else if (key == "source") {
-            if (!here.word(word) || (word != "current" && word != "torque"))
-                return wrong("'source' wants current or torque");
-            s.source = word == "current" ? TorqueSource::current : TorqueSource::torque;
-        } else if (key == "joint_torque") {
-            if (!detail::read_joint_torque(here, out.joints.emplace_back()))
+    std::string version;
+    if (!text.next() || text.keyword != "bumpstop-detector" || !text.word(version) || version != "2")
+        return wrong("not a detector of version 2");
+    while (text.done()) {
+        if (!text.next()) return wrong("the detector ends without 'end'");
+        if (text.keyword == "end") break;
+        if (text.keyword == "joint_torque") {
+            if (!detail::read_joint_torque(text, out.joints.emplace_back()))
                 return wrong("'joint_torque' wants a map, a friction law and fifteen numbers");
-        } else if (key == "joint_errors") {
-            if (!detail::read_joint_errors(here, out.errors.emplace_back()))
+        } else if (text.keyword == "joint_errors") {
+            if (!detail::read_joint_errors(text, out.errors.emplace_back()))
                 return wrong("'joint_errors' wants twelve numbers, not negative");
-        } else if (key.rfind("fitted_", 0) == 0) {
-            if (!fitted.read(here)) return wrong(detail::quoted("", key, " is not as 'bumpstop detector' writes it"));
-        } else {
-            detail::DetectorKey* found = nullptr;
-            for (detail::DetectorKey& one : keys)
-                if (key == one.name) found = &one;
-            if (found == nullptr) return wrong(detail::quoted("unknown keyword ", key, ""));
-            const int count = found->count < 0 ? n : found->count;
-            bool fits = !found->seen && here.numbers(found->place, count);
-            for (int k = 0; fits && k < count; ++k)
-                fits = found->place[k] >= found->low && found->place[k] <= found->high;
-            if (!fits) return wrong(detail::quoted("", key, " wants ") + std::to_string(count) + in_range);
-            found->seen = true;
+        } else if (!(text.keyword.rfind("fitted_", 0) == 0 ? fitted.read(text) : text.read(fields))) {
+            return std::nullopt;
         }
-        if (!here.done()) return wrong(detail::quoted("", key, " is followed by too much"));
     }
-    if (!ended) return wrong("the detector ends without 'end'");
-    for (const detail::DetectorKey& key : keys)
-        if (!key.seen) return wrong(detail::quoted("", key.name, " is missing"));
-    const std::string missing = words.missing({"residual", "source"});
-    if (!missing.empty()) return wrong(detail::quoted("", missing, " is missing"));
+    if (!text.done()) return std::nullopt;
+    if (const char* lacks = detail::missing(fields)) return wrong(detail::quoted("", lacks, " is missing"));
+    s.residual = residual == "direct" ? ResidualKind::direct : ResidualKind::observer;
+    s.source = source == "current" ? TorqueSource::current : TorqueSource::torque;
     if (!fitted.complete()) return wrong("the fitted dynamics are not complete");
     out.fitted = fitted.found();
     const std::size_t wanted = s.source == TorqueSource::current && !out.fitted ? std::size_t(n) : 0;
@@ -199,7 +164,7 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
     s.unknown = std::uint32_t(unknown);
     s.contact = link_point(robot->chain(), int(contact[0]), {contact[1], contact[2], contact[3]});
     s.payload = {payload[0], {payload[1], payload[2], payload[3]}};
-    if (!detail::next_line(in, line, number)) return out;
+    if (!text.next()) return out;
     return wrong("text after 'end'");
 }
 

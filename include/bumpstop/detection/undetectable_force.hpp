@@ -36,40 +36,34 @@ inline constexpr double rank_tolerance = 1e-12;
 namespace detail {
 
 /// The polytope in coordinates in which the faces' normals are the columns of a matrix with orthonormal rows. There
-/// neighbouring faces are as far from parallel as they can be, however near the pose is to a singular one.
+/// neighbouring faces are as far from parallel as they can be, however near the pose is to a singular one. Across each
+/// coordinate that no joint detects stands a face of its own, through the origin.
 struct ForcePolytope {
-    int faces = 0, rank = 0;
-    double normal[max_joints][3];
-    double low[max_joints], high[max_joints], length[max_joints];
-    double scale[3];   ///< newtons per unit of each coordinate
-    double best = -1;  ///< square of the largest force so far [N2]
-    double at[3]{};    ///< its coordinates
+    int faces = 0;
+    Point3<double> normal[max_joints + 3];
+    double low[max_joints + 3], high[max_joints + 3], length[max_joints + 3];
+    Point3<double> scale{0, 0, 0};  ///< newtons per unit of each coordinate
+    double best = -1;               ///< square of the largest force so far [N2]
+    Point3<double> at{0, 0, 0};     ///< its coordinates
 
-    void offer(const double* x) noexcept {
-        double square = 0;
-        for (int k = 0; k < rank; ++k) square += (x[k] * scale[k]) * (x[k] * scale[k]);
-        if (!(square > best)) return;
-        best = square;
-        for (int k = 0; k < rank; ++k) at[k] = x[k];
+    void add(const Point3<double>& face, double from, double to) noexcept {
+        normal[faces] = face;
+        length[faces] = std::sqrt(dot(face, face));
+        low[faces] = from;
+        high[faces++] = to;
     }
 
     /// Offers both ends of what the faces leave of the line foot + t along. `along` is a unit vector, `foot` its
     /// nearest point to the origin; faces `i` and `j` hold it. Every vertex is the end of such a line, and |f|^2 is
     /// convex, so the farthest is among them. Where three faces meet in one line rounding could leave nothing of it;
     /// every bound is therefore taken 1e-12 wider, which moves no vertex farther out than that.
-    void offer_line(const double* foot, const double* along, int i, int j) noexcept {
+    void offer_line(const Point3<double>& foot, const Point3<double>& along, int i, int j) noexcept {
         constexpr double slack = 1e-12;
         double begin = -std::numeric_limits<double>::infinity(), end = -begin;
-        double reach = 0;
-        for (int k = 0; k < rank; ++k) reach += foot[k] * foot[k];
-        reach = std::sqrt(reach);
+        const double reach = std::sqrt(dot(foot, foot));
         for (int f = 0; f < faces; ++f) {
             if (f == i || f == j) continue;
-            double slope = 0, value = 0;
-            for (int k = 0; k < rank; ++k) {
-                slope += normal[f][k] * along[k];
-                value += normal[f][k] * foot[k];
-            }
+            const double slope = dot(normal[f], along), value = dot(normal[f], foot);
             const double rounding = 4e-16 * length[f] * reach;
             const double lower = low[f] * (1 + slack) - rounding - value;
             const double upper = high[f] * (1 + slack) + rounding - value;
@@ -84,48 +78,31 @@ struct ForcePolytope {
         }
         for (const double t : {begin, end}) {
             if (!(std::fabs(t) < std::numeric_limits<double>::infinity())) continue;
-            double x[3];
-            for (int k = 0; k < rank; ++k) x[k] = foot[k] + t * along[k];
-            offer(x);
+            const Point3<double> x = foot + t * along;
+            const Point3<double> force{x.x * scale.x, x.y * scale.y, x.z * scale.z};
+            const double square = dot(force, force);
+            if (!(square > best)) continue;
+            best = square;
+            at = x;
         }
     }
 
     void search() noexcept {
-        if (rank == 1) {
-            const double foot[1] = {0}, along[1] = {1};
-            offer_line(foot, along, -1, -1);
-        } else if (rank == 2) {
-            for (int i = 0; i < faces; ++i) {
-                const double* a = normal[i];
-                if (length[i] == 0) continue;
-                const double along[2] = {-a[1] / length[i], a[0] / length[i]};
-                for (const double bound : {low[i], high[i]}) {
-                    const double share = bound / (length[i] * length[i]);
-                    const double foot[2] = {share * a[0], share * a[1]};
-                    offer_line(foot, along, i, -1);
-                }
-            }
-        } else {
-            for (int i = 0; i < faces; ++i)
-                for (int j = i + 1; j < faces; ++j) search_pair(i, j);
-        }
+        for (int i = 0; i < faces; ++i)
+            for (int j = i + 1; j < faces; ++j) search_pair(i, j);
     }
 
     void search_pair(int i, int j) noexcept {
-        const Point3<double> a{normal[i][0], normal[i][1], normal[i][2]}, b{normal[j][0], normal[j][1], normal[j][2]};
+        const Point3<double>&a = normal[i], &b = normal[j];
         const Point3<double> d = cross(a, b);
         const double square = dot(d, d);
         // Parallel faces share no line; their vertices are ends of other lines.
         if (!(square > 1e-24 * dot(a, a) * dot(b, b))) return;
         const Point3<double> u = cross(b, d), v = cross(d, a);
-        const double inverse = 1 / square, unit = 1 / std::sqrt(square);
-        const double along[3] = {d.x * unit, d.y * unit, d.z * unit};
+        const double inverse = 1 / square;
         for (const double p : {low[i], high[i]})
-            for (const double q : {low[j], high[j]}) {
-                const double foot[3] = {(p * u.x + q * v.x) * inverse, (p * u.y + q * v.y) * inverse,
-                                        (p * u.z + q * v.z) * inverse};
-                offer_line(foot, along, i, j);
-            }
+            for (const double q : {low[j], high[j]})
+                offer_line((p * inverse) * u + (q * inverse) * v, (1 / std::sqrt(square)) * d, i, j);
     }
 };
 
@@ -140,29 +117,26 @@ struct ForcePolytope {
 /// @param column of each joint, B [m or 1].
 inline UndetectableForce undetectable_force(const Point3<double>* column, const ResidualBand* band,
                                             int joints) noexcept {
-    constexpr int width = max_joints + 3;
     UndetectableForce out;
-    detail::ForcePolytope polytope;
-    double row[3][width] = {};
-    int joint[max_joints];
+    double row[3][max_joints + 3] = {};
+    int joint[max_joints], n = 0;
     bool finite = true;
     for (int j = 0; j < joints; ++j) {
         if (!band[j].monitored()) continue;
         const double sum = column[j].x + column[j].y + column[j].z;
         finite = finite && std::fabs(sum) < std::numeric_limits<double>::infinity();
-        row[0][polytope.faces] = column[j].x;
-        row[1][polytope.faces] = column[j].y;
-        row[2][polytope.faces] = column[j].z;
-        joint[polytope.faces++] = j;
+        row[0][n] = column[j].x;
+        row[1][n] = column[j].y;
+        row[2][n] = column[j].z;
+        joint[n++] = j;
     }
     if (!finite) {
         out.largest = out.largest_detectable = std::numeric_limits<double>::quiet_NaN();
         return out;
     }
-    const int n = polytope.faces;
     for (int k = 0; k < 3; ++k) row[k][n + k] = 1;
     make_rows_orthogonal<3>(row, n, 3);
-    double length[3];
+    double length[3], scale[3] = {};
     int order[3] = {0, 1, 2};
     for (int k = 0; k < 3; ++k) {
         double square = 0;
@@ -175,27 +149,25 @@ inline UndetectableForce undetectable_force(const Point3<double>* column, const 
         out.singular[k] = length[order[k]];
         out.axis[k] = {turned[0], turned[1], turned[2]};
         if (out.singular[k] > 0 && out.singular[k] > rank_tolerance * out.singular[0]) {
-            polytope.scale[k] = 1 / out.singular[k];
+            scale[k] = 1 / out.singular[k];
             out.rank = k + 1;
         }
     }
     if (out.rank == 0) return out;
-    polytope.rank = out.rank;
+    detail::ForcePolytope polytope;
+    polytope.scale = point3<double>({scale[0], scale[1], scale[2]});
     for (int f = 0; f < n; ++f) {
-        double square = 0;
-        for (int k = 0; k < out.rank; ++k) {
-            polytope.normal[f][k] = row[order[k]][f] / out.singular[k];
-            square += polytope.normal[f][k] * polytope.normal[f][k];
-        }
-        polytope.length[f] = std::sqrt(square);
-        polytope.low[f] = band[joint[f]].low;
-        polytope.high[f] = band[joint[f]].high;
+        const double share[3] = {row[order[0]][f] * scale[0], row[order[1]][f] * scale[1], row[order[2]][f] * scale[2]};
+        if (share[0] == 0 && share[1] == 0 && share[2] == 0) continue;  // a joint that no force here loads
+        polytope.add({share[0], share[1], share[2]}, band[joint[f]].low, band[joint[f]].high);
     }
+    for (int k = out.rank; k < 3; ++k) polytope.add({0.0, k == 1 ? 1.0 : 0.0, k == 2 ? 1.0 : 0.0}, 0, 0);
     polytope.search();
     out.largest_detectable = std::sqrt(std::max(0.0, polytope.best));
     if (out.rank == 3) out.largest = out.largest_detectable;
-    for (int k = 0; k < out.rank; ++k)
-        for (int c = 0; c < 3; ++c) out.largest_vector[c] += polytope.at[k] * polytope.scale[k] * out.axis[k][c];
+    const double force[3] = {polytope.at.x * scale[0], polytope.at.y * scale[1], polytope.at.z * scale[2]};
+    for (int k = 0; k < 3; ++k)
+        for (int c = 0; c < 3; ++c) out.largest_vector[c] += force[k] * out.axis[k][c];
     return out;
 }
 

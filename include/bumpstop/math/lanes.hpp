@@ -196,33 +196,6 @@ void transpose(Lanes<N>* row) {
     detail::transpose_blocks<N / 2>(row, std::make_integer_sequence<int, N>());
 }
 
-namespace detail {
-
-/// Lanes moved up by S, or down where S is negative, and zeros in what becomes free.
-template <int S, int N, int... I>
-Lanes<N> moved(Lanes<N> x, std::integer_sequence<int, I...>) {
-    return Lanes<N>::of(__builtin_shufflevector(x.v, Lanes<N>(0.0).v, (I - S >= 0 && I - S < N ? I - S : N)...));
-}
-
-}  // namespace detail
-
-/// In every lane the sum of the lanes before it, or with `Step` -1 of those after it.
-template <int Step = 1, int N>
-Lanes<N> sum_of_lanes_before(Lanes<N> x) {
-    constexpr auto lanes = std::make_integer_sequence<int, N>();
-    Lanes<N> sum = detail::moved<Step>(x, lanes);
-    if constexpr (N > 2) {
-        const Lanes<N> two = x + sum;
-        sum += detail::moved<2 * Step>(two, lanes);
-        if constexpr (N > 4) sum += detail::moved<4 * Step>(two + detail::moved<2 * Step>(two, lanes), lanes);
-    }
-    return sum;
-}
-template <int N>
-Lanes<N> sum_of_lanes_after(Lanes<N> x) {
-    return sum_of_lanes_before<-1>(x);
-}
-
 inline constexpr std::int64_t sign_bit = std::int64_t(1) << 63;
 inline double abs(double x) { return std::fabs(x); }
 template <int N>

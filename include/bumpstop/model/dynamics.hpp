@@ -7,7 +7,8 @@
 
 #include <limits>
 
-#include "bumpstop/model/joint_lanes.hpp"
+#include "bumpstop/model/inertias.hpp"
+#include "bumpstop/model/kinematics.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -44,11 +45,6 @@ struct JointTurn {
         const T y = v.y * ca + v.z * sa;
         return {v.x * c + y * s, y * c - v.x * s, v.z * ca - v.y * sa};
     }
-    /// Of a vector along z.
-    Point3<T> axis_outward(const T& z) const {
-        const T y = z * sa;
-        return {y * s, y * c, z * ca};
-    }
 };
 
 template <class T>
@@ -57,9 +53,8 @@ Point3<T> into_first_frame(const Chain& chain, const Point3<T>& v) {
     return {v.x * c + v.y * s, v.y * c - v.x * s, v.z};
 }
 
-/// Moves a force and its moment about the origin of frame i to frame i - 1 and its origin. `Slides`: some joint may be
-/// prismatic.
-template <bool Slides, class T>
+/// Moves a force and its moment about the origin of frame i to frame i - 1 and its origin.
+template <class T>
 void carry_inward(const Chain& chain, const Inertias& inertias, const T* q, const JointAngles<T>& angle, int i,
                   Point3<T>& f, Point3<T>& n) {
     const Chain::Joint& joint = chain.joint[i];
@@ -72,52 +67,30 @@ void carry_inward(const Chain& chain, const Inertias& inertias, const T* q, cons
     n = {n.x + f.z * d[1], n.y - f.z * d[0], n.z + (f.y * d[0] - f.x * d[1])};
 }
 
-/// Of the moment that carry_inward gives, the part about the axis of joint i - 1, which turns.
+/// tau = M(q) qdd + C(q, qd) qd + g(q): the torques the motors must give, positive along the joints. `gravity` is the
+/// acceleration of free fall in the base frame [m/s2]. A rotor adds its inertia times qdd. That it is also carried
+/// around by the links before is neglected.
 template <class T>
-T axial_moment_inward(const Chain& chain, const Inertias& inertias, const JointAngles<T>& angle, int i,
-                      const Point3<T>& f, const Point3<T>& n) {
-    const JointTurn<T> turn(chain.joint[i], angle.cos[i], angle.sin[i]);
-    const auto& d = inertias.displacement[i];
-    const T y = f.x * turn.s + f.y * turn.c;
-    const T fx = f.x * turn.c - f.y * turn.s, fy = y * turn.ca - f.z * turn.sa;
-    return (n.x * turn.s + n.y * turn.c) * turn.sa + n.z * turn.ca + (fy * d[0] - fx * d[1]);
-}
-
-template <bool Slides, class T>
-void newton_euler(const Chain& chain, const Inertias& inertias, const JointMotion<T>& motion, const Vector3& gravity,
-                  T* tau) noexcept {
+void inverse_dynamics(const Chain& chain, const Inertias& inertias, const JointMotion<T>& motion,
+                      const Vector3& gravity, T* tau) noexcept {
     const T *q = motion.q, *qd = motion.qd, *qdd = motion.qdd;
     const JointAngles<T>& angle = motion.angle;
     const T zero = 0.0;
     Point3<T> force[max_joints], moment[max_joints];  // on the links, in their frames, about their origins
-    auto turn_of = [&](int i) { return JointTurn<T>(chain.joint[i], angle.cos[i], angle.sin[i]); };
     // Of the link: angular velocity, its rate, and the acceleration of its origin against free fall; before its own joint
     // adds to them.
     Point3<T> w{zero, zero, zero}, wd = w;
-    Point3<T> a =
-        turn_of(0).outward(into_first_frame(chain, Point3<T>{T(-gravity[0]), T(-gravity[1]), T(-gravity[2])}));
-    // A first link that turns about its fixed axis needs but the moment about it.
-    const bool first_turns = !Slides || !chain.joint[0].prismatic;
-    T about_first = zero;
-    if (first_turns) {
-        const MassMoments<double>& mass = inertias.link[0];
-        about_first = a.y * mass.first[0] - a.x * mass.first[1] + qdd[0] * (mass.xx + mass.yy + inertias.rotor[0]);
-        if (chain.dof == 1) {
-            tau[0] = about_first;
-            return;
-        }
-        const auto& d = inertias.displacement[1];
-        const T zz = qd[0] * qd[0];
-        const JointTurn<T> turn = turn_of(1);
-        a = turn.outward({a.x - (qdd[0] * d[1] + zz * d[0]), a.y + (qdd[0] * d[0] - zz * d[1]), a.z});
-        w = turn.axis_outward(qd[0]);
-        wd = turn.axis_outward(qdd[0]);
-    }
-    const int first = first_turns ? 1 : 0;
-    for (int i = first;; ++i) {
+    Point3<T> a = into_first_frame(chain, Point3<T>{T(-gravity[0]), T(-gravity[1]), T(-gravity[2])});
+    for (int i = 0; i < chain.dof; ++i) {
         const Chain::Joint& joint = chain.joint[i];
-        const MassMoments<double>& mass = inertias.link[i];
-        if (!Slides || !joint.prismatic) {
+        const MassMoments& mass = inertias.link[i];
+        const JointTurn<T> turn(joint, angle.cos[i], angle.sin[i]);
+        a = turn.outward(a);
+        if (i > 0) {
+            w = turn.outward(w);
+            wd = turn.outward(wd);
+        }
+        if (!joint.prismatic) {
             wd = {wd.x + w.y * qd[i], wd.y - w.x * qd[i], wd.z + qdd[i]};
             w.z += qd[i];
         }
@@ -135,7 +108,7 @@ void newton_euler(const Chain& chain, const Inertias& inertias, const JointMotio
                      uxy * mass.yz - uzx * mass.xx + (xx - zz) * mass.xz - uzy * mass.xy - a.z * hx,
                      a.y * hx + uyx * mass.xx - uxy * mass.yy + (yy - xx) * mass.xy +
                          (uyz * mass.xz - uxz * mass.yz - a.x * hy)};
-        if (Slides && joint.prismatic) {
+        if (joint.prismatic) [[unlikely]] {
             // The origin travels, and the joint before could not take over the mass on its axis.
             const Point3<T> travel{uxz * q[i] + w.y * (2.0 * qd[i]), uyz * q[i] - w.x * (2.0 * qd[i]),
                                    qdd[i] - minus_uzz * q[i]};
@@ -149,55 +122,14 @@ void newton_euler(const Chain& chain, const Inertias& inertias, const JointMotio
         const auto& d = inertias.displacement[i + 1];
         a = {a.x + (uxy * d[1] - minus_uxx * d[0]), a.y + (uyx * d[0] - minus_uyy * d[1]),
              a.z + (uzx * d[0] + uzy * d[1])};
-        const JointTurn<T> turn = turn_of(i + 1);
-        a = turn.outward(a);
-        w = turn.outward(w);
-        wd = turn.outward(wd);
     }
     Point3<T> f{zero, zero, zero}, n = f;
     for (int i = chain.dof - 1;; --i) {
         f = f + force[i];
         n = n + moment[i];
-        tau[i] = (Slides && chain.joint[i].prismatic ? f.z : n.z) + qdd[i] * inertias.rotor[i];
-        if (i == first) break;
-        carry_inward<Slides>(chain, inertias, q, angle, i, f, n);
-    }
-    if (!first_turns) return;
-    if (Slides && chain.joint[1].prismatic) {
-        carry_inward<Slides>(chain, inertias, q, angle, 1, f, n);
-        tau[0] = about_first + n.z;
-    } else {
-        tau[0] = about_first + axial_moment_inward(chain, inertias, angle, 1, f, n);
-    }
-}
-
-/// Joints from which on one arm goes in lanes.
-inline constexpr int min_joints_in_lanes = 7;
-
-/// tau = M(q) qdd + C(q, qd) qd + g(q): the torques the motors must give, positive along the joints. `gravity` is the
-/// acceleration of free fall in the base frame [m/s2]. A rotor adds its inertia times qdd. That it is also carried
-/// around by the links before is neglected.
-///
-/// One arm of seven joints or more has a joint in every lane, where registers hold them: with fewer, adding up over lanes
-/// takes longer than going from link to link.
-template <class T>
-void inverse_dynamics(const Chain& chain, const Inertias& inertias, const JointMotion<T>& motion,
-                      const Vector3& gravity, T* tau) noexcept {
-    if constexpr (Scalar<T>::lanes == 1) {
-        if (inertias.lanes.groups > 0 && chain.dof >= min_joints_in_lanes) {
-            const Point3<T> free_fall = into_first_frame(chain, Point3<T>{-gravity[0], -gravity[1], -gravity[2]});
-            JointFrames frames;
-            frames.set(inertias.lanes, motion.angle, motion.qd);
-            T padded[max_joints];
-            newton_euler_in_lanes(inertias.lanes, frames, motion.qd, motion.qdd, free_fall, padded);
-            std::copy_n(padded, chain.dof, tau);
-            return;
-        }
-    }
-    if (inertias.slides) {
-        newton_euler<true>(chain, inertias, motion, gravity, tau);
-    } else {
-        newton_euler<false>(chain, inertias, motion, gravity, tau);
+        tau[i] = (chain.joint[i].prismatic ? f.z : n.z) + qdd[i] * inertias.rotor[i];
+        if (i == 0) return;
+        carry_inward(chain, inertias, q, angle, i, f, n);
     }
 }
 
@@ -245,68 +177,18 @@ void coriolis_torque(const Chain& chain, const Inertias& inertias, const T* q, c
     inverse_dynamics(chain, inertias, {q, angle, qd, rest}, {0, 0, 0}, tau);
 }
 
-/// A symmetric matrix [[a, b], [b, c]] and the vector (u, v), turned by an angle with this cosine and sine.
-template <class T, class Angle>
-void turn_plane(Angle cosine, Angle sine, T& a, T& b, T& c, T& u, T& v) {
-    const T top = a * cosine - b * sine, across = b * cosine - c * sine;
-    const T side = a * sine + b * cosine, bottom = b * sine + c * cosine;
-    a = top * cosine - across * sine;
-    b = top * sine + across * cosine;
-    c = side * sine + bottom * cosine;
-    const T turned = u * cosine - v * sine;
-    v = u * sine + v * cosine;
-    u = turned;
-}
-
-/// Joint-space mass matrix M(q) with the rotors on its diagonal [kg m2, kg m or kg]. Composite bodies: column j is what a
-/// unit acceleration of joint j asks of the joints before, with all links from j on as one body.
+/// Joint-space mass matrix M(q) with the rotors on its diagonal [kg m2, kg m or kg]: column j is the torque that a unit
+/// acceleration of joint j asks for.
 template <class T>
 void mass_matrix(const Chain& chain, const Inertias& inertias, const T* q, const JointAngles<T>& angle,
                  T (*m)[max_joints]) noexcept {
-    const T zero = 0.0;
-    MassMoments<T> body;
-    for (int j = chain.dof - 1; j >= 0; --j) {
-        const Chain::Joint& joint = chain.joint[j];
-        const MassMoments<double>& own = inertias.link[j];
-        body.mass += own.mass;
-        for (int k = 0; k < 3; ++k) body.first[k] += own.first[k];
-        body.xx += own.xx;
-        body.yy += own.yy;
-        body.zz += own.zz;
-        body.xy += own.xy;
-        body.xz += own.xz;
-        body.yz += own.yz;
-
-        Point3<T> f{zero, zero, body.mass}, n{body.first[1], -body.first[0], zero};
-        if (!joint.prismatic) {
-            f = {-body.first[1], body.first[0], zero};
-            n = {-body.xz, -body.yz, body.xx + body.yy};
-        }
-        m[j][j] = (joint.prismatic ? f.z : n.z) + inertias.rotor[j];
-        for (int i = j; i > 0; --i) {
-            carry_inward<true>(chain, inertias, q, angle, i, f, n);
-            m[i - 1][j] = m[j][i - 1] = chain.joint[i - 1].prismatic ? f.z : n.z;
-        }
-
-        if (j == 0) break;
-        if (joint.prismatic) {
-            body.zz += (body.first[2] * 2.0 + body.mass * q[j]) * q[j];
-            body.xz += body.first[0] * q[j];
-            body.yz += body.first[1] * q[j];
-            body.first[2] += body.mass * q[j];
-        }
-        turn_plane(angle.cos[j], angle.sin[j], body.xx, body.xy, body.yy, body.xz, body.yz);
-        turn_plane(joint.cos_alpha, joint.sin_alpha, body.yy, body.yz, body.zz, body.xy, body.xz);
-        const JointTurn<T> turn(joint, angle.cos[j], angle.sin[j]);
-        const Point3<T> h = turn.inward({body.first[0], body.first[1], body.first[2]});
-        const auto& d = inertias.displacement[j];
-        const T mx = body.mass * d[0], my = body.mass * d[1];
-        body.xx += (h.x * 2.0 + mx) * d[0];
-        body.yy += (h.y * 2.0 + my) * d[1];
-        body.xy += h.x * d[1] + (h.y + my) * d[0];
-        body.xz += h.z * d[0];
-        body.yz += h.z * d[1];
-        body.first = {h.x + mx, h.y + my, h.z};
+    T rest[max_joints], unit[max_joints], column[max_joints];
+    for (int j = 0; j < chain.dof; ++j) rest[j] = unit[j] = 0.0;
+    for (int j = 0; j < chain.dof; ++j) {
+        unit[j] = 1.0;
+        inverse_dynamics(chain, inertias, {q, angle, rest, unit}, {0, 0, 0}, column);
+        unit[j] = 0.0;
+        for (int i = 0; i <= j; ++i) m[i][j] = m[j][i] = column[i];
     }
 }
 

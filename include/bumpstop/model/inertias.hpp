@@ -15,25 +15,10 @@ struct LinkInertia {
 };
 
 /// Mass by its moments about the origin of the computing frame after a joint.
-template <class T>
 struct MassMoments {
-    T mass = 0.0;                                                  ///< integral of dm [kg]
-    std::array<T, 3> first{T(0.0), T(0.0), T(0.0)};                ///< of r dm [kg m]
-    T xx = 0.0, yy = 0.0, zz = 0.0, xy = 0.0, xz = 0.0, yz = 0.0;  ///< of r r' dm [kg m2]
-};
-
-/// The constants of a chain for newton_euler_in_lanes, by joint; zero where no joint is.
-struct JointLanes {
-    static constexpr int max_groups = 2;
-
-    int dof = 0;
-    /// Registers that hold the joints; 0: they are more than two registers hold, or some slide, or registers are short.
-    int groups = 0;
-    std::array<double, max_joints> ours{};                                 ///< 1 for each joint
-    std::array<double, max_joints> cos_alpha{}, sin_alpha{};               ///< of Chain::Joint
-    std::array<double, max_joints> dx{}, dy{};                             ///< displacement to the next joint [m]
-    std::array<double, max_joints> hx{}, hy{};                             ///< MassMoments::first [kg m]
-    std::array<double, max_joints> xx{}, yy{}, xy{}, xz{}, yz{}, rotor{};  ///< as there and in Inertias [kg m2]
+    double mass = 0;                                        ///< integral of dm [kg]
+    Vector3 first{};                                        ///< of r dm [kg m]
+    double xx = 0, yy = 0, zz = 0, xy = 0, xz = 0, yz = 0;  ///< of r r' dm [kg m2]
 };
 
 /// The inertia of a chain, put so that Newton-Euler has little to do. Torques stay the same, and the force inside a joint,
@@ -44,13 +29,11 @@ struct JointLanes {
 /// The origin of a frame may be anywhere on its joint's axis. From the tip on, each is slid to where the displacement to
 /// the next one is across the axis.
 struct Inertias {
-    std::array<MassMoments<double>, max_joints> link{};
-    bool slides = false;  ///< some joint is prismatic
+    std::array<MassMoments, max_joints> link{};
     std::array<double, max_joints> rotor{};
     std::array<double, max_joints> slide{};  ///< of the origin along the joint's axis [m]
     /// x and y between the origins slid, as in Chain::Joint; z is zero.
     std::array<std::array<double, 2>, max_joints> displacement{};
-    JointLanes lanes;
 
     Inertias() = default;
     Inertias(const Chain& chain, std::span<const LinkInertia> given) {
@@ -63,8 +46,7 @@ struct Inertias {
         for (int i = chain.dof - 1; i >= 0; --i) {
             const Chain::Joint& joint = chain.joint[i];
             rotor[i] = given[i].rotor;
-            slides = slides || joint.prismatic;
-            MassMoments<double>& own = link[i];
+            MassMoments& own = link[i];
             add(own, given[i], joint.to_link, slide[i]);
             if (joint.prismatic) continue;
             if (i > 0) {
@@ -74,37 +56,10 @@ struct Inertias {
             }
             own.mass = own.first[2] = own.zz = 0;
         }
-        fill_lanes(chain);
     }
 
   private:
-    void fill_lanes(const Chain& chain) {
-        lanes.dof = chain.dof;
-        const int wanted = (chain.dof + native_lanes - 1) / native_lanes;
-        // In two lanes no sum over joints would be quicker than link after link.
-        if (native_lanes < 4 || wanted > JointLanes::max_groups || slides) return;
-        lanes.groups = wanted;
-        for (int j = 0; j < chain.dof; ++j) {
-            const MassMoments<double>& mass = link[j];
-            lanes.ours[j] = 1;
-            lanes.cos_alpha[j] = chain.joint[j].cos_alpha;
-            lanes.sin_alpha[j] = chain.joint[j].sin_alpha;
-            if (j + 1 < chain.dof) {
-                lanes.dx[j] = displacement[j + 1][0];
-                lanes.dy[j] = displacement[j + 1][1];
-            }
-            lanes.hx[j] = mass.first[0];
-            lanes.hy[j] = mass.first[1];
-            lanes.xx[j] = mass.xx;
-            lanes.yy[j] = mass.yy;
-            lanes.xy[j] = mass.xy;
-            lanes.xz[j] = mass.xz;
-            lanes.yz[j] = mass.yz;
-            lanes.rotor[j] = rotor[j];
-        }
-    }
-
-    static void add(MassMoments<double>& sum, const LinkInertia& given, const Matrix3& to_link, double slide) {
+    static void add(MassMoments& sum, const LinkInertia& given, const Matrix3& to_link, double slide) {
         const double m = given.mass;
         Vector3 c = to_link * given.center;
         c[2] -= slide;
@@ -120,8 +75,7 @@ struct Inertias {
         sum.yz += m * c[1] * c[2] - 0.5 * (t[5] + t[7]);
     }
     /// Mass on the line r = p + s u, given by the integrals of dm, s dm and s^2 dm.
-    static void add_line(MassMoments<double>& sum, double m, double ms, double mss, const Vector3& p,
-                         const Vector3& u) {
+    static void add_line(MassMoments& sum, double m, double ms, double mss, const Vector3& p, const Vector3& u) {
         const auto second = [&](int k, int l) {
             return m * p[k] * p[l] + ms * (p[k] * u[l] + u[k] * p[l]) + mss * u[k] * u[l];
         };

@@ -143,4 +143,12 @@ Point3<T> linear_column(const Chain& chain, const Posture<T>& posture, const Poi
     return cross(posture.axis[j], p - posture.origin[j]);
 }
 
+/// Velocity of a point of a link that is at p [m/s]. `qd`: by joint.
+template <class T>
+Point3<T> point_velocity(const Chain& chain, const Posture<T>& posture, int link, const Point3<T>& p, const T* qd) {
+    Point3<T> v{T(0.0), T(0.0), T(0.0)};
+    for (int j = 0; j <= link; ++j) v = v + qd[j] * linear_column(chain, posture, p, j);
+    return v;
+}
+
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -29,7 +29,7 @@ void momentum_terms(const Chain& chain, const Inertias& inertias, const T* q, co
     Point3<T> a = into_first_frame(chain, Point3<T>{T(-gravity[0]), T(-gravity[1]), T(-gravity[2])});
     for (int i = 0; i < chain.dof; ++i) {
         const Chain::Joint& joint = chain.joint[i];
-        const MassMoments<double>& mass = inertias.link[i];
+        const MassMoments& mass = inertias.link[i];
         const JointTurn<T> turn(joint, angle.cos[i], angle.sin[i]);
         a = turn.outward(a);
         if (i > 0) {
@@ -67,8 +67,8 @@ void momentum_terms(const Chain& chain, const Inertias& inertias, const T* q, co
             slides ? wy[i] * f.x - wx[i] * f.y : wy[i] * l.x - wx[i] * l.y + vy[i] * f.x - vx[i] * f.y;
         out.gravity[i] = slides ? g.z : m.z;
         if (i == 0) break;
-        carry_inward<true>(chain, inertias, q, angle, i, f, l);
-        carry_inward<true>(chain, inertias, q, angle, i, g, m);
+        carry_inward(chain, inertias, q, angle, i, f, l);
+        carry_inward(chain, inertias, q, angle, i, g, m);
     }
 }
 

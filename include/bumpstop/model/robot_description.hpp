@@ -2,17 +2,9 @@
 /// A robot as a file describes it: what `bumpstop robots export` writes and C++ programs read.
 #pragma once
 
-#include <algorithm>
-#include <cctype>
-#include <charconv>
-#include <cmath>
-#include <initializer_list>
-#include <istream>
 #include <optional>
-#include <sstream>
-#include <string>
-#include <vector>
 
+#include "bumpstop/model/description_text.hpp"
 #include "bumpstop/model/dynamics.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -50,56 +42,6 @@ struct RobotDescription {
 
 namespace detail {
 
-/// Built by appending: gcc 12 warns of overlapping copies where a literal comes first in a sum.
-inline std::string quoted(const char* before, const std::string& word, const char* after) {
-    std::string text = before;
-    text += '\'';
-    text += word;
-    text += '\'';
-    text += after;
-    return text;
-}
-
-/// One line of the file: a keyword and numbers, or a keyword and a name that ends the line.
-class DescriptionLine {
-  public:
-    explicit DescriptionLine(const std::string& line) : text_(line) { text_ >> keyword; }
-    std::string keyword;
-
-    /// It is blank, or a comment.
-    bool says_nothing() const { return keyword.empty() || keyword[0] == '#'; }
-
-    bool numbers(double* values, int count) {
-        for (int i = 0; i < count; ++i) {
-            std::string token;
-            if (!(text_ >> token)) return false;
-            const char *begin = token.data(), *end = begin + token.size();
-            const auto read = std::from_chars(begin, end, values[i]);
-            if (read.ec != std::errc() || read.ptr != end || values[i] != values[i]) return false;
-        }
-        return true;
-    }
-    bool finite_numbers(double* values, int count) {
-        if (!numbers(values, count)) return false;
-        for (int i = 0; i < count; ++i)
-            if (!std::isfinite(values[i])) return false;
-        return true;
-    }
-    bool word(std::string& value) { return bool(text_ >> value); }
-    /// A name may hold blanks, but neither begins nor ends with one.
-    std::string rest() {
-        std::string value;
-        std::getline(text_ >> std::ws, value);
-        while (!value.empty() && std::isspace(static_cast<unsigned char>(value.back()))) value.pop_back();
-        return value;
-    }
-    /// Nothing is left of it.
-    bool done() { return text_.eof() || (text_ >> std::ws).eof(); }
-
-  private:
-    std::istringstream text_;
-};
-
 /// Whether its rows are those of a rotation matrix, as Python asks it of a robot.
 inline bool is_rotation(const Matrix3& m) {
     const Matrix3 square = m * transposed(m);
@@ -111,146 +53,90 @@ inline bool is_rotation(const Matrix3& m) {
 }
 inline bool is_unit_vector(const Vector3& v) { return std::fabs(std::hypot(v[0], v[1], v[2]) - 1) <= 1e-9; }
 
-/// Keywords that have been read of one thing: each may come once, and most must.
-class Keywords {
-  public:
-    /// False where it has been there before.
-    bool take(const std::string& key) {
-        if (std::find(taken_.begin(), taken_.end(), key) != taken_.end()) return false;
-        taken_.push_back(key);
-        return true;
-    }
-    /// The first of these that is missing, or none.
-    std::string missing(std::initializer_list<const char*> wanted) const {
-        for (const char* key : wanted)
-            if (std::find(taken_.begin(), taken_.end(), key) == taken_.end()) return key;
-        return {};
-    }
-    void clear() { taken_.clear(); }
-
-  private:
-    std::vector<std::string> taken_;
-};
-
-/// What a line says of a joint; false where it is no such line. `wanted` is what it lacks, or empty.
-inline bool read_joint_line(DescriptionLine& line, RobotDescription::Joint& joint, const char*& wanted) {
-    const std::string& key = line.keyword;
-    wanted = "";
-    if (key == "link") {
-        joint.link = line.rest();
-        if (joint.link.empty()) wanted = "a name";
-    } else if (key == "origin") {
-        if (!line.finite_numbers(joint.spec.origin.data(), 3)) wanted = "three numbers";
-    } else if (key == "rotation") {
-        Matrix3& rotation = joint.spec.rotation;
-        if (!line.finite_numbers(rotation.data(), 9) || !is_rotation(rotation)) wanted = "nine numbers of a rotation";
-    } else if (key == "axis") {
-        Vector3& axis = joint.spec.axis;
-        if (!line.finite_numbers(axis.data(), 3) || !is_unit_vector(axis)) wanted = "a unit vector";
-    } else if (key == "limits") {
-        double values[3];
-        if (!line.numbers(values, 3) || !(values[0] < values[1]) || !(values[2] > 0)) wanted = "lower, upper and speed";
-        joint.lower = values[0];
-        joint.upper = values[1];
-        joint.velocity = values[2];
-    } else if (key == "inertia") {
-        LinkInertia inertia;
-        if (!line.finite_numbers(&inertia.mass, 1) || !line.finite_numbers(inertia.center.data(), 3) ||
-            !line.finite_numbers(inertia.tensor.data(), 9) || !line.finite_numbers(&inertia.rotor, 1) ||
-            inertia.mass < 0 || inertia.rotor < 0)
-            wanted = "fourteen numbers";
-        joint.inertia = inertia;
-    } else {
-        return false;
-    }
-    return true;
-}
-
-/// Reads up to 'end' and leaves what follows it; `number` counts the lines.
-inline std::optional<RobotDescription> read_robot_part(std::istream& in, int& number, std::string& error) {
+/// Reads up to 'end' and leaves what follows it.
+inline std::optional<RobotDescription> read_robot_part(DescriptionText& text) {
     RobotDescription robot;
-    Keywords of_robot, of_joint;
-    std::string line;
-    bool begun = false, ended = false;
+    RobotDescription::Joint joint;  // the last one begun
+    std::array<double, 12> tip{};
+    std::array<double, 14> inertia{};
+    double limits[3] = {};
+    const auto rotation_of_tip = [&] {
+        std::copy_n(tip.begin() + 3, 9, robot.tip_rotation.begin());
+        return is_rotation(robot.tip_rotation);
+    };
+    constexpr double inf = std::numeric_limits<double>::infinity(), most = DescriptionField::largest;
+    std::vector<DescriptionField> of_robot{
+        {"name", nullptr, 0, 0, 0, "a name", {}, &robot.name},
+        {"tip", tip.data(), 12, -most, most, "twelve numbers and a name", rotation_of_tip, &robot.tip_name}};
+    std::vector<DescriptionField> of_joint{
+        {"link", nullptr, 0, 0, 0, "a name", {}, &joint.link},
+        {"origin", joint.spec.origin.data(), 3, -most, most},
+        {"rotation", joint.spec.rotation.data(), 9, -most, most, "nine numbers of a rotation",
+         [&] { return is_rotation(joint.spec.rotation); }},
+        {"axis", joint.spec.axis.data(), 3, -most, most, "a unit vector",
+         [&] { return is_unit_vector(joint.spec.axis); }},
+        {"limits", limits, 3, -inf, inf, "lower, upper and speed",
+         [&] { return limits[0] < limits[1] && limits[2] > 0; }},
+        {"inertia", inertia.data(), 14, -most, most, "fourteen numbers",
+         [&] { return inertia[0] >= 0 && inertia[13] >= 0; }, nullptr, true}};
     const auto wrong = [&](const std::string& what) {
-        error = "line " + std::to_string(number) + ": " + what;
+        text.fail(what);
         return std::nullopt;
     };
-    const auto wants = [&](const std::string& key, const char* what) {
-        return wrong(quoted("", key, " wants ") + what);
-    };
-    while (!ended && std::getline(in, line)) {
-        ++number;
-        DescriptionLine here(line);
-        if (here.says_nothing()) continue;
-        const std::string& key = here.keyword;
-        const char* wanted = "";
-        if (!begun) {
-            std::string version;
-            if (key != "bumpstop-robot" || !here.word(version) || version != "1")
-                return wrong("not a robot description of version 1");
+    std::string word;
+    if (!text.next()) return wrong("the description is empty");
+    if (text.keyword != "bumpstop-robot" || !text.word(word) || word != "1")
+        return wrong("not a robot description of version 1");
+    for (bool begun = false, ended = false; !ended;) {
+        if (!text.done()) return std::nullopt;
+        if (!text.next()) return wrong("the description ends without 'end'");
+        if (text.keyword == "name" || text.keyword == "tip") {
+            if (!text.read(of_robot)) return std::nullopt;
+        } else if (text.keyword == "joint" || text.keyword == "end") {
+            if (begun) {
+                if (const char* lacks = missing(of_joint))
+                    return wrong(quoted("joint ", joint.name, " has no ") + lacks);
+                joint.lower = limits[0];
+                joint.upper = limits[1];
+                joint.velocity = limits[2];
+                joint.inertia.reset();
+                if (of_joint.back().seen) {
+                    LinkInertia& link = joint.inertia.emplace(LinkInertia{inertia[0], {}, {}, inertia[13]});
+                    std::copy_n(&inertia[1], 3, link.center.begin());
+                    std::copy_n(&inertia[4], 9, link.tensor.begin());
+                }
+                robot.joints.push_back(joint);
+                for (DescriptionField& field : of_joint) field.seen = false;
+            }
+            ended = text.keyword == "end";
+            if (ended) continue;
             begun = true;
-        } else if (key == "name" || key == "tip") {
-            if (!of_robot.take(key)) return wrong(quoted("", key, " comes twice"));
-            std::string& name = key == "name" ? robot.name : robot.tip_name;
-            if (key == "tip" && !(here.finite_numbers(robot.tip_origin.data(), 3) &&
-                                  here.finite_numbers(robot.tip_rotation.data(), 9) && is_rotation(robot.tip_rotation)))
-                return wants(key, "twelve numbers and a name");
-            name = here.rest();
-            if (name.empty()) return wants(key, "a name");
-        } else if (key == "joint" || key == "end") {
-            if (!robot.joints.empty()) {
-                const std::string missing = of_joint.missing({"link", "origin", "rotation", "axis", "limits"});
-                if (!missing.empty()) return wrong(quoted("joint ", robot.joints.back().name, " has no ") + missing);
-                of_joint.clear();
-            }
-            ended = key == "end";
-            if (!ended) {
-                RobotDescription::Joint& joint = robot.joints.emplace_back();
-                if (robot.joints.size() > std::size_t(max_joints))
-                    return wrong("more than " + std::to_string(max_joints) + " joints");
-                std::string kind;
-                joint.spec.prismatic = here.word(kind) && kind == "prismatic";
-                joint.name = here.rest();
-                if ((kind != "revolute" && kind != "prismatic") || joint.name.empty())
-                    return wants(key, "revolute or prismatic, and a name");
-            }
-        } else if (robot.joints.empty()) {
-            return wrong(quoted("", key, " before the first joint"));
-        } else if (!read_joint_line(here, robot.joints.back(), wanted)) {
-            return wrong(quoted("unknown keyword ", key, ""));
-        } else if (*wanted != 0) {
-            return wants(key, wanted);
-        } else if (!of_joint.take(key)) {
-            return wrong(quoted("", key, " comes twice"));
+            if (robot.joints.size() == std::size_t(max_joints))
+                return wrong("more than " + std::to_string(max_joints) + " joints");
+            const bool known = text.word(word) && (word == "revolute" || word == "prismatic");
+            if (!known || !text.name(joint.name)) return wrong("'joint' wants revolute or prismatic, and a name");
+            joint.spec.prismatic = word == "prismatic";
+        } else if (!begun) {
+            return wrong(quoted("", text.keyword, " before the first joint"));
+        } else if (!text.read(of_joint)) {
+            return std::nullopt;
         }
-        if (!here.done()) return wrong(quoted("", key, " is followed by too much"));
     }
-    if (!begun || !ended) return wrong(begun ? "the description ends without 'end'" : "the description is empty");
+    if (!text.done()) return std::nullopt;
     if (robot.joints.empty()) return wrong("no joints");
-    const std::string missing = of_robot.missing({"name", "tip"});
-    if (!missing.empty()) return wrong(quoted("", missing, " is missing"));
+    if (const char* lacks = missing(of_robot)) return wrong(quoted("", lacks, " is missing"));
+    std::copy_n(tip.begin(), 3, robot.tip_origin.begin());
     return robot;
-}
-
-/// The next line that says something; false at the end of the text.
-inline bool next_line(std::istream& in, std::string& line, int& number) {
-    while (std::getline(in, line)) {
-        ++number;
-        if (!DescriptionLine(line).says_nothing()) return true;
-    }
-    return false;
 }
 
 }  // namespace detail
 
 /// Reads a description. Nothing and a message in `error` where the text is none: the message names the line.
 inline std::optional<RobotDescription> read_robot(std::istream& in, std::string& error) {
-    int number = 0;
-    std::optional<RobotDescription> robot = detail::read_robot_part(in, number, error);
-    std::string line;
-    if (!robot || !detail::next_line(in, line, number)) return robot;
-    error = "line " + std::to_string(number) + ": text after 'end'";
+    detail::DescriptionText text(in, error);
+    std::optional<RobotDescription> robot = detail::read_robot_part(text);
+    if (!robot || !text.next()) return robot;
+    text.fail("text after 'end'");
     return std::nullopt;
 }
 

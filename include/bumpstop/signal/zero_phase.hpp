@@ -47,48 +47,21 @@ inline FilterSections butterworth(int order, double cutoff, double rate) noexcep
     return found;
 }
 
-/// Runs sections over samples x[0], x[step], ... (`count` of them) in place, from the state in which the first of them has
-/// stood for ever. A lane is a series.
-template <int sections, class T>
-void run_filter(const FilterSections& filter, T* x, std::ptrdiff_t step, std::size_t count) noexcept {
-    std::array<FilterSection, sections> section;
-    T one[sections], two[sections];
-    T still = *x;
-    BUMPSTOP_UNROLL
-    for (int k = 0; k < sections; ++k) {
-        const FilterSection& s = section[k] = filter.section[k];
-        const T y = still * ((s.b0 + s.b1 + s.b2) / (1 + s.a1 + s.a2));
-        two[k] = still * s.b2 - y * s.a2;
-        one[k] = still * s.b1 - y * s.a1 + two[k];
-        still = y;
-    }
-    for (; count > 0; --count, x += step) {
-        T in = *x;
-        BUMPSTOP_UNROLL
-        for (int k = 0; k < sections; ++k) {
-            const FilterSection& s = section[k];
-            const T y = in * s.b0 + one[k];
-            one[k] = in * s.b1 - y * s.a1 + two[k];
-            two[k] = in * s.b2 - y * s.a2;
-            in = y;
-        }
-        *x = in;
-    }
-}
-
+/// Runs sections over samples x[0], x[step], ... (`count` of them) in place, one after the other, each from the state in
+/// which the first sample has stood for ever. A lane is a series.
 template <class T>
 void run_filter(const FilterSections& filter, T* x, std::ptrdiff_t step, std::size_t count) noexcept {
-    switch (filter.count) {
-        case 1:
-            return run_filter<1>(filter, x, step, count);
-        case 2:
-            return run_filter<2>(filter, x, step, count);
-        case 3:
-            return run_filter<3>(filter, x, step, count);
-        case 4:
-            return run_filter<4>(filter, x, step, count);
-        default:
-            return run_filter<5>(filter, x, step, count);
+    for (int k = 0; k < filter.count; ++k) {
+        const FilterSection s = filter.section[k];
+        const T still = *x, settled = still * ((s.b0 + s.b1 + s.b2) / (1 + s.a1 + s.a2));
+        T two = still * s.b2 - settled * s.a2, one = still * s.b1 - settled * s.a1 + two;
+        T* at = x;
+        for (std::size_t i = 0; i < count; ++i, at += step) {
+            const T y = *at * s.b0 + one;
+            one = *at * s.b1 - y * s.a1 + two;
+            two = *at * s.b2 - y * s.a2;
+            *at = y;
+        }
     }
 }
 

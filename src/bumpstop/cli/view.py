@@ -12,7 +12,7 @@ from bumpstop.cli.folders import check_folder
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
-    from bumpstop.detection.events import DetectionRun
+    from bumpstop.detection.detection_run import DetectionRun
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
     from bumpstop.view.opened import Watch

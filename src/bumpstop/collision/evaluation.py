@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_whole_number
@@ -18,6 +17,7 @@ from bumpstop.collision.distribution.distribution import Distribution, ExactDist
 from bumpstop.collision.distribution.monte_carlo_blocks import Progress, block_seed, in_blocks
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.result import CollisionResult
+from bumpstop.collision.sampled_figures import kept_runs, sampled_figures
 from bumpstop.collision.scenario.scenario import as_scenario
 from bumpstop.collision.trajectory.trajectory_evaluation import integrate_trajectory, monte_carlo_trajectory
 from bumpstop.errors import InputError
@@ -199,19 +199,7 @@ def monte_carlo(
         if never is not None and math.isfinite(never):
             unbounded = np.zeros_like(unbounded)
     delay = at_tick(curve.tick_time) - first_passage_times(curve.distance, offset, step)
-    dof = problem.robot.dof
-    fired = (runs.triggers[:, None] >> np.arange(dof, dtype=np.uint32)) & 1
-    some = detected.any()
-    kept: dict[str, npt.NDArray[Any]] = {
-        "offset": offset,
-        "tick": tick,
-        "triggers": runs.triggers,
-        "noise": runs.noise,
-        "residual": runs.residual,
-        "peak_force": peak,
-        "force_at_detection": force,
-        "detected_after_contact": after_contact,
-    }
+    kept = kept_runs(runs, offset=offset, peak=peak, force=force, after_contact=after_contact)
     if problem.gives_way:
         kept["duration"] = runs.duration
         kept["lasting_force"] = runs.lasting_force if never is None else np.where(pressed, never, runs.lasting_force)
@@ -221,13 +209,9 @@ def monte_carlo(
         kind="sampled",
         peak_force=SampledDistribution(peak, unbounded if unbounded.any() else None),
         transient_contact_duration=transient_contact_duration,
-        force_at_detection=SampledDistribution(force[after_contact]),
-        detection_delay=SampledDistribution(delay[after_contact]),
-        trigger_joint_probability=fired[detected].mean(axis=0) if some else np.full(dof, math.nan),
-        multi_joint_probability=float((fired[detected].sum(axis=1) > 1).mean()) if some else math.nan,
-        false_alarm_probability=float((detected & ~after_contact).mean()),
-        undetected_probability=float(missed.mean()),
-        no_contact_probability=float((~detected & ~touches).mean()),
+        **sampled_figures(
+            runs, problem.robot.dof, touches=touches, after_contact=after_contact, force=force, delay=delay
+        ),
         samples=samples,
         seed=seed,
         runs=kept,

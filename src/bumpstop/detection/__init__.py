@@ -1,8 +1,9 @@
 """Detection: residuals, thresholds and their tuning, the detector, undetectable forces, and scores."""
 
+from bumpstop.detection.detection_run import DetectionRun
 from bumpstop.detection.detector import Detector
 from bumpstop.detection.detector_file import describe_detector, save_detector
-from bumpstop.detection.events import DetectionRun, Event
+from bumpstop.detection.events import Event
 from bumpstop.detection.offline import detect, residual_record
 from bumpstop.detection.scoring.labels import Label, load_labels
 from bumpstop.detection.scoring.score import Score

@@ -10,7 +10,8 @@ import numpy as np
 
 from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_float_array
-from bumpstop.detection.events import FAULTS, DetectionRun, Event, frozen_notes
+from bumpstop.detection.detection_run import FAULTS, DetectionRun, frozen_notes
+from bumpstop.detection.events import Event
 from bumpstop.detection.loop_detector import LoopDetector
 from bumpstop.detection.rate import period_of
 from bumpstop.detection.settings import DetectorSettings, check_rearm

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop import _native
+from bumpstop.detection.detection_run import FAULTS, NO_DATA, STATES, DetectionRun, frozen_notes
 from bumpstop.detection.detector import Detector
-from bumpstop.detection.events import FAULTS, NO_DATA, STATES, DetectionRun, Event, frozen_notes
+from bumpstop.detection.events import Event
 from bumpstop.detection.rate import period_of
 from bumpstop.detection.settings import DetectorSettings, check_rearm
 from bumpstop.detection.standing import hidden_torques

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.detection.events import FAULTS, STATES, Event
+from bumpstop.detection.detection_run import FAULTS, STATES
+from bumpstop.detection.events import Event
 from bumpstop.live.event_limiter import EventLimiter
 from bumpstop.live.latency import LatencyHistogram
 from bumpstop.live.output import CollisionAlarm, MonitorTick

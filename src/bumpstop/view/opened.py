@@ -15,7 +15,7 @@ from bumpstop.register.starting_scenario import DEFAULT_ROBOT, starting_scenario
 from bumpstop.text_files import parse_toml
 
 if TYPE_CHECKING:
-    from bumpstop.detection.events import DetectionRun
+    from bumpstop.detection.detection_run import DetectionRun
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
     from bumpstop.view.point_rows import PointRows

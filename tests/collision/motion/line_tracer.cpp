@@ -65,12 +65,11 @@ std::vector<double> plain_path(const Arm& arm, const LinkPoint& point, const Lin
     return s;
 }
 
-template <Tracing tracing>
-std::vector<LinePath> traced(const Arm& arm, const std::vector<LineRequest>& requests) {
+std::vector<LinePath> traced(const Arm& arm, const std::vector<LineRequest>& requests, LineTolerance tolerance) {
     std::vector<LinePath> paths(requests.size());
     std::vector<NoCriterion<L>> criteria(requests.size());
-    LineTracer<L, tracing, NoCriterion<L>>(arm).trace(requests.data(), criteria.data(), paths.data(),
-                                                      int(requests.size()));
+    LineTracer<L, NoCriterion<L>>(arm, tolerance)
+        .trace(requests.data(), criteria.data(), paths.data(), int(requests.size()));
     return paths;
 }
 
@@ -95,14 +94,14 @@ void paths_agree(int dof, const std::vector<int>& sliding, int held, bool from_r
             const Vector3 velocity{0.1 * checks::normal(), 0.1 * checks::normal(), 0.1 * checks::normal()};
             requests.push_back({q[line], velocity});
         }
-        const std::vector<LinePath> exact = traced<Tracing::exact>(arm, requests);
-        const std::vector<LinePath> fast = traced<Tracing::fast>(arm, requests);
+        const std::vector<LinePath> exact = traced(arm, requests, exact_line);
+        const std::vector<LinePath> fast = traced(arm, requests, batch_line);
         for (int line = 0; line < count; ++line) {
             State state;
             const LineRequest& request = requests[std::size_t(line)];
             const std::vector<double> plain = plain_path(arm, arm.contact.point, request, from_rest, state);
             const LinePath& path = exact[std::size_t(line)];
-            const LinePath alone = traced<Tracing::exact>(arm, {request})[0];
+            const LinePath alone = traced(arm, {request}, exact_line)[0];
             CHECK(alone.s == path.s && alone.reaction_state == path.reaction_state && alone.end == path.end);
             const std::size_t known = std::min(plain.size(), path.s.size());
             for (std::size_t step = 0; step < known; ++step) {

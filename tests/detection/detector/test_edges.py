@@ -12,7 +12,7 @@ import pytest
 
 from bumpstop.arrays import FloatArray
 from bumpstop.detection import Detector, DetectorSettings, gaps
-from bumpstop.detection.events import FAULTS, STATES
+from bumpstop.detection.detection_run import FAULTS, STATES
 from bumpstop.detection.scoring.labels import Label
 from bumpstop.detection.scoring.score import Score
 from bumpstop.detection.tuning.residual_file import ResidualSeries

@@ -9,7 +9,7 @@ import pytest
 
 from bumpstop.arrays import FloatArray
 from bumpstop.detection import Detector, DetectorSettings
-from bumpstop.detection.events import FAULTS
+from bumpstop.detection.detection_run import FAULTS
 from bumpstop.model import inverse_dynamics
 from detection.moving_arms import DT, FILLING, UR5E, moving
 

@@ -11,7 +11,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.detection import Detector, DetectorSettings, Thresholds
-from bumpstop.detection.events import FAULTS
+from bumpstop.detection.detection_run import FAULTS
 from bumpstop.joint import JointTorqueModel
 from bumpstop.model import Robot
 from bumpstop.recording import Recording

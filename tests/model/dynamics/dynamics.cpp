@@ -2,7 +2,6 @@
 // must make up. The Python tests go through the kernels, which use the widest lanes only.
 #include "bumpstop/model/dynamics.hpp"
 
-#include "bumpstop/model/joint_lanes.hpp"
 #include "bumpstop/model/singular_values.hpp"
 #include "model/random_chain.hpp"
 
@@ -186,44 +185,6 @@ void dynamics() {
     }
 }
 
-// A joint in every lane gives what link after link does. Numbers beyond the last joint are not read, and torques of joints
-// there are the only others written.
-void joints_in_lanes() {
-    const double nan_ = std::numeric_limits<double>::quiet_NaN();
-    for (int dof = 1; dof <= max_joints; ++dof) {
-        for (int trial = 0; trial < 40; ++trial) {
-            Case made = random_case(dof);
-            if (trial % 8 != 0) {
-                for (JointSpec& joint : made.joints) joint.prismatic = false;
-                made.chain = Chain(made.joints);
-            }
-            std::vector<LinkInertia> links;
-            for (int j = 0; j < dof; ++j) links.push_back(random_inertia());
-            const Inertias inertias(made.chain, links);
-            const bool fits = native_lanes >= 4 && dof <= 2 * native_lanes && !inertias.slides;
-            CHECK((inertias.lanes.groups > 0) == fits);
-            if (!fits) continue;
-            double q[max_joints] = {}, qd[max_joints], qdd[max_joints], expected[max_joints], tau[max_joints];
-            for (int j = 0; j < max_joints; ++j) {
-                qd[j] = j < dof ? checks::uniform(-2, 2) : nan_;
-                qdd[j] = j < dof ? checks::uniform(-5, 5) : nan_;
-                if (j < dof) q[j] = checks::uniform(-pi, pi);
-            }
-            JointAngles<double> angle;
-            angle.set(made.chain, q);
-            const Vector3 g{checks::uniform(-9, 9), checks::uniform(-9, 9), checks::uniform(-9, 9)};
-            newton_euler<false>(made.chain, inertias, JointMotion<double>{q, angle, qd, qdd}, g, expected);
-            JointFrames frames;
-            frames.set(inertias.lanes, angle, qd);
-            const Point3<double> fall = into_first_frame(made.chain, Point3<double>{-g[0], -g[1], -g[2]});
-            newton_euler_in_lanes(inertias.lanes, frames, qd, qdd, fall, tau);
-            double most = 0;
-            for (int j = 0; j < dof; ++j) most = std::max(most, std::fabs(expected[j]));
-            for (int j = 0; j < dof; ++j) CHECK_NEAR(tau[j], expected[j], 1e-13 * most);
-        }
-    }
-}
-
 // A motion that moves no mass is told from one that does, in its own lane.
 void massless() {
     using L = Lanes<2>;
@@ -288,7 +249,6 @@ int main() {
     dynamics<Lanes<2>>();
     dynamics<Lanes<4>>();
     dynamics<Lanes<8>>();
-    joints_in_lanes();
     massless();
     singular<double>();
     singular<Lanes<4>>();

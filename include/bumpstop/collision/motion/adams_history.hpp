@@ -6,15 +6,15 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-inline constexpr int max_adams_order = 7;  ///< values that an Adams-Bashforth step goes by
+inline constexpr int adams_order = 7;  ///< values that an Adams-Bashforth step goes by
 
 /// What the sums over the next `count` sub-steps are of the values known, newest first.
-template <class T, int order>
+template <class T>
 struct AdamsWeights {
-    T sum[order];          ///< of the changes: rates gained
-    T sum_of_sums[order];  ///< summed once more: positions gained, in units of the sub-step
-    T predict[order];      ///< the change after them, extrapolated
-    T last[order];         ///< that of the last of them; only where asked for
+    T sum[adams_order];          ///< of the changes: rates gained
+    T sum_of_sums[adams_order];  ///< summed once more: positions gained, in units of the sub-step
+    T predict[adams_order];      ///< the change after them, extrapolated
+    T last[adams_order];         ///< that of the last of them; only where asked for
     /// What of `sum`, `sum_of_sums` and `last` there is to add for each unit by which the change found after them
     /// differs from the one extrapolated.
     T correct_sum, correct_sum_of_sums, correct_last;
@@ -29,20 +29,18 @@ inline constexpr double never_age = 1e12;
 ///
 /// The polynomial through the values is Lagrange's. It is summed over the sub-steps, not integrated, so a step lands
 /// where the controller does.
-template <class T, int order>
+template <class T>
 class AdamsHistory {
-    static_assert(order <= max_adams_order);
-
   public:
     void reset(int lane) {
-        for (int j = 0; j < order; ++j) {
+        for (int j = 0; j < adams_order; ++j) {
             set_lane(age_[j], lane, never_age * j);
             for (T& change : change_[j]) set_lane(change, lane, 0.0);
         }
     }
     /// Where `taken`, the arm has taken `count` sub-steps and then finds this change.
     void push(const MaskOf<T>& taken, const T& count, const T* change, int free_count) {
-        for (int j = order - 1; j > 0; --j) {
+        for (int j = adams_order - 1; j > 0; --j) {
             age_[j] = select(taken, age_[j - 1] + count, age_[j]);
             for (int f = 0; f < free_count; ++f) change_[j][f] = select(taken, change_[j - 1][f], change_[j][f]);
         }
@@ -50,16 +48,9 @@ class AdamsHistory {
     }
     /// Forgets what was before the newest moment.
     void keep_newest(const MaskOf<T>& lane) {
-        for (int j = 1; j < order; ++j) {
+        for (int j = 1; j < adams_order; ++j) {
             age_[j] = select(lane, T(never_age * j), age_[j]);
             for (T& change : change_[j]) change = select(lane, T(0.0), change);
-        }
-    }
-    /// These lanes become what they are in another history.
-    void copy_lanes(const MaskOf<T>& lanes, const AdamsHistory& other, int free_count) {
-        for (int j = 0; j < order; ++j) {
-            age_[j] = select(lanes, other.age_[j], age_[j]);
-            for (int f = 0; f < free_count; ++f) change_[j][f] = select(lanes, other.change_[j][f], change_[j][f]);
         }
     }
     /// Of lanes that have just begun.
@@ -70,20 +61,20 @@ class AdamsHistory {
     T error_growth(const T& count, const T& known) const {
         T product = count;
         BUMPSTOP_UNROLL
-        for (int j = 1; j < order; ++j) product = product * select(known > T(double(j)), count + age_[j], T(1.0));
+        for (int j = 1; j < adams_order; ++j) product = product * select(known > T(double(j)), count + age_[j], T(1.0));
         return product;
     }
-    T combine(const T (&weight)[order], int f) const {
+    T combine(const T (&weight)[adams_order], int f) const {
         T total = weight[0] * change_[0][f];
         BUMPSTOP_UNROLL
-        for (int j = 1; j < order; ++j) total += weight[j] * change_[j][f];
+        for (int j = 1; j < adams_order; ++j) total += weight[j] * change_[j][f];
         return total;
     }
 
     /// One lane's history in all of them.
     AdamsHistory broadcast(int lane, int free_count) const {
         AdamsHistory one;
-        for (int j = 0; j < order; ++j) {
+        for (int j = 0; j < adams_order; ++j) {
             one.age_[j] = lane_of(age_[j], lane);
             for (int f = 0; f < free_count; ++f) one.change_[j][f] = lane_of(change_[j][f], lane);
         }
@@ -93,8 +84,8 @@ class AdamsHistory {
     /// Every step but the last division is in whole numbers, which doubles hold exactly where no moment is long ago. A
     /// negative count goes back.
     template <bool WithLast = false>
-    AdamsWeights<T, order> weights(const T& count) const {
-        constexpr int last = order - 1;
+    AdamsWeights<T> weights(const T& count) const {
+        constexpr int last = adams_order - 1;
         // With x the sub-steps from now: product of all (x + age) but the newest moment's, whose age is 0.
         T product[last + 1] = {T(1.0)};
         BUMPSTOP_UNROLL
@@ -106,7 +97,7 @@ class AdamsHistory {
         }
         // Sums of m^p over 0 <= m < count (Faulhaber).
         const T n = count, m = n - 1.0, a = 0.5 * m * n, aa = a * a, even = a * (2.0 * n - 1.0) * (1.0 / 3);
-        const T power_sum[max_adams_order + 2] = {
+        const T power_sum[adams_order + 2] = {
             n,
             a,
             even,
@@ -117,7 +108,7 @@ class AdamsHistory {
             aa * (6.0 * aa - 4.0 * a + 1.0) * (1.0 / 3),
             even * (((40.0 * a - 40.0) * a + 18.0) * a - 3.0) * (1.0 / 15),
         };
-        AdamsWeights<T, order> weights;
+        AdamsWeights<T> weights;
         // Of the polynomial c[0] x^shift + .. + c[degree] x^(shift + degree), over the divisor.
         auto set = [&](const T* c, int shift, int degree, const T& inverse, T& sum_to, T& sum_of_sums, T& last_value) {
             T sum = c[0] * power_sum[shift], weighted = c[0] * power_sum[shift + 1];
@@ -164,8 +155,8 @@ class AdamsHistory {
     }
 
   private:
-    T age_[order];  ///< sub-steps ago
-    T change_[order][max_joints];
+    T age_[adams_order];  ///< sub-steps ago
+    T change_[adams_order][max_joints];
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

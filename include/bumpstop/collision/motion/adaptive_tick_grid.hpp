@@ -107,37 +107,20 @@ class AdaptiveTickGrid {
             return nan;  // beyond the peaks: points on one side would have to be extrapolated
         int point[max_points], points = 0;
         const int base = first_ + (k - first_) / spacing * spacing;
-        bool even = base != k;
         for (int reach = 0; reach < max_points && points < max_points; ++reach) {
             for (int at : {base - reach * spacing, base + (reach + 1) * spacing}) {
                 if (at < first_ || at > last_ || at == k || points == max_points) continue;
                 if (overtravel_[std::size_t(at - first_)] >= 0 && known_[std::size_t(at - first_)].time >= 0) {
-                    even = even && reach < max_points / 2;
                     point[points++] = at;
                 }
             }
         }
         if (points < 4) return nan;
-        // Lagrange's polynomial in barycentric form. Where three points lie to either side, the products of their
-        // distances are one divided by binomial coefficients, in the order of `point`.
-        constexpr double binomial[max_points] = {10, -10, -5, 5, 1, -1};
-        even = even && points == max_points;
+        std::sort(point, point + points);
+        double weight[max_points];
+        Interpolation(std::vector<int>(point, point + points)).weights(double(k), weight);
         PeakFit sum{0, 0, 0, 0};
-        double weights = 0;
-        for (int m = 0; m < points; ++m) {
-            double product = k - point[m];
-            for (int j = 0; j < points && !even; ++j) {
-                if (j != m) product *= point[m] - point[j];
-            }
-            const double weight = (even ? binomial[m] : 1.0) / product;
-            const PeakFit& at = known_[std::size_t(point[m] - first_)];
-            weights += weight;
-            sum.time += weight * at.time;
-            sum.value += weight * at.value;
-            sum.second += weight * at.second;
-            sum.third += weight * at.third;
-        }
-        sum = {sum.time / weights, sum.value / weights, sum.second / weights, sum.third / weights};
+        for (int m = 0; m < points; ++m) sum.add(weight[m], known_[std::size_t(point[m] - first_)]);
         return sum.time >= 0 ? sum.at_steps() : nan;
     }
 

@@ -27,20 +27,13 @@ inline constexpr double near_singular_sine = 1e-2;
 /// the rates asked for would have grown by more than an Adams step may extrapolate.
 inline constexpr double line_near_singular_sine = 1e-3;
 
-/// Values that Adams steps go by, and that those judged loosely do: of these, one more costs more than it spares Adams
-/// steps.
-inline constexpr int exact_order = 7, batch_order = 6;
-
-/// Of an arm that follows its line: while it lags behind, and while it has the rates asked for, relative to the
-/// largest.
-inline constexpr double batch_lag_tolerance = 3e-7;
+/// Of rates that an arm has which follows a line, relative to the largest.
 inline constexpr double batch_rate_tolerance = 3e-8;
 
 /// Arms that change their rates as fast as they may: they brake, or lag behind a line. While the same joint limits the
 /// acceleration the changes of the rates are smooth, and many sub-steps are one Adams step; where they are not, the
-/// controller's sub-steps are taken. An arm that follows its line extrapolates the rates themselves. `order`: values an
-/// Adams step goes by.
-template <class T, int order>
+/// controller's sub-steps are taken. An arm that follows its line extrapolates the rates themselves.
+template <class T>
 class ArmIntegrator {
   public:
     enum class Kind {
@@ -57,7 +50,8 @@ class ArmIntegrator {
           near_singular_below_(std::pow(kind == Kind::trace ? line_near_singular_sine : near_singular_sine, 2)) {}
 
     ArmState<T> state;
-    Point3<T> target;  ///< velocity asked of the tool: the line's, or the reaction's [m/s]
+    Posture<T> posture;  ///< that of the state, as `step` looked at it
+    Point3<T> target;    ///< velocity asked of the tool: the line's, or the reaction's [m/s]
 
     /// The lane's state and target have been set anew. Its next `step` only looks where it is. Changes of the rates
     /// may differ from those extrapolated by `tolerance`, relative to the largest, and rates that are reached by
@@ -90,26 +84,6 @@ class ArmIntegrator {
     }
     /// From here on changes need to be known so many times less well.
     void relax(const MaskOf<T>& lanes, double times) { tolerance_scale_ = select(lanes, T(times), tolerance_scale_); }
-    /// These lanes go on from where another arm stands, on the way since they began.
-    void copy_lanes(const MaskOf<T>& lanes, const ArmIntegrator& other) {
-        const auto take = [&](auto& own, const auto& theirs) { own = select(lanes, theirs, own); };
-        for (int f = 0; f < motion_.free_count; ++f) {
-            const int j = motion_.free_joint[f];
-            take(state.q[j], other.state.q[j]);
-            take(state.qd[j], other.state.qd[j]);
-            take(travelled_[f], other.travelled_[f]);
-            take(saturation_[f], other.saturation_[f]);
-        }
-        take(elapsed_, other.elapsed_);
-        history_.copy_lanes(lanes, other.history_, motion_.free_count);
-        for (T ArmIntegrator::*value : {&ArmIntegrator::tolerance_scale_, &ArmIntegrator::velocity_saturation_,
-                                        &ArmIntegrator::known_, &ArmIntegrator::next_step_, &ArmIntegrator::error_})
-            take(this->*value, other.*value);
-        for (MaskOf<T> ArmIntegrator::*value :
-             {&ArmIntegrator::reaches_, &ArmIntegrator::reached_, &ArmIntegrator::near_singular_,
-              &ArmIntegrator::near_singular_now_, &ArmIntegrator::singular_, &ArmIntegrator::limited_})
-            take(this->*value, other.*value);
-    }
     /// The rates asked for were reached in the last sub-step.
     MaskOf<T> reached() const { return reached_; }
     /// A singularity was near at an end of the last Adams step.
@@ -123,9 +97,9 @@ class ArmIntegrator {
     /// Where a lane was, by free joint, `back` sub-steps before it got here: within its last Adams step.
     void before(int lane, const T& back, T* q, T* qd) const {
         const int n = motion_.free_count;
-        const AdamsHistory<T, order> own = history_.broadcast(lane, n);
+        const AdamsHistory<T> own = history_.broadcast(lane, n);
         const T count = -back;
-        const AdamsWeights<T, order> weights = own.template weights<true>(count);
+        const AdamsWeights<T> weights = own.template weights<true>(count);
         const bool followed = lane_of(reaches_, lane);
         for (int f = 0; f < n; ++f) {
             const int j = motion_.free_joint[f];
@@ -150,7 +124,7 @@ class ArmIntegrator {
         const T known = known_, next_step = follows ? next_step_ : select(reaches_, T(1.0), next_step_);
         T count = select(begun, min(next_step, max_step), T(0.0));
         if (shaped_) count = min(count, before_switch());
-        const AdamsWeights<T, order> weights =
+        const AdamsWeights<T> weights =
             follows ? history_.template weights<true>(count) : history_.template weights<false>(count);
         // Where the values known are the rates themselves, which the arm has.
         const MaskOf<T> has_rates = follows ? reaches_ : none();
@@ -210,8 +184,8 @@ class ArmIntegrator {
         const MaskOf<T> jumps = single & (error > T(1.0)) & (error > switch_jump * error_);
         const MaskOf<T> switches = moved & (follows ? changes | jumps : (!changes) & jumps);
         error_ = select(moved, select(switches, T(std::numeric_limits<double>::infinity()), error), error_);
-        known_ =
-            select(moved, min(select(switches, T(0.0), known_) + 1.0, T(double(order))), select(first, T(1.0), known_));
+        known_ = select(moved, min(select(switches, T(0.0), known_) + 1.0, T(double(adams_order))),
+                        select(first, T(1.0), known_));
         // The angles stay those found before: what the corrections move it by is less than it need be known to.
         const T to_position = select(has_rates, weights.correct_sum, weights.correct_sum_of_sums) * motion_.substep();
         const T to_rate = follows ? select(has_rates, weights.correct_last, weights.correct_sum) : weights.correct_sum;
@@ -272,29 +246,19 @@ class ArmIntegrator {
             }
         }
         restarted_ = false;
+        forward_kinematics(chain_, state.q, state.angle, posture);
     }
 
     /// As limited_change, in the sub-step that begins `count` after the last Adams step's end.
     MaskOf<T> find_change(const T* wanted, const T& count, T* change, T* saturation) const {
         if (!shaped_) return limited_change(motion_, full_, wanted, state, change, saturation);
-        const int n = motion_.free_count;
         const T now = elapsed_ + count;
         const MaskOf<T> slows = now < slowing_;
         // The limits in units of what they grow to.
         const T grown = select(slows & (ramp_ > T(0.0)), min((now + 0.5) / max(ramp_, T(1e-300)), T(1.0)), T(1.0));
-        T over = 0.0;
-        for (int f = 0; f < n; ++f) {
-            change[f] = wanted[f] - state.qd[motion_.free_joint[f]];
-            saturation[f] = abs(change[f]) * full_.of[f] * select(slows, inverse_scale_[f], T(1.0)) / grown;
-            over = max(over, saturation[f]);
-        }
-        if (independent_) {
-            for (int f = 0; f < n; ++f) change[f] *= 1.0 / max(saturation[f], T(1.0));
-        } else {
-            const T ratio = 1.0 / max(over, T(1.0));
-            for (int f = 0; f < n; ++f) change[f] *= ratio;
-        }
-        return over <= T(1.0);
+        T tightened[max_joints];
+        for (int f = 0; f < motion_.free_count; ++f) tightened[f] = select(slows, inverse_scale_[f], T(1.0)) / grown;
+        return limited_change(motion_, full_, wanted, state, change, saturation, tightened, independent_);
     }
 
     /// Sub-steps that an Adams step may take: what the limits grow to, and where they jump, a single one crosses.
@@ -309,8 +273,6 @@ class ArmIntegrator {
 
     Rates<T> find_wanted() const {
         if (kind_ != Kind::brake) {
-            Posture<T> posture;
-            forward_kinematics(chain_, state.q, state.angle, posture);
             return resolved_rates(chain_, motion_, posture, target);
         }
         Rates<T> still;
@@ -363,8 +325,8 @@ class ArmIntegrator {
 
     static constexpr int lanes = Scalar<T>::lanes;
     static MaskOf<T> none() { return T(0.0) > T(1.0); }
-    /// Of an Adams step, relative to what is allowed. Where little is at stake, more Adams steps may fail.
-    static constexpr double target_error = order < exact_order ? 0.5 : 0.25;
+    /// Of an Adams step, relative to what is allowed.
+    static constexpr double target_error = 0.25;
     /// The next Adams step is this much shorter than the last at max_step, or any product of some of the factors longer
     /// than that.
     static constexpr double min_ratio = 0.125,
@@ -383,9 +345,9 @@ class ArmIntegrator {
     /// Positions are kept as those of the beginning and what was gained since, by free joint: so roundings of the
     /// former do not add up.
     T from_[max_joints], travelled_[max_joints];
-    AdamsHistory<T, order> history_;
+    AdamsHistory<T> history_;
     T saturation_[max_joints], velocity_saturation_ = 0.0;  ///< as of the last look that counted
-    T known_ = 0.0;                                         ///< moments of the history, at max_step order
+    T known_ = 0.0;                                         ///< moments of the history, at most adams_order
     T next_step_ = 1.0;                                     ///< length of the next Adams step
     T error_ = 0.0;                                         ///< of the last Adams step that accepted
     bool shaped_ = false, independent_ = false;             ///< as of `brake`

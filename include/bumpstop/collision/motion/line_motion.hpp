@@ -106,21 +106,24 @@ Rates<T> resolved_rates(const Chain& chain, const MotionSettings& motion, const 
 
 /// How the rates change in one controller sub-step toward `wanted` (by free joint): one ratio scales all joint
 /// accelerations so that none passes its limit. Returns where the wanted rates are reached. `saturation`: the changes that are
-/// left, in units of the greatest there may be. `Free`: how many joints are free, or 0 to take it from `motion`.
-template <int Free = 0, class T>
+/// left, in units of the greatest there may be. `tightened`: of the limits by free joint, one over what they are scaled by;
+/// null: nothing. `independent`: every joint has a ratio of its own.
+template <class T>
 MaskOf<T> limited_change(const MotionSettings& motion, const InverseMaxRateChange& full, const T* wanted,
-                         const ArmState<T>& state, T* change, T* saturation) {
-    const int n = Free > 0 ? Free : motion.free_count;
+                         const ArmState<T>& state, T* change, T* saturation, const T* tightened = nullptr,
+                         bool independent = false) {
+    const int n = motion.free_count;
     T over = 0.0;
     for (int f = 0; f < n; ++f) {
         change[f] = wanted[f] - state.qd[motion.free_joint[f]];
         saturation[f] = abs(change[f]) * full.of[f];
+        if (tightened != nullptr) saturation[f] *= tightened[f];
         over = max(over, saturation[f]);
     }
     const auto reached = over <= T(1.0);
     if (!all(reached)) {
         const T ratio = 1.0 / max(over, T(1.0));
-        for (int f = 0; f < n; ++f) change[f] *= ratio;
+        for (int f = 0; f < n; ++f) change[f] *= independent ? 1.0 / max(saturation[f], T(1.0)) : ratio;
     }
     return reached;
 }

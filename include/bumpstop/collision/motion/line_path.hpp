@@ -108,21 +108,17 @@ LineStart<T> begin_line(const CollisionSetup& setup, const T* q, const Point3<T>
     forward_kinematics(chain, line.state.q, line.state.angle, line.posture);
     line.rates = resolved_rates(chain, motion, line.posture, velocity);
     line.point = line.posture.position(contact.point);
-    Point3<T>& drift = line.point_velocity;
-    drift = {T(0.0), T(0.0), T(0.0)};
-    for (int f = 0; f < motion.free_count; ++f) {
-        const int j = motion.free_joint[f];
-        if (j > contact.point.link) continue;
-        drift = drift + line.rates.free[f] * linear_column(chain, line.posture, line.point, j);
-    }
+    T rate[max_joints];
+    for (int j = 0; j < chain.dof; ++j) rate[j] = 0.0;
+    for (int f = 0; f < motion.free_count; ++f) rate[motion.free_joint[f]] = line.rates.free[f];
+    const Point3<T> drift = point_velocity(chain, line.posture, contact.point.link, line.point, rate);
+    line.point_velocity = drift;
     line.normal = point3<T>(contact.normal);
     if (contact.along_motion) {
         const T inverse = 1.0 / max(sqrt(dot(drift, drift)), T(1e-200));
         line.normal = inverse * drift;
     }
-    if (!setup.timing.from_rest) {
-        for (int f = 0; f < motion.free_count; ++f) line.state.qd[motion.free_joint[f]] = line.rates.free[f];
-    }
+    if (!setup.timing.from_rest) std::copy_n(rate, chain.dof, line.state.qd);
     const T approach = dot(drift, line.normal);
     for (int lane = 0; lane < count; ++lane) {
         LinePath& path = paths[lane];

@@ -41,11 +41,15 @@ struct NoCriterion {
     bool finished(int) { return false; }
 };
 
-/// How exactly lines are traced.
-enum class Tracing {
-    exact,  ///< as the controller's own sub-steps to 1e-11, for single distributions: every step is kept
-    fast,   ///< for batches: distances between the ticks are interpolated
+/// How exactly lines are traced: how well changes of the rates must be known while the arm lags behind its line, and the
+/// rates themselves while it has those asked for, relative to the largest.
+struct LineTolerance {
+    double lag, rate;
 };
+/// For single distributions. Over a second at 1 rad/s the positions stay within 1e-10 rad of those of the controller's
+/// sub-steps.
+inline constexpr LineTolerance exact_line{1e-10, 1e-11};
+inline constexpr LineTolerance batch_line{3e-7, batch_rate_tolerance};
 
 /// Traces lines, one in each lane; a lane takes the next line as soon as it is done with one. Positions inside an Adams
 /// step are read from its polynomial, a register of moments of one lane at a time.
@@ -53,13 +57,14 @@ enum class Tracing {
 /// `Criterion` tells when a line needs no further tick. `observe(s, torque_per_N)` is given moments of the line, one in
 /// each lane, with their distances along the normal [m] and contact torques by joint [Nm/N or 1]. For each of them that
 /// is a tick, in order, `finished(moment)` is called then.
-template <class T, Tracing tracing, class Criterion>
+template <class T, class Criterion>
 class LineTracer {
-    using Arm = ArmIntegrator<T, tracing == Tracing::exact ? exact_order : batch_order>;
+    using Arm = ArmIntegrator<T>;
 
   public:
-    explicit LineTracer(const CollisionSetup& setup)
+    explicit LineTracer(const CollisionSetup& setup, LineTolerance tolerance = exact_line)
         : setup_(setup),
+          tolerance_(tolerance),
           chain_(setup.chain),
           motion_(setup.motion),
           timing_(setup.timing),
@@ -98,10 +103,7 @@ class LineTracer {
 
   private:
     static constexpr int lanes = Scalar<T>::lanes;
-    /// Tolerances of Adams steps, as of the arm. Over a second at 1 rad/s the positions stay within 1e-10 rad of those
-    /// of the controller's sub-steps.
     static constexpr int min_smooth_strides = 3;
-    static constexpr double exact_lag_tolerance = 1e-10, exact_rate_tolerance = 1e-11;
 
     struct Lane {
         LinePath* path = nullptr;  ///< null: the lane is done
@@ -141,11 +143,7 @@ class LineTracer {
             set_lane(arm_.state.qd[j], lane, first_rate_[std::size_t(i) * chain_.dof + j]);
         }
         set_lane(arm_.target, lane, path.velocity);
-        if constexpr (tracing == Tracing::exact) {
-            arm_.begin(lane, exact_lag_tolerance, exact_rate_tolerance);
-        } else {
-            arm_.begin(lane, batch_lag_tolerance, batch_rate_tolerance);
-        }
+        arm_.begin(lane, tolerance_.lag, tolerance_.rate);
         Lane& at = lane_[lane];
         at = Lane{};
         at.path = &paths[i];
@@ -169,17 +167,9 @@ class LineTracer {
     int next_kept(const Lane& at, int last) const {
         const int step = at.next_step;
         if (at.keep_every_step || step <= 1 + 2 * stride_) return step;
-        if constexpr (tracing == Tracing::exact) {
-            // What lies in a stride is known while the arm's last Adams step is.
-            const bool begins = (step - 2) % stride_ == 0, ends = step - 1 + stride_ <= last;
-            return begins && ends && step - 1 - 2 * stride_ >= at.smooth_from ? step - 1 + stride_ : step;
-        } else {
-            // About the end of a motion that nothing was detected in, and after the last end of a stride.
-            const int before_end = timing_.steps - (timing_.steps - 1) % stride_;
-            if (at.path->end == PathEnd::motion_end && step > before_end && step <= before_end + stride_) return step;
-            if (step > at.last_step - (at.last_step - 1) % stride_) return step;
-            return step + stride_ - 1 - (step + stride_ - 2) % stride_;
-        }
+        // What lies in a stride is known while the arm's last Adams step is.
+        const bool begins = (step - 2) % stride_ == 0, ends = step - 1 + stride_ <= last;
+        return begins && ends && step - 1 - 2 * stride_ >= at.smooth_from ? step - 1 + stride_ : step;
     }
 
     /// Keeps the moments a lane has passed, and writes them as soon as there are enough. False when its path is over.
@@ -339,6 +329,7 @@ class LineTracer {
     }
 
     const CollisionSetup& setup_;
+    const LineTolerance tolerance_;
     const Chain& chain_;
     const MotionSettings& motion_;
     const Timing& timing_;
@@ -352,7 +343,7 @@ class LineTracer {
 template <class T, class Criterion>
 LinePath trace_line(const CollisionSetup& setup, const LineRequest& request, Criterion criterion) {
     LinePath path;
-    LineTracer<T, Tracing::exact, Criterion>(setup).trace(&request, &criterion, &path, 1);
+    LineTracer<T, Criterion>(setup).trace(&request, &criterion, &path, 1);
     return path;
 }
 

@@ -24,6 +24,14 @@ template <class T>
 struct PeakFitOf {
     T time, value, second, third;
 
+    /// Adds the share of another fit.
+    void add(const T& weight, const PeakFitOf<double>& fit) {
+        time += weight * fit.time;
+        value += weight * fit.value;
+        second += weight * fit.second;
+        third += weight * fit.third;
+    }
+
     /// The greatest value at a whole step.
     T at_steps() const {
         const T below = max(T(0.0), floor(time));
@@ -84,12 +92,7 @@ class OvertravelInterpolation {
         T weight[16];
         interpolation_.weights(k, weight);
         PeakFitOf<T> sum{0.0, 0.0, 0.0, 0.0};
-        for (int m = 0; m < interpolation_.size(); ++m) {
-            sum.time += weight[m] * peak_[m].time;
-            sum.value += weight[m] * peak_[m].value;
-            sum.second += weight[m] * peak_[m].second;
-            sum.third += weight[m] * peak_[m].third;
-        }
+        for (int m = 0; m < interpolation_.size(); ++m) sum.add(weight[m], peak_[std::size_t(m)]);
         return select(sum.time >= T(0.0), sum.at_steps(), T(-1.0));
     }
 

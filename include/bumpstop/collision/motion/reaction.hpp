@@ -3,7 +3,6 @@
 #pragma once
 
 #include "bumpstop/collision/motion/reaction_batch.hpp"
-#include "bumpstop/model/point_motion.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -35,28 +34,32 @@ const double* load_start(const CollisionSetup& setup, const ReactionJob& job, in
     return positions + n;
 }
 
-/// As of simulate_reactions, by Adams steps of this order.
-template <int order, class T>
-void follow_reactions(const CollisionSetup& setup, ReactionJob* jobs, int count, ReactionDetail detail) {
+}  // namespace detail
+
+/// Lets every lane take the next of the jobs as soon as it is done with one. What becomes of a job does not depend on
+/// the others.
+template <class T>
+void simulate_reactions(const CollisionSetup& setup, ReactionJob* jobs, int count, ReactionDetail detail) {
+    if (count == 0) return;
     constexpr int lanes = Scalar<T>::lanes;
     const Chain& chain = setup.chain;
     const MotionSettings& motion = setup.motion;
     const bool stopping = setup.reaction == ReactionKind::stop;
     const ReactionRules rules{detail == ReactionDetail::only_peak, stopping, motion.substeps, motion.substep()};
-    using Arm = ArmIntegrator<T, order>;
+    using Arm = ArmIntegrator<T>;
     Arm arm(chain, motion, stopping ? Arm::Kind::brake : Arm::Kind::track);
     Point3<T> normal, start;
     ReactionBatch<T> running(rules);
     auto load = [&](int lane, ReactionJob& job) {
         const LinePath& path = *job.path;
-        const double* rates = load_start(setup, job, lane, arm.state.q);
+        const double* rates = detail::load_start(setup, job, lane, arm.state.q);
         for (int j = 0; j < chain.dof; ++j) set_lane(arm.state.qd[j], lane, 0.0);
         for (int f = 0; f < motion.free_count; ++f) set_lane(arm.state.qd[motion.free_joint[f]], lane, rates[f]);
         set_lane(arm.target, lane, lane_of((stopping ? 0.0 : -1.0) * point3<double>(path.velocity), 0));
         set_lane(normal, lane, path.normal);
         set_lane(start, lane, path.start);
         arm.begin(lane, job.tolerance);
-        double stop_time = max_stop_time(setup, path, job.tick);
+        double stop_time = detail::max_stop_time(setup, path, job.tick);
         if (!motion.deceleration.constant()) {
             double there[max_joints] = {};
             for (int j = 0; j < chain.dof; ++j) there[j] = lane_of(arm.state.q[j], lane);
@@ -74,54 +77,30 @@ void follow_reactions(const CollisionSetup& setup, ReactionJob* jobs, int count,
     }
     T speed, distance;
     auto look = [&] {
-        const PointMotion<T> point =
-            point_motion(chain, arm.state.q, arm.state.qd, arm.state.angle, setup.contact.point);
-        speed = dot(point.velocity, normal);
-        distance = dot(point.position - start, normal);
+        const LinkPoint& point = setup.contact.point;
+        const Point3<T> p = arm.posture.position(point);
+        speed = dot(point_velocity(chain, arm.posture, point.link, p, arm.state.qd), normal);
+        distance = dot(p - start, normal);
     };
-    // As they were where lanes began to retreat.
-    Arm arm_at_retreat = arm;
-    ReactionBatch<T> running_at_retreat = running;
     auto rejected = [&](const MaskOf<T>& long_steps, const T& over) {
         return running.rejected(long_steps, over, speed);
     };
     while (!running.all_done()) {
         allow_interruption();
         const T taken = arm.step(running.max_steps(), look, rejected);
-        const ReactionEvents<T> events = running.update({taken, distance, speed, arm.near_singular(), arm.reached()});
-        if (any(events.retreating)) {
-            arm_at_retreat.copy_lanes(events.retreating, arm);
-            running_at_retreat.copy_lanes(events.retreating, running);
-            arm.relax(events.retreating, ReactionBatch<T>::retreat_tolerance_scale);
-        }
-        if (any(events.restart)) {
-            arm.copy_lanes(events.restart, arm_at_retreat);
-            running.copy_lanes(events.restart, running_at_retreat);
-            running.restart_accurately(events.restart);
-        }
-        if (!any(events.finished)) continue;
+        const MaskOf<T> finished = running.update({taken, distance, speed, arm.near_singular(), arm.reached()});
+        arm.relax(running.relaxed(), ReactionBatch<T>::retreat_tolerance_scale);
+        if (!any(finished)) continue;
         for (int lane = 0; lane < lanes; ++lane) {
-            if (!lane_of(events.finished, lane)) continue;
-            if (next < count) {
+            if (!lane_of(finished, lane)) continue;
+            if (ReactionJob* again = running.rebounded(lane)) {
+                load(lane, *again);
+            } else if (next < count) {
                 load(lane, jobs[next++]);
             } else {
                 running.stop(lane);
             }
         }
-    }
-}
-
-}  // namespace detail
-
-/// Lets every lane take the next of the jobs as soon as it is done with one. What becomes of a job does not depend on
-/// the others; all of them are exact, or none is.
-template <class T>
-void simulate_reactions(const CollisionSetup& setup, ReactionJob* jobs, int count, ReactionDetail detail) {
-    if (count == 0) return;
-    if (jobs->exact()) {
-        detail::follow_reactions<exact_order, T>(setup, jobs, count, detail);
-    } else {
-        detail::follow_reactions<batch_order, T>(setup, jobs, count, detail);
     }
 }
 
@@ -136,9 +115,10 @@ void refine_near_singularities(const CollisionSetup& setup, std::vector<Reaction
         of.push_back(i);
         again.push_back(jobs[i]);
         again.back().tolerance = near_singular_tolerance;
+        again.back().rebounded = false;
     }
     if (again.empty()) return;
-    detail::follow_reactions<batch_order, T>(setup, again.data(), int(again.size()), what);
+    simulate_reactions<T>(setup, again.data(), int(again.size()), what);
     for (std::size_t i = 0; i < of.size(); ++i) jobs[of[i]] = std::move(again[i]);
 }
 

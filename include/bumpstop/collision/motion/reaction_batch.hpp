@@ -19,14 +19,6 @@ struct ReactionSample {
     MaskOf<T> reached;        ///< the arm has the rates asked for
 };
 
-/// What becomes of reactions after a look at them; the others go on.
-template <class T>
-struct ReactionEvents {
-    MaskOf<T> retreating;  ///< from here on they may be followed loosely
-    MaskOf<T> restart;     ///< they must be followed once more from where they began to retreat, at full accuracy
-    MaskOf<T> finished;
-};
-
 /// What is the same for all reactions that are simulated together.
 struct ReactionRules {
     bool only_peak, stopping;
@@ -52,7 +44,7 @@ class ReactionBatch {
         job_[lane] = &job;
         job.distance.assign(1, here);
         job.step.assign(1, 0);
-        job.rebounded = job.met_singularity = false;
+        job.met_singularity = false;
         set_lane(longest_, lane, double(longest) * rules_.substeps);
         set_lane(min_time_, lane, double(min_time) * rules_.substeps);
         set_lane(max_distance_, lane, job.enough);
@@ -61,8 +53,8 @@ class ReactionBatch {
         for (T* count : {&taken_, &retreating_, &steps_, &into_step_, &speed_, &lowest_}) set_lane(*count, lane, 0.0);
         for (T* distance : {&here_, &peak_}) set_lane(*distance, lane, here);
         set_lane(top_, lane, std::numeric_limits<double>::infinity());
-        for (MaskOf<T>* yet : {&started_, &off_path_, &reversed_, &over_, &relaxed_, &full_accuracy_})
-            set_lane(*yet, lane, false);
+        for (MaskOf<T>* yet : {&started_, &off_path_, &reversed_, &over_, &relaxed_}) set_lane(*yet, lane, false);
+        set_lane(full_accuracy_, lane, job.rebounded);
         set_lane(busy_, lane, true);
         set_lane(accept_first_peak_, lane, !job.may_rebound);
     }
@@ -73,25 +65,13 @@ class ReactionBatch {
         set_lane(accept_first_peak_, lane, true);
     }
 
-    /// These lanes become what they are in another object, which has the same jobs there.
-    void copy_lanes(const MaskOf<T>& lanes, const ReactionBatch& other) {
-        for (T ReactionBatch::*value : {&ReactionBatch::taken_, &ReactionBatch::retreating_, &ReactionBatch::steps_,
-                                        &ReactionBatch::into_step_, &ReactionBatch::here_, &ReactionBatch::speed_,
-                                        &ReactionBatch::top_, &ReactionBatch::peak_, &ReactionBatch::lowest_})
-            this->*value = select(lanes, other.*value, this->*value);
-        for (MaskOf<T> ReactionBatch::*value :
-             {&ReactionBatch::off_path_, &ReactionBatch::reversed_, &ReactionBatch::over_, &ReactionBatch::relaxed_})
-            this->*value = select(lanes, other.*value, this->*value);
-    }
-    /// These lanes are followed well all the way now.
-    void restart_accurately(const MaskOf<T>& again) {
-        full_accuracy_ = full_accuracy_ | again;
-        relaxed_ = relaxed_ & !again;
-        for (int lane = 0; lane < lanes; ++lane)
-            if (lane_of(again, lane)) job_[lane]->rebounded = true;
-    }
-
     bool all_done() const { return !any(busy_); }
+    /// Well behind their peaks: these may be followed loosely.
+    MaskOf<T> relaxed() const { return relaxed_; }
+    /// The job of a lane that is done if it is to be followed once more, well all the way: its point came back. Else null.
+    ReactionJob* rebounded(int lane) const {
+        return job_[lane]->rebounded && !lane_of(full_accuracy_, lane) ? job_[lane] : nullptr;
+    }
 
     /// How far the next Adams steps may go, in sub-steps. The steps about the farthest point are gone one by one.
     T max_steps() const {
@@ -124,8 +104,8 @@ class ReactionBatch {
         return over_top;
     }
 
-    /// First looks tell whether arms follow their lines; any other one is written into its job.
-    ReactionEvents<T> update(const ReactionSample<T>& sample) {
+    /// First looks tell whether arms follow their lines; any other one is written into its job. Returns which are done.
+    MaskOf<T> update(const ReactionSample<T>& sample) {
         const MaskOf<T> moves = busy_ & started_ & (sample.taken > T(0.0)), first = busy_ & !started_;
         const MaskOf<T> off = abs(sample.speed - approach_) > following_share * approach_;
         off_path_ = off_path_ | (first & (sample.near_singular | off) & !accept_first_peak_);
@@ -134,37 +114,33 @@ class ReactionBatch {
         move(moves, sample);
         speed_ = select(first, sample.speed, speed_);
 
-        lowest_ = min(lowest_, here_);
-        // Between two looks the point may have been farther than at either, by what it went at its speed before.
-        const MaskOf<T> nears_peak =
-            here_ + max(went, T(0.0)) > peak_ - max(rebound_share * (peak_ - lowest_), T(rebound_distance));
-        ReactionEvents<T> events;
-        events.restart = moves & relaxed_ & nears_peak;
-        const MaskOf<T> goes = moves & !events.restart, whole = goes & (into_step_ == T(0.0));
+        MaskOf<T> restart = none();
+        const MaskOf<T> whole = moves & (into_step_ == T(0.0)), retreats = retreating_ >= steps_past_peak * substeps();
+        if (rules_.only_peak && !rules_.stopping) {
+            // Between two looks the point may have been farther than at either, by what it went at its speed before.
+            lowest_ = select(relaxed_, min(lowest_, here_), here_);
+            const MaskOf<T> nears_peak =
+                here_ + max(went, T(0.0)) > peak_ - max(rebound_share * (peak_ - lowest_), T(rebound_distance));
+            restart = moves & relaxed_ & nears_peak;
+            note(restart, &ReactionJob::rebounded);
+            const MaskOf<T> far = peak_ - here_ > T(rebound_distance);
+            relaxed_ = relaxed_ | (moves & retreats & far & !full_accuracy_);
+        }
         MaskOf<T> leaves = none();
         if (!rules_.only_peak && !rules_.stopping)
             leaves = whole & reversed_ & (here_ > peak_) & ((!off_path_) | (taken_ > min_time_));
         peak_ = max(peak_, here_);
         write(whole & !(relaxed_ | leaves));
-        off_path_ = off_path_ | (goes & sample.near_singular & !accept_first_peak_);
-        note_singularities(busy_ & sample.near_singular & !accept_first_peak_);
-        const MaskOf<T> retreats = retreating_ >= steps_past_peak * substeps();
-        reversed_ = reversed_ | (goes & retreats);
+        off_path_ = off_path_ | (moves & sample.near_singular & !accept_first_peak_);
+        note(busy_ & sample.near_singular & !accept_first_peak_, &ReactionJob::met_singularity);
+        reversed_ = reversed_ | (moves & retreats);
         if (rules_.stopping) {
-            over_ = over_ | (goes & sample.reached);
+            over_ = over_ | (moves & sample.reached);
         } else {
             const MaskOf<T> out_of_time = !(off_path_ & (taken_ < min_time_));
-            over_ = over_ | (goes & out_of_time & (rules_.only_peak ? reversed_ : retreats & (here_ <= return_to_)));
+            over_ = over_ | (moves & out_of_time & (rules_.only_peak ? reversed_ : retreats & (here_ <= return_to_)));
         }
-        events.finished = (whole & (over_ | (here_ > max_distance_))) | leaves | (goes & (taken_ >= longest_));
-        events.retreating = none();
-        if (rules_.only_peak && !rules_.stopping) {
-            const MaskOf<T> far = peak_ - here_ > T(rebound_distance);
-            events.retreating = goes & retreats & far & !(events.finished | over_ | full_accuracy_ | relaxed_);
-            relaxed_ = relaxed_ | events.retreating;
-            lowest_ = select(events.retreating, here_, lowest_);
-        }
-        return events;
+        return restart | (whole & (over_ | (here_ > max_distance_))) | leaves | (moves & (taken_ >= longest_));
     }
 
   private:
@@ -194,10 +170,10 @@ class ReactionBatch {
         here_ = select(moves, sample.distance, here_);
     }
 
-    void note_singularities(const MaskOf<T>& where) {
+    void note(const MaskOf<T>& where, bool ReactionJob::*what) {
         if (!any(where)) return;
         for (int lane = 0; lane < lanes; ++lane)
-            if (lane_of(where, lane)) job_[lane]->met_singularity = true;
+            if (lane_of(where, lane)) job_[lane]->*what = true;
     }
 
     void write(const MaskOf<T>& where) {

@@ -24,9 +24,6 @@ struct ReactionJob {
     bool may_rebound = true;       ///< else the first retreat is accepted, whatever is near
     bool rebounded = false;        ///< result: during its retreat the point came near its farthest again
     bool met_singularity = false;  ///< result: a singularity was near somewhere on its way
-
-    /// Its last digits matter.
-    bool exact() const { return tolerance <= exact_tolerance; }
 };
 
 /// What of a reaction is wanted. `only_peak`: steps far from a farthest point may be missing, and a reaction that

@@ -13,6 +13,7 @@ from bumpstop import _native
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.distribution.distribution import Distribution, SampledDistribution
 from bumpstop.collision.problem import CollisionProblem
+from bumpstop.collision.sampled_figures import kept_runs, sampled_figures
 from bumpstop.collision.trajectory.onset import approach, onset_quadrature, sample_onsets, trajectory_of
 from bumpstop.collision.trajectory.onset_mixture import DetectedCollisions, OnsetMixture
 from bumpstop.collision.trajectory.trajectory_curve import trajectory_curve, trajectory_kernel
@@ -155,7 +156,8 @@ def monte_carlo_trajectory(
     runs = kernel.monte_carlo(problem.detector, problem.contact, begin, normal, settings, problem.residual_record)
     K, tick = problem.stiffness, runs.tick
     detected = tick >= 0
-    undetected = ~detected & (runs.undetected_distance > 0)
+    touches = runs.undetected_distance > 0
+    undetected = ~detected & touches
     peak = K * np.where(detected, runs.max_distance, runs.undetected_distance)
     tick_time = (tick * problem.period_steps + 1) * problem.scenario.simulation.step_s
     # From the first tick in contact on, also where the point falls back from the body again.
@@ -164,8 +166,6 @@ def monte_carlo_trajectory(
     free = problem.gives_way
     if free:
         peak, force = runs.peak_force, np.where(detected, runs.force_at_detection, 0.0)
-    fired = (runs.triggers[:, None] >> np.arange(problem.robot.dof, dtype=np.uint32)) & 1
-    some = bool(detected.any())
     contact_durations = None
     if problem.gets_away or (free and problem.scenario.reaction.kind == "reverse"):
         lasts = runs.duration[(runs.duration > 0) & (detected | problem.gets_away)]
@@ -182,26 +182,18 @@ def monte_carlo_trajectory(
         peak_force=SampledDistribution(
             peak, undetected if not problem.gets_away and stops_short(trajectory_of(problem)) else None
         ),
-        force_at_detection=SampledDistribution(force[after_contact]),
-        detection_delay=SampledDistribution((tick_time - begin)[after_contact]),
-        trigger_joint_probability=fired[detected].mean(axis=0) if some else np.full(problem.robot.dof, math.nan),
-        multi_joint_probability=float((fired[detected].sum(axis=1) > 1).mean()) if some else math.nan,
-        false_alarm_probability=float((detected & ~after_contact).mean()),
-        undetected_probability=float(undetected.mean()),
-        no_contact_probability=float((~detected & ~undetected).mean()),
+        **sampled_figures(
+            runs,
+            problem.robot.dof,
+            touches=touches,
+            after_contact=after_contact,
+            force=force,
+            delay=tick_time - begin,
+        ),
         samples=samples,
         seed=seed,
-        runs={
-            "onset": begin,
-            "offset": np.zeros(samples),
-            "tick": tick,
-            "triggers": runs.triggers,
-            "noise": runs.noise,
-            "residual": runs.residual,
-            "peak_force": peak,
-            "force_at_detection": force,
-            "detected_after_contact": after_contact,
-        },
+        runs={"onset": begin}
+        | kept_runs(runs, offset=np.zeros(samples), peak=peak, force=force, after_contact=after_contact),
         kernel=kernel,
         times=times,
         onset=worst_onset,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop.detection.events import STATES
+from bumpstop.detection.detection_run import STATES
 from bumpstop.recording.formats.joint_state import messages
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from bumpstop.detection import (
     largest_undetected_force,
     largest_undetected_torque,
 )
-from bumpstop.detection.events import STATES
+from bumpstop.detection.detection_run import STATES
 from bumpstop.errors import InputError, near_matches
 from bumpstop.joint import JointTorqueModel, Parameter
 from bumpstop.model import Robot
