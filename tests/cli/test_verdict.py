@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from bumpstop.text_files import to_toml
 from cli.support import EXAMPLE, evaluate, run, strict_json
+from collision.verdict.test_verdict_notes import SWINGING
 
 SHORT = ("contact.offset_law=fixed", "contact.offset_mm=500", "motion.duration_s=1")
 
@@ -49,6 +51,28 @@ def test_warnings_stand_with_the_verdict(tmp_path: Path) -> None:
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     beside = page[page.index("Beside this verdict") : page.index("What the verdict rests on")]
     assert warning.split(",")[0].replace('"', "&quot;") in beside
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        ("arm.model=elastic",),
+        ("contact.kind=free", "contact.body_mass_kg=20"),
+        ("verdict.clamped_limit=two_phase",),
+    ],
+    ids=["elastic arm", "free contact", "two phases"],
+)
+def test_a_sooner_reaction_that_goes_farther_is_told_everywhere(changes: tuple[str, ...], tmp_path: Path) -> None:
+    """These follow the latest reaction alone, which beside a singularity is not the one that goes farthest."""
+    path = tmp_path / "swinging.toml"
+    path.write_text(to_toml(SWINGING), encoding="utf-8")
+    warnings = strict_json(evaluate(*changes, scenario=path).out)["verdict"]["warnings"]
+    (warning,) = (own for own in warnings if "reacts sooner than after reaction.latency_s" in own)
+    shown = run("evaluate", path, *sets(*changes), "--out", tmp_path / "page").out
+    assert f"warning: {warning}" in plain(shown)
+    page = (tmp_path / "page" / "report.html").read_text(encoding="utf-8")
+    beside = page[page.index("Beside this verdict") : page.index("What the verdict rests on")]
+    assert warning in beside
 
 
 def test_false_alarms_an_hour_everywhere() -> None:

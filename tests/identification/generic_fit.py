@@ -57,6 +57,16 @@ def splits(log: Recording) -> Iterator[tuple[str, list[Recording], Recording]]:
     yield "last third", [part(0, 0.667)], part(0.667, 1)
 
 
+def unsettled_splits(log: Recording) -> Iterator[tuple[str, list[Recording], Recording]]:
+    """Other parts, on which no rule of the fit was settled: fifths and thirds, as :func:`splits` gives them."""
+    begin, length = float(log.t[0]), float(log.t[-1] - log.t[0])
+    fifths = [(f"{name} fifth", k / 5, (k + 1) / 5) for k, name in enumerate(("first", "second", "third", "fourth"))]
+    for name, a, b in [*fifths, ("last fifth", 0.8, 1.0), ("first third", 0.0, 1 / 3), ("middle third", 1 / 3, 2 / 3)]:
+        sides = [(0.0, a), (b, 1.0)]
+        fitted = [log.between(begin + c * length, begin + d * length) for c, d in sides if c < d]
+        yield name, fitted, log.between(begin + a * length, begin + b * length)
+
+
 def generic_r2(
     robot: bs.Robot, fitted: Sequence[Recording], unseen: Recording, cutoff_hz: float, name: str = ""
 ) -> FloatArray:
