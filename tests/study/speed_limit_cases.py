@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 
 from bumpstop.collision import load_scenario
 from bumpstop.collision.trajectory.trajectory import Trajectory
@@ -20,6 +21,11 @@ def few_rows(path: Path, t: Any, q: Any, qd: Any = None) -> TrajectorySpeedLimit
     rows = np.column_stack([t, q] if qd is None else [t, q, qd])
     np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="", fmt="%.17g")
     return TrajectorySpeedLimits(load_scenario(PICK, {"motion.file": str(path)}))
+
+
+def rows_of(study: TrajectorySpeedLimits) -> pl.DataFrame:
+    """Its rows alone: behind them ``run`` slows the trajectory down and judges it, which takes longest."""
+    return pl.concat([study.shard(number) for number in range(study.shards)])
 
 
 def begin() -> Any:

@@ -22,7 +22,7 @@ from bumpstop.study.speed.retiming import retime
 from bumpstop.study.speed.speed_limit import speed_limits
 from bumpstop.study.speed.trajectory_speed_limits import TrajectorySpeedLimits
 from bumpstop.study.speed.trajectory_writing import write_csv
-from study.speed_limit_cases import begin, few_rows
+from study.speed_limit_cases import begin, few_rows, rows_of
 
 
 def waves(seed: int, folder: Path) -> bs.Scenario:
@@ -77,7 +77,7 @@ def telling(rows: pl.DataFrame) -> Any:
 @pytest.mark.parametrize("seed", [62, 78, 197])
 def test_an_arm_that_speeds_up_behind_a_place_where_it_feels_little_keeps_its_limit(seed: int, tmp_path: Path) -> None:
     study = TrajectorySpeedLimits(waves(seed, tmp_path))
-    rows, _ = run(study)
+    rows = rows_of(study)
     scenario, moments = slowed(study, study.path_speed(rows), tmp_path)
     assert worst_risk(scenario, moments[telling(rows)]) <= scenario.verdict.accepted_probability
 
@@ -85,7 +85,7 @@ def test_an_arm_that_speeds_up_behind_a_place_where_it_feels_little_keeps_its_li
 def test_speeding_up_behind_such_a_place_is_told(tmp_path: Path) -> None:
     """Every row below its own limit is not enough."""
     study = TrajectorySpeedLimits(waves(78, tmp_path))
-    rows, _ = run(study)
+    rows = rows_of(study)
     own = np.minimum(1.0, 0.85 * rows["limit_mm_s"].to_numpy() / np.maximum(rows["speed_mm_s"].to_numpy(), 1e-3))
     beside = np.pad(own, 1, constant_values=1.0)
     scenario, moments = slowed(study, np.minimum(own, np.minimum(beside[:-2], beside[2:])), tmp_path)
@@ -128,7 +128,7 @@ def speed_limits_of_slowed(study: TrajectorySpeedLimits, rows: Any, path: Path) 
 @pytest.mark.parametrize("seed", [0, 1, 3, 4, 6, 9])
 def test_slowed_between_few_waypoints_too(seed: int, tmp_path: Path) -> None:
     study, given = wander(seed, tmp_path / "few.csv")
-    rows, _ = run(study)
+    rows = rows_of(study)
     assert not (rows["limit_mm_s"] == 0).any()
     slow, again = speed_limits_of_slowed(study, rows, tmp_path / "slow.csv")
     # The waypoints of the file are among the rows, bit for bit, and all rows lie on the file's own path.
@@ -144,7 +144,7 @@ def test_slowed_between_few_waypoints_too(seed: int, tmp_path: Path) -> None:
 def test_slowed_where_the_limit_has_a_corner_between_two_rows(seed: int, tmp_path: Path) -> None:
     """Integrated distributions of straight lines at 3000 moments, most of which no row was near."""
     study, _ = wander(seed, tmp_path / "few.csv")
-    _, again = speed_limits_of_slowed(study, run(study).rows, tmp_path / "slow.csv")
+    _, again = speed_limits_of_slowed(study, rows_of(study), tmp_path / "slow.csv")
     times = np.linspace(0, again.given.duration, 3001)[1:-1]
     velocity = again._tip(times)
     moves = np.linalg.norm(velocity, axis=1) > 2e-3
@@ -179,12 +179,13 @@ def test_a_trajectory_that_passes_a_singularity_goes_by_its_own_distribution_the
     q[:, joint] = [-0.7, end]
     q[:, 0] += [0, 0.1]
     study = joint_motion(robot, [0.0, 2.0], q, np.zeros_like(q), tmp_path / "t.csv")
-    found, summary = run(study)
+    found = rows_of(study)
     singular = np.flatnonzero(found["limited_by"] == "singularity")
     angle = found[f"q_{joint + 1}"].to_numpy()
     last_before = int((angle < 0).sum()) - 1
     assert singular.tolist() == ([last_before, last_before + 1] if passes else [])
-    assert summary["singular"] == singular.size
+    if robot == "ur10e":  # some and none: a summary judges the motion and slows it down, which takes longest
+        assert study.summary(found)["singular"] == singular.size
     for row in found[singular.tolist()].iter_rows(named=True):
         if row["limit_mm_s"] > 0:
             assert row["risk"] <= study.scenario.verdict.accepted_probability
@@ -215,7 +216,7 @@ def test_an_arm_that_is_singular_all_the_way_has_limits_that_say_so(tmp_path: Pa
     q = np.radians([0, -90, 60, 0, 0, 0]) + share[:, None] * np.radians([50, 0, 0, 0, 0, 0])
     changes = {"detector.thresholds_Nm": [15.0] * 6, "contact.body": "lower_arm_wrist"}
     study = joint_motion("ur10e", t, q, None, tmp_path / "t.csv", **changes)
-    rows = pl.concat([study.shard(number) for number in range(study.shards)])
+    rows = rows_of(study)
     assert set(rows["limited_by"]) == {"singularity"}
     assert (rows["limit_mm_s"] > 0).all()
     scenario, moments = slowed(study, study.path_speed(rows), tmp_path)
@@ -244,7 +245,7 @@ def test_a_motion_that_begins_and_pauses_at_rest_is_slowed_by_no_more_than_its_l
     q = begin() + (there - back)[:, None] * turn
     study = few_rows(tmp_path / "t.csv", t, q, (out - home)[:, None] * turn if with_rates else None)
     study = TrajectorySpeedLimits(study.scenario.with_values({"contact.body": "hand_finger"}))
-    rows = pl.concat([study.shard(number) for number in range(study.shards)])
+    rows = rows_of(study)
     path_speed = study.path_speed(rows)
     slow = retime(study.trajectory, path_speed, study.problem.robot.velocity, study.problem.joint_acceleration)
     # As long as at the lowest path speed that its limits ask for where it moves, and what the ramps take at 4.5 rad/s2.
