@@ -8,8 +8,7 @@ import sys
 
 import pytest
 
-# Eight threads, one after the other: each frees a large block, then fills 60 MB with smaller ones, and frees all but a crumb
-# that was the last to come.
+# Eight threads: each frees a large block, then fills 60 MB with smaller ones, and frees all but a crumb that came last.
 _WORK = """
 import re, sys, threading
 from pathlib import Path
