@@ -31,8 +31,8 @@ HTMLCanvasElement.prototype.getContext = function (kind, options) {
   return open.call(this, kind, slow ? { ...options, antialias: false } : options);
 };
 """
-# Nor has it one for this: without a graphics card points cost most of a picture. As long as one picture follows another it
-# has the first of them, which are drawn at random; viser draws one a second later, and that has all of them again.
+# Nor has it one for this: without a graphics card points cost most of a picture. As long as one picture follows another
+# it has the first of them, which are drawn at random; viser draws one a second later, and that has all of them again.
 _POINTS = f"""
 let moving = false, last = -Infinity;
 const draw = WebGL2RenderingContext.prototype.drawArrays;
