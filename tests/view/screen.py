@@ -14,7 +14,7 @@ WAIT_MS = 60_000
 class Screen:
     """A page in the browser."""
 
-    def __init__(self, browser: Any, server: ViewServer, size: tuple[int, int] = (960, 560)) -> None:
+    def __init__(self, browser: Any, server: ViewServer, size: tuple[int, int] = (960, 560), before: str = "") -> None:
         self.page = browser.new_page(viewport={"width": size[0], "height": size[1]})
         self.faults: list[str] = []
         self.elsewhere: list[str] = []
@@ -22,6 +22,7 @@ class Screen:
         self.page.on("pageerror", lambda error: self.faults.append(str(error)))
         own = (server.url, server.url.replace("http", "ws"), "data:", "blob:")
         self.page.on("request", lambda r: None if r.url.startswith(own) else self.elsewhere.append(r.url))
+        self.page.add_init_script(before)
         self.page.goto(server.url)
         # Not the one that the page is sent with: what a person can use is up when the page shows its own.
         self.page.wait_for_selector("#root [data-serial]", timeout=WAIT_MS)

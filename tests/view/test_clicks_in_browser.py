@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 
 import bumpstop as bs
@@ -14,6 +15,7 @@ from browsers import CHROMIUM
 from bumpstop.study import WorkspaceStudy
 from bumpstop.view.document import scenario_text
 from bumpstop.view.opened import open_source
+from bumpstop.view.page.front import MAX_MOVING_POINTS
 from bumpstop.view.page.server import ViewServer
 from view.cases import LOWER_ARM, ROOT
 from view.screen import WAIT_MS, Screen
@@ -126,4 +128,41 @@ def test_safe_speeds_and_what_was_kept(browser: Any) -> None:
         assert not screen.faults
     finally:
         screen.page.close()
+        server.stop()
+
+
+# How many points each picture has, the latest last.
+_COUNT_POINTS = """window.drawn = [];
+const draw = WebGL2RenderingContext.prototype.drawArrays;
+WebGL2RenderingContext.prototype.drawArrays = function (mode, first, count) {
+  if (mode === this.POINTS) window.drawn.push(count);
+  return draw.call(this, mode, first, count);
+};"""
+
+
+def test_a_picture_of_many_points_turns_with_some_of_them(browser: Any, tmp_path: Path) -> None:
+    scenario = bs.load_scenario(LOWER_ARM)
+    rows = WorkspaceStudy(scenario=scenario, poses=60).shard(0)
+    many = pl.concat([rows] * 200)
+    many.write_parquet(tmp_path / "rows.parquet")
+    (tmp_path / "settings.toml").write_text(scenario_text(scenario), encoding="utf-8")
+    server = ViewServer(open_source(str(tmp_path)))
+    screen = Screen(browser, server, (1280, 800), before=_COUNT_POINTS)
+    screen.wait_for_the_picture()
+    page = screen.page
+    try:
+        page.wait_for_function(f"window.drawn.at(-1) === {many.height}", timeout=WAIT_MS)
+        page.evaluate("window.drawn.length = 0")
+        page.mouse.move(600, 700)
+        page.mouse.down()
+        for step in range(20):
+            page.mouse.move(600 + 5 * step, 700)
+            page.wait_for_timeout(30)
+        page.mouse.up()
+        turning = page.evaluate("window.drawn")
+        assert turning.count(MAX_MOVING_POINTS) > turning.count(many.height)
+        page.wait_for_function(f"window.drawn.at(-1) === {many.height}", timeout=WAIT_MS)
+        assert not screen.faults
+    finally:
+        page.close()
         server.stop()

@@ -58,8 +58,10 @@ def command(
         for file in write(opened.scenario, record):
             typer.echo(str(file))
         return
+    from bumpstop.view.freed_memory import return_freed_memory
     from bumpstop.view.page.server import ViewServer, is_loopback
 
+    return_freed_memory()
     server = ViewServer(opened, host=host, port=port)
     if not is_loopback(host):
         typer.echo(f"warning: {host} is not loopback: whoever reaches it can read and change these pages", err=True)

@@ -107,11 +107,11 @@ def integrate(problem: CollisionProblem, curve: StoppingCurve, *, refinement: in
     if problem.gives_way:
         quantity = _native.ContactQuantity
         never = undetected_force(problem, curve)
-        peak_force = ContactDistribution(_native.contact_mixture(law, quantity.peak_force, never))
-        force_at_detection = ContactDistribution(_native.contact_mixture(law, quantity.force_at_detection))
+        peak_force = ContactDistribution.of(law, quantity.peak_force, never)
+        force_at_detection = ContactDistribution.of(law, quantity.force_at_detection)
         if problem.gets_away or problem.scenario.reaction.kind == "reverse":
             forever = None if never is None else math.inf
-            contact_duration = ContactDistribution(_native.contact_mixture(law, quantity.duration, forever))
+            contact_duration = ContactDistribution.of(law, quantity.duration, forever)
     else:
         peak_force = ExactDistribution(
             law,

@@ -105,9 +105,7 @@ def _shares_that_give_way(
     quantity = _native.ContactQuantity.peak_force
     never = undetected_force(problem, curve)
     shares = _native.PhaseShares(first, later)
-    return ContactDistribution(
-        _native.contact_mixture(collisions, quantity, None if never is None else never * later, shares)
-    )
+    return ContactDistribution.of(collisions, quantity, None if never is None else never * later, shares)
 
 
 def _between(ends: FloatArray) -> tuple[FloatArray, FloatArray]:

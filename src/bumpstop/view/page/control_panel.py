@@ -79,8 +79,12 @@ class ControlPanel:
                 )
                 if low < made.min or high > made.max:
                     made.min, made.max = min(low, made.min), max(high, made.max)
-            if key != but and made.value != value:
+            if key == but:
+                continue
+            if made.value != value:
                 made.value = value
+            # What was refused is not in the control any more.
+            self.refuse(key, "")
 
     def refuse(self, key: str, reason: str) -> None:
         """Say under a control why what it shows is not used; an empty reason takes that back."""

@@ -12,15 +12,36 @@ if TYPE_CHECKING:
 
 # Before the page of viser: it unpacks and compiles three megabytes of script, which keep a browser busy for seconds.
 _BEFORE = b"<script data-p="
+# Points of a picture that is followed by another within this time, where the processor draws.
+MAX_MOVING_POINTS, _REST_MS = 6000, 400
 # Without a graphics card smooth edges cost half the time of a picture. viser has no setting for that.
 _EDGES = """
 const open = HTMLCanvasElement.prototype.getContext;
-let fast;
+let slow;
+const isSlow = () => {
+  const gl = open.call(document.createElement("canvas"), "webgl2");
+  const names = gl?.getExtension("WEBGL_debug_renderer_info");
+  const name = names ? gl.getParameter(names.UNMASKED_RENDERER_WEBGL) : "";
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software|basic render/i.test(name);
+};
 HTMLCanvasElement.prototype.getContext = function (kind, options) {
   if (!String(kind).startsWith("webgl")) return open.call(this, kind, options);
-  fast ??= open.call(document.createElement("canvas"), kind, { failIfMajorPerformanceCaveat: true }) !== null;
-  return open.call(this, kind, fast ? options : { ...options, antialias: false });
+  slow ??= isSlow();
+  return open.call(this, kind, slow ? { ...options, antialias: false } : options);
 };
+"""
+# Nor has it one for this: without a graphics card points cost most of a picture. As long as one picture follows another
+# it has the first of them, which are drawn at random; viser draws one a second later, and that has all of them again.
+_POINTS = f"""
+let moving = false, last = -Infinity;
+const draw = WebGL2RenderingContext.prototype.drawArrays;
+WebGL2RenderingContext.prototype.drawArrays = function (mode, first, count) {{
+  const now = document.timeline.currentTime;
+  if (now !== last) [moving, last] = [now - last < {_REST_MS}, now];
+  const few = moving && slow && mode === this.POINTS;
+  return draw.call(this, mode, first, few ? Math.min(count, {MAX_MOVING_POINTS}) : count);
+}};
 """
 # A slider that moves and its number are drawn by themselves, and not with all of their panel.
 _LAYERS = Html("<style>.mantine-Slider-root,.mantine-Input-wrapper{will-change:transform}</style>")
@@ -47,7 +68,7 @@ def with_first_result(page: bytes, title: str, answer: Answer | None) -> bytes:
     if not found:
         return page
     head = head.replace(b"<title>Viser</title>", f"<title>{escape(title)} - bumpstop</title>".encode())
-    scripts = Html(_LAYERS + _script(_EDGES))
+    scripts = Html(_LAYERS + _script(_EDGES + _POINTS))
     if answer is not None:
         look = f"position:fixed;top:0;right:0;width:{PANEL_WIDTH}px;height:100%;overflow:hidden;background:white"
         first = element(

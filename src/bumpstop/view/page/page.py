@@ -185,9 +185,9 @@ class Page:
     def _refuse(self, key: str, error: InputError) -> None:
         """What was on screen stays; the reason stands at the control."""
         text = key in self._panel.controls and self._panel.controls[key].kind == "text"
-        self._panel.refuse(key, str(error))
         # A text is left as it was typed, so that it can be mended.
         self._panel.show(self._document.scenario, but=key if text else None)
+        self._panel.refuse(key, str(error))
 
     def _show_first(self) -> None:
         """Show the result before anything else is built."""

@@ -108,8 +108,10 @@ class PointPanel:
         size = 0.02 if len(rows.value) < 5000 else 0.008
         # A colour means the same in every slice; a few poses near a singularity must not darken all others.
         low, high = (float(end) for end in np.quantile(finite, _ENDS)) if finite.size else (0.0, 1.0)
+        # In no order: the first of them stand for all while the picture turns.
+        mixed = np.random.default_rng(0).permutation(len(rows.value))
         self._page.client.scene.add_point_cloud(
-            "/points", rows.place.astype(np.float32), colours_of(rows.value, low, high), point_size=size,
+            "/points", rows.place[mixed].astype(np.float32), colours_of(rows.value[mixed], low, high), point_size=size,
             point_shape="circle",
         )  # fmt: skip
         if finite.size:
