@@ -88,11 +88,17 @@ class CellMixture {
         double low = std::min(0.0, least_), high = std::max(most_, 0.0);
         double above_low = above<T>(low) - allowed, above_high = infinite_ - allowed;
         if (!(above_low > 0)) return least_above(low);
+        CellMixture near;
+        const CellMixture* of = this;
         // The chord, and every third time the middle: a tail has jumps.
         for (int i = 0; i < 200 && high - low > 1e-14 * high; ++i) {
+            if (i % 8 == 7) {
+                near = of->between(low, high);
+                of = &near;
+            }
             double x = low + (high - low) * (above_low / (above_low - above_high));
             if (i % 3 == 2 || !(x > low && x < high)) x = 0.5 * (low + high);
-            const double here = above<T>(x) - allowed;
+            const double here = of->above<T>(x) - allowed;
             (here > 0 ? low : high) = x;
             (here > 0 ? above_low : above_high) = here;
         }
@@ -100,6 +106,18 @@ class CellMixture {
     }
 
   private:
+    /// What tells P(value > x) for x from `low` to `high`: what lies beyond for all of them is at infinity.
+    CellMixture between(double low, double high) const {
+        CellMixture out;
+        out.infinite_ = infinite_;
+        for (std::size_t i = 0; i < mass_.size(); ++i) {
+            if (low_[i] >= high)
+                out.infinite_ += mass_[i];
+            else if (high_[i] > low)
+                out.add_cell(low_[i], high_[i], mass_[i]);
+        }
+        return out;
+    }
     /// Where nothing lies below, the first value there is.
     double least_above(double low) const { return mass_.empty() ? low : std::max(low, std::min(least_, most_)); }
 
