@@ -105,22 +105,21 @@ class AdaptiveTickGrid {
         if (!(known_[std::size_t(neighbour(k, -1) - first_)].time >= 0) ||
             !(known_[std::size_t(neighbour(k, 1) - first_)].time >= 0))
             return nan;  // beyond the peaks: points on one side would have to be extrapolated
-        int point[max_points], points = 0;
+        std::vector<int> point;
         const int base = first_ + (k - first_) / spacing * spacing;
-        for (int reach = 0; reach < max_points && points < max_points; ++reach) {
+        for (int reach = 0; reach < max_points && int(point.size()) < max_points; ++reach) {
             for (int at : {base - reach * spacing, base + (reach + 1) * spacing}) {
-                if (at < first_ || at > last_ || at == k || points == max_points) continue;
-                if (overtravel_[std::size_t(at - first_)] >= 0 && known_[std::size_t(at - first_)].time >= 0) {
-                    point[points++] = at;
-                }
+                if (at < first_ || at > last_ || at == k || int(point.size()) == max_points) continue;
+                if (overtravel_[std::size_t(at - first_)] >= 0 && known_[std::size_t(at - first_)].time >= 0)
+                    point.push_back(at);
             }
         }
-        if (points < 4) return nan;
-        std::sort(point, point + points);
+        if (point.size() < 4) return nan;
+        std::sort(point.begin(), point.end());
         double weight[max_points];
-        Interpolation(std::vector<int>(point, point + points)).weights(double(k), weight);
+        Interpolation(point).weights(double(k), weight);
         PeakFit sum{0, 0, 0, 0};
-        for (int m = 0; m < points; ++m) sum.add(weight[m], known_[std::size_t(point[m] - first_)]);
+        for (std::size_t m = 0; m < point.size(); ++m) sum.add(weight[m], known_[std::size_t(point[m] - first_)]);
         return sum.time >= 0 ? sum.at_steps() : nan;
     }
 
