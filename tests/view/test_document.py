@@ -13,11 +13,12 @@ import pytest
 import bumpstop as bs
 from bumpstop.model import Robot
 from bumpstop.view.answer import Answer
-from bumpstop.view.controls import Control, Shown, controls_of
+from bumpstop.view.controls import Control, controls_of
 from bumpstop.view.document import ViewDocument, scenario_text, with_keys
 from bumpstop.view.latest import LatestWins
 from bumpstop.view.plots.distribution import exceedance_plot
 from bumpstop.view.uncertainty_text import spec_of, text_of
+from view.control_cases import needed, other_value
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 HAND = bs.load_scenario(EXAMPLES / "01_hand_downward.toml")
@@ -93,57 +94,38 @@ def test_what_is_refused_changes_nothing() -> None:
 def test_every_control_shows_and_sets_its_key(control: Control) -> None:
     """What is written is read back, other controls keep what they show, and the scenario of the text is the same."""
     assert control.write(HAND, control.read(HAND)) is not None
-    other = _other(control)
-    changed = with_keys(HAND, _needed(control) | control.write(HAND, other))
+    other = other_value(control)
+    changed = with_keys(HAND, needed(control) | control.write(HAND, other))
     assert control.read(changed) == pytest.approx(other) if isinstance(other, float | tuple) else other
     text = bs.Scenario.from_dict(tomllib.loads(scenario_text(changed)))
     assert text.to_dict() == changed.to_dict()
-    if changed != HAND and not _needed(control):
+    if changed != HAND and not needed(control):
         before = {each.key: each.read(HAND) for each in CONTROLS}
         after = {each.key: each.read(changed) for each in controls_of(changed, Robot.load("sia5d"))}
         differ = {key for key in before if key in after and before[key] != pytest.approx(after[key])}
-        assert differ <= {control.key, "contact.pressure_area", "contact.arm", "contact.body_mass_kg"}
+        may = {control.key, *control.write(HAND, other), "contact.pressure_area", "contact.arm", "contact.body_mass_kg"}
+        assert differ <= may
 
 
-def _needed(control: Control) -> dict[str, object]:
-    """Keys without which a control has no meaning."""
-    return {
-        "contact.body_mass_kg": {"contact.kind": "free"},
-        "contact.arm": {"contact.kind": "free", "contact.body_mass_kg": 2.0},
-        "contact.offset_mm": {"contact.offset_law": "fixed"},
-        "contact.offset_law": {"contact.offset_mm": None},
-        "reaction.stopping_time_s": {"reaction.deceleration": "constant_time"},
-        "reaction.ramp_time_s": {"reaction.deceleration": "ramp"},
-        "reaction.deceleration": {"reaction.ramp_time_s": 0.05},
-        "reaction.stop_category": {"reaction.kind": "stop"},
-        "uncertainty.contact.body_mass_kg": {"contact.kind": "free", "contact.body_mass_kg": 2.0},
-    }.get(control.key, {"arm.model": "elastic"} if control.key.startswith("arm.") else {})
-
-
-def _other(control: Control) -> Shown:
-    """Something else that a control may show."""
-    now = control.read(HAND)
-    if control.kind == "vector":
-        return (0.0, 0.6, -0.8)
-    if control.kind in ("slider", "number"):
-        assert isinstance(now, float)
-        return now + 2 * control.step if now + 2 * control.step <= control.high else now - 2 * control.step
-    if control.key == "reaction.deceleration":
-        return "ramp"
-    if control.kind == "choice":
-        return next((name for name in control.choices[1:] if name not in (now, "fixed")), str(now))
-    if control.panel == "Uncertainty":
-        return "0.002 to 0.006" if control.key.endswith("latency_s") else "5 %"
-    texts = {
-        "verdict.confidence": "0.9",
-        "motion.held_joints": "6",
-        "contact.normal": "0, 0, -1",
-        "detector.thresholds_Nm": "21, 11, 21, 21, 21, 21, 21",
-        "reaction.stop_category": "1",
-    }
-    return texts.get(
-        control.key, "0.0005" if control.panel == "Verdict" else "1.5" if control.panel != "Arm" else "0.5"
-    )
+@pytest.mark.parametrize(
+    ("typed", "of"),
+    [
+        ("contact.body_mass_kg", {"contact.kind": "free"}),
+        ("contact.offset_mm", {"contact.offset_law": "fixed"}),
+        ("reaction.stopping_time_s", {"reaction.deceleration": "constant_time"}),
+        ("reaction.ramp_time_s", {"reaction.deceleration": "ramp"}),
+    ],
+)
+def test_a_number_of_a_choice_makes_the_choice(typed: str, of: dict[str, str]) -> None:
+    """Neither may stand alone: a person who types one after the other would be refused twice."""
+    (control,) = (each for each in CONTROLS if each.key == typed)
+    with pytest.raises(bs.InputError):
+        bs.evaluate(with_keys(HAND, of))
+    with pytest.raises(bs.InputError):
+        bs.evaluate(with_keys(HAND, {typed: 0.2}))
+    changes = control.write(HAND, "0.2")
+    assert changes.items() >= of.items()
+    assert bs.evaluate(with_keys(HAND, changes)).to_json()["verdict"]["conclusion"]
 
 
 def test_the_tail_is_drawn_where_the_command_says_it_is() -> None:

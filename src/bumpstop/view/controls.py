@@ -85,6 +85,10 @@ class Control:
         elif self.kind == "text":
             value = _typed(self.key, str(shown))
         changes = {self.key: value}
+        if value is not None and self.key in _OF_CHOICE:
+            choice, name = _OF_CHOICE[self.key]
+            changes[choice] = name
+            return changes | dict.fromkeys(_instead(choice, name))
         return changes | dict.fromkeys(_instead(self.key, value))
 
 
@@ -120,6 +124,15 @@ def _velocity(scenario: Scenario, key: str, shown: Shown) -> list[float]:
 def _rounded(value: float) -> float:
     """A value that can be read: twelve digits, and no negative zero."""
     return float(f"{value:.12g}") + 0.0
+
+
+# What is typed here has a meaning with one choice only: the scenario makes it then. Without the number it could not.
+_OF_CHOICE = {
+    "contact.body_mass_kg": ("contact.kind", "free"),
+    "contact.offset_mm": ("contact.offset_law", "fixed"),
+    "reaction.stopping_time_s": ("reaction.deceleration", "constant_time"),
+    "reaction.ramp_time_s": ("reaction.deceleration", "ramp"),
+}
 
 
 def _instead(key: str, value: Any) -> tuple[str, ...]:
