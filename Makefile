@@ -62,6 +62,7 @@ lower-bounds: $(VENV)/lowest/.made
 	tests/collision/trajectory/test_trajectory_file.py
 
 validate: $(VENV)/.tested
+	BUMPSTOP_ALL_CONTROLS=1 $(BIN)/python -m pytest tests/view/test_controls_in_browser.py
 	$(BIN)/python -m validation --out out/validation
 
 # Damaged files for every reader, so many seconds each.

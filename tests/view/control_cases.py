@@ -43,6 +43,9 @@ def other_value(control: Control) -> Shown:
         "contact.normal": "0, 0, -1",
         "detector.thresholds_Nm": "21, 11, 21, 21, 21, 21, 21",
         "reaction.stop_category": "1",
+        "contact.stiffness_N_m": "30000",
+        "contact.padding_N_m": "30000",
+        "arm.gear_stiffness_Nm_rad": "9000",
     }
     return texts.get(
         control.key, "0.0005" if control.panel == "Verdict" else "1.5" if control.panel != "Arm" else "0.5"

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from bumpstop.view.controls import Control, Shown
 from bumpstop.view.page.server import ViewServer
 
-WAIT_MS = 60_000
+WAIT_MS = 15_000
 
 
 class Screen:
@@ -68,6 +69,36 @@ class Screen:
         self.page.mouse.move(x, y)
         self.page.mouse.click(x, y)
 
+    def until_other_than(self, scenario: str) -> None:
+        """Wait until the exported scenario is another one."""
+        self.page.wait_for_function(
+            "text => document.querySelector('[data-scenario]').textContent !== text", arg=scenario, timeout=WAIT_MS
+        )
+
+    def until_same_as(self, scenario: str) -> None:
+        """Wait until the exported scenario is this one."""
+        self.page.wait_for_function(
+            "text => document.querySelector('[data-scenario]').textContent.trim() === text.trim()", arg=scenario,
+            timeout=WAIT_MS,
+        )  # fmt: skip
+
+    def set(self, control: Control, value: Shown) -> None:
+        """Do with a control what a person would, so that it shows a value."""
+        fields = self.fields(control.label)
+        if control.kind == "choice":
+            fields.first.click()
+            self.page.get_by_role("option", name=str(value), exact=True).locator("visible=true").click()
+            return
+        values = value if isinstance(value, tuple) else (value,)
+        for field, each in zip(fields.all()[-len(values) :], values, strict=True):
+            field.fill(f"{each:.12g}" if isinstance(each, float) else each)
+            field.press("Enter")
+
+    def fields(self, label: str) -> Any:
+        """The inputs beside a label."""
+        row = f"xpath=//label[normalize-space()='{label}']/ancestor::*[.//input][1]"
+        return self.page.locator(f"{row}//input[not(@type='hidden')]")
+
     def field(self, label: str) -> Any:
         """The input beside a label: a panel's row is label and input."""
-        return self.page.locator(f"xpath=//label[normalize-space()='{label}']/ancestor::*[.//input][1]//input").last
+        return self.fields(label).last

@@ -28,10 +28,11 @@ def force_over_time_plot(answer: Answer) -> Html:
     limit = answer.lowest_limit_N
     if limit < 1.6 * top:
         top = max(top, limit)
+    top *= 1.45  # room for the word on detection above a peak that it comes with
     chart = Chart(
         "One collision in time",
         (-0.1 * end * 1e3, end * 1e3),
-        (0.0, 1.25 * top),
+        (0.0, top),
         labels=("time after touch [ms]", "force [N]"),
         height=170,
         name=_NAME,
@@ -42,7 +43,7 @@ def force_over_time_plot(answer: Answer) -> Html:
         at = float(rollout.time[int(np.argmax(rollout.force))])
         name = "p99" if dash is None else "median"
         chart.mark(1e3 * at, rollout.peak_force, f"{name} {number(rollout.peak_force)} N", LAW, below=name == "median")
-    if limit <= 1.25 * top:
+    if limit <= top:
         chart.horizontal(limit, f"limit {number(limit)} N")
     if bad.detection is not None and bad.detection < end:
         chart.vertical(1e3 * bad.detection, "detected", EVENT, dash="8 3 2 3")
