@@ -261,7 +261,11 @@ def test_what_cannot_be_joined_is_refused() -> None:
     with pytest.raises(bs.InputError, match="recordings: there are none"):
         identify_dynamics([], robot)
     with pytest.raises(bs.InputError, match="payloads: 1 for 2 recordings"):
-        identify_dynamics([log, log], robot, cutoff_hz=5.0, payloads=[None])
+        identify_dynamics([log, planted(robot, 2, seconds=4.0)], robot, cutoff_hz=5.0, payloads=[None])
+    # One recording twice would halve the variance of every parameter.
+    for call in (identify_dynamics, identify_joint_model):
+        with pytest.raises(bs.InputError, match=r"recordings: .* are the same; give each recording once"):
+            call([log, replace(log)], robot)
     with pytest.raises(bs.InputError, match="is -1"):
         Payload(-1.0)
     short = joined(log, log, 0.5).between(3.4, 5.0)
@@ -283,7 +287,7 @@ def test_joints_in_a_drivers_order_are_refused_everywhere() -> None:
     )
     calls: list[Callable[[], object]] = [
         lambda: identify_dynamics(log, robot),
-        lambda: identify_gains([log, log], robot, known={"elbow_joint": 10.0}),
+        lambda: identify_gains([log, replace(log, t=t + 9)], robot, known={"elbow_joint": 10.0}),
         lambda: identify_joint_model(log, robot),
         lambda: identify_payload(log, robot),
         lambda: compare_currents(model, log, robot),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import reprlib
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -116,6 +117,7 @@ def _is_table(scenario: type[BaseModel], key: str) -> bool:
     return isinstance(annotation, type) and issubclass(annotation, BaseModel)
 
 
+@cache
 def words(scenario: type[BaseModel], path: tuple[str, ...], *, item: bool = False) -> str:
     """What may stand at a key, or in its list, in words."""
     model: Any = scenario

@@ -71,9 +71,11 @@ class Score:
                     f"  missed: {time_text(label.start_s)} to {time_text(label.end_s)} s {label.kind}".rstrip()
                 )
         if self.repeated:
-            lines.append(f"{self.repeated} more events inside labels that were detected before")
+            events = "event" if self.repeated == 1 else "events"
+            lines.append(f"{self.repeated} more {events} inside labels that were detected before")
         if self.outside:
-            lines.append(f"{self.outside} labels lie outside the recording and are left out")
+            labels = "1 label lies" if self.outside == 1 else f"{self.outside} labels lie"
+            lines.append(f"{labels} outside the recording, left out")
         return "\n".join(lines)
 
     @property

@@ -19,6 +19,7 @@ from bumpstop.identification.fit import Quantity
 from bumpstop.identification.recording_consistency import inconsistent_joints
 from bumpstop.identification.segments.drive_samples import DriveSamples, drive_samples
 from bumpstop.identification.segments.motion import GRAVITY
+from bumpstop.identification.segments.torque_samples import as_list
 from bumpstop.joint.friction_law import OF_FRICTION
 from bumpstop.joint.model import JointTorqueModel
 from bumpstop.joint.parameters import BOUNDS, OF_MAP
@@ -194,9 +195,9 @@ def identify_joint_model(
         InputError: no currents, too few rows, a robot of another number of joints or without inertia, names that do not
             exist; no joint of which anything could be fitted.
     """
-    logs = [recordings] if not isinstance(recordings, Sequence) else list(recordings)
+    logs = as_list(recordings)
     robots = list(robot) if isinstance(robot, Sequence) else [robot] * len(logs)
-    if not logs or len(robots) != len(logs):
+    if len(robots) != len(logs):
         raise InputError("robot", f"{len(robots)} of them for {len(logs)} recordings", "wanted one for each")
     _check_choice("maps", maps, OF_MAP)
     _check_choice("frictions", frictions, OF_FRICTION)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import combinations, pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -338,9 +338,17 @@ def as_list(recordings: Recording | Sequence[Recording]) -> list[Recording]:
     """One or more recordings as a list.
 
     Raises:
-        InputError: none at all.
+        InputError: none at all, or one twice.
     """
     logs = list(recordings) if isinstance(recordings, Sequence) else [recordings]
     if not logs:
         raise InputError("recordings", "there are none", "wanted one or more")
+    for one, other in combinations(logs, 2):
+        if all(_same(getattr(one, name), getattr(other, name)) for name in ("t", "q", "tau", "current")):
+            # Its rows would count as twice as many, and standard errors would be too small.
+            raise InputError("recordings", f"{one.source} and {other.source} are the same", "give each recording once")
     return logs
+
+
+def _same(one: FloatArray | None, other: FloatArray | None) -> bool:
+    return one is other or (one is not None and other is not None and np.array_equal(one, other))
