@@ -115,7 +115,7 @@ def test_scales_that_cannot_be_seen_are_refused() -> None:
     with pytest.raises(bs.InputError, match="gains: their scale is not identifiable: nothing known is carried"):
         identify_gains(one, robot)
     with pytest.raises(bs.InputError, match="all recordings carry the same"):
-        identify_gains([loaded, loaded], robot, payloads=[LOAD, LOAD])
+        identify_gains([one, loaded], robot, payloads=[LOAD, LOAD])
     with pytest.raises(bs.InputError, match="'elbow' is no joint of ur5e"):
         identify_gains(one, robot, known={"elbow": 3.0})
     with pytest.raises(bs.InputError, match=r"the gain of elbow_joint is 0\.0"):

@@ -264,7 +264,9 @@ def test_what_cannot_be_joined_is_refused() -> None:
         identify_dynamics([log, planted(robot, 2, seconds=4.0)], robot, cutoff_hz=5.0, payloads=[None])
     # One recording twice would halve the variance of every parameter.
     for call in (identify_dynamics, identify_joint_model):
-        with pytest.raises(bs.InputError, match=r"recordings: .* are the same; give each recording once"):
+        with pytest.raises(
+            bs.InputError, match=r"recordings: number 1 and number 2 are the same; give each recording once"
+        ):
             call([log, replace(log)], robot)
     with pytest.raises(bs.InputError, match="is -1"):
         Payload(-1.0)

@@ -343,10 +343,11 @@ def as_list(recordings: Recording | Sequence[Recording]) -> list[Recording]:
     logs = list(recordings) if isinstance(recordings, Sequence) else [recordings]
     if not logs:
         raise InputError("recordings", "there are none", "wanted one or more")
-    for one, other in combinations(logs, 2):
+    for (i, one), (k, other) in combinations(enumerate(logs, 1), 2):
         if all(_same(getattr(one, name), getattr(other, name)) for name in ("t", "q", "tau", "current")):
             # Its rows would count as twice as many, and standard errors would be too small.
-            raise InputError("recordings", f"{one.source} and {other.source} are the same", "give each recording once")
+            problem = f"{one.source or f'number {i}'} and {other.source or f'number {k}'} are the same"
+            raise InputError("recordings", problem, "give each recording once")
     return logs
 
 
