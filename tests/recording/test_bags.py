@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sqlite3
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -168,6 +170,17 @@ def test_a_damaged_size_of_pages_finds_no_messages(size: int, tmp_path: Path) ->
     file = tmp_path / "r.db3"
     file.write_bytes(b"SQLite format 3\0" + size.to_bytes(2, "big") + bytes(2000))
     with pytest.raises(InputError, match=r"damaged .* 0 messages are readable"):
+        Recording.load(file)
+
+
+@pytest.mark.parametrize("damage", ["timestamp = 'x'", "timestamp = x'00'", "data = 5"])
+def test_a_cell_of_another_kind_is_damage(damage: str, tmp_path: Path) -> None:
+    path = bag(tmp_path, StoragePlugin.SQLITE3, {"/s": [state(0.01 * i, ["a", "b"]) for i in range(20)]})
+    (file,) = path.glob("*.db3")
+    with closing(sqlite3.connect(file)) as base:
+        base.execute(f"UPDATE messages SET {damage} WHERE id = 7")
+        base.commit()
+    with pytest.raises(InputError, match="the bag is damaged or ends in the middle"):
         Recording.load(file)
 
 

@@ -147,14 +147,15 @@ def _messages(path: Path, topic: str) -> tuple[npt.NDArray[np.int64], list[bytes
             times, bodies = [], []
             for _, time, body in reader.messages(connections):
                 times.append(time)
-                bodies.append(bytes(body))
+                bodies.append(bytes(memoryview(body)))  # a number would be a length
+            received = np.array(times, dtype=np.int64)
     except InputError:
         raise
     except Exception as error:  # rosbags and what it stands on raise many kinds for a damaged file
         from bumpstop.recording.formats.damaged_bag import describe_damage
 
         raise describe_damage(path, error) from None
-    return np.array(times, dtype=np.int64), bodies, connections[0].topic
+    return received, bodies, connections[0].topic
 
 
 def _connections(connections: list[Any], topic: str, path: Path) -> list[Any]:
