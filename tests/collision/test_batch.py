@@ -18,17 +18,20 @@ from collision.cases import control_group, ur10e
 
 
 @pytest.mark.parametrize(
-    "base",
+    ("base", "tolerance"),
     [
-        control_group(),
-        ur10e(),
-        ur10e(arm__model="elastic"),
-        ur10e(contact__damping_Ns_m=200.0),
-        ur10e(contact__kind="free", contact__body_mass_kg=2.0),
+        (control_group(), 1e-6),
+        (ur10e(), 1e-6),
+        (ur10e(arm__model="elastic"), 1e-3),
+        (control_group(arm__model="elastic"), 1e-3),
+        (control_group(arm__model="elastic", reaction__kind="stop"), 1e-3),
+        (ur10e(contact__damping_Ns_m=200.0), 1e-5),
+        (ur10e(contact__kind="free", contact__body_mass_kg=2.0), 1e-5),
     ],
-    ids=["sia5d", "ur10e", "elastic arm", "damped body", "free body"],
+    ids=["sia5d", "ur10e", "elastic arm", "that bounces", "and stops", "damped body", "free body"],
 )
-def test_a_batch_is_its_laws(base: bs.Scenario) -> None:
+def test_a_batch_is_its_laws(base: bs.Scenario, tolerance: float) -> None:
+    """To the promised share of the mean force."""
     problem = bs.CollisionProblem.from_scenario(base)
     rng = np.random.default_rng(2)
     q = problem.q + rng.normal(scale=0.15, size=(13, problem.robot.dof))
@@ -42,13 +45,16 @@ def test_a_batch_is_its_laws(base: bs.Scenario) -> None:
         result = bs.evaluate(
             base.with_values({"pose_rad": q[i].tolist(), "motion.velocity_mm_s": (velocity[i] * 1e3).tolist()})
         )
-        assert one.mean[i] == pytest.approx(result.peak_force.mean, rel=1e-6)
-        assert one.sd[i] == pytest.approx(result.peak_force.sd, rel=1e-6)
+        off = tolerance * result.peak_force.mean
+        assert one.mean[i] == pytest.approx(result.peak_force.mean, abs=off)
+        assert one.sd[i] == pytest.approx(result.peak_force.sd, abs=off)
         for column, p in enumerate((0.5, 0.95, 0.99, 0.999)):
-            assert one.quantile[i, column] == pytest.approx(result.peak_force.quantile(p), rel=1e-6)
+            assert one.quantile[i, column] == pytest.approx(result.peak_force.quantile(p), abs=off)
         for column, limit in enumerate(limits):
-            assert one.exceedance[i, column] == pytest.approx(result.peak_force.exceedance(limit), abs=1e-6)
-        np.testing.assert_allclose(one.trigger_joint_probability[i], result.trigger_joint_probability, atol=1e-8)
+            assert one.exceedance[i, column] == pytest.approx(result.peak_force.exceedance(limit), abs=tolerance)
+        np.testing.assert_allclose(
+            one.trigger_joint_probability[i], result.trigger_joint_probability, atol=1e-8 if tolerance < 1e-5 else 1e-5
+        )
 
 
 RANDOM_LAWS = """

@@ -191,7 +191,7 @@ void write_yielding(const BatchProblem& problem, int pose, BatchResult& out) {
     const Contact contact = problem.contact_at(path.approach_speed);
     out.end[std::size_t(pose)] = path.singular_start ? batch_singular_start : std::uint8_t(path.end);
     if (path.singular_start) return;
-    const CollisionDistribution found = integrate<L>(problem.setup, curve, problem.detector, {contact});
+    const CollisionDistribution found = integrate<L>(problem.setup, curve, problem.detector, {contact, 1, true});
     // A held body that is never detected is pressed on, but by an arm that has come to rest.
     const bool pressed = !contact.body.gets_away() && !path.rests();
     const CellMixture force =
@@ -243,7 +243,7 @@ void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool tabul
     for (int i = 0; i < count; ++i) {
         std::swap(curve[i].path, path[i]);  // both keep their memory for the next pose
         const LinePath& traced = curve[i].path;
-        settings[i] = {problem.contact_at(traced.approach_speed), 1, false};
+        settings[i] = {problem.contact_at(traced.approach_speed), 1, true};
         detected[i] = tabulated && traced.ticks > 0 && worker.quadrature[std::size_t(i)].detect(traced, settings[i]);
         worker.probability[i] = detected[i] ? worker.quadrature[std::size_t(i)].detection()
                                             : max_alarm_probability<L>(problem.detector, problem.setup.timing, traced,

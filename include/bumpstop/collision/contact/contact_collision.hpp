@@ -9,8 +9,10 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// What reactions make of collisions that are under way, or to come.
 class ContactReactions {
   public:
-    ContactReactions(const ContactPaths& paths, const ContactPropagator& by)
+    /// Not `lasting`: only the peak force is wanted. An arm that has turned back is followed until an oscillation has had its peak.
+    ContactReactions(const ContactPaths& paths, const ContactPropagator& by, bool lasting = true)
         : paths_(&paths),
+          lasting_(lasting),
           dynamics_(by),
           swing_(int(std::min((by.elastic() ? 4 : 1) * by.half_oscillation / paths.step, 1e6)) + 2) {}
 
@@ -47,10 +49,13 @@ class ContactReactions {
         const bool swings = dynamics_.propagator().elastic();
         state.reacts = true;
         double from = path.at(0);
+        int farther = 0;  // the last step known after which the reference goes beyond where it is
         for (int i = 0; !state.separated; ++i) {
             allow_interruption();
-            const bool late = i >= longest + swing_;
-            if (late && (!path.retreats() || i >= longest + max_retreat)) return dynamics_.rest(state, from - offset);
+            if (path.later(i) > from) farther = i;
+            const bool late = i >= longest + swing_, turned = !lasting_ && i > farther + swing_;
+            if (turned || (late && (!path.retreats() || i >= longest + max_retreat)))
+                return dynamics_.rest(state, from - offset);
             if (!state.contact) {
                 if (i >= longest && (late || !may_return(state))) return;
                 if (path.later(i) <= offset) return;
@@ -85,6 +90,7 @@ class ContactReactions {
     }
 
     const ContactPaths* paths_;
+    bool lasting_;
     ContactDynamics dynamics_;
     int swing_;  // simulation steps until an oscillation at rest has had its peak
 };

@@ -62,7 +62,8 @@ struct EarlyReactions {
 template <class T>
 class DynamicContact {
   public:
-    explicit DynamicContact(const ContactReactions& reactions) : reactions_(reactions) {}
+    /// `batch`: as of QuadratureSettings.
+    DynamicContact(const ContactReactions& reactions, bool batch) : reactions_(reactions), batch_(batch) {}
 
     void begin(const OffsetPanel& panel, const T* offset) {
         same_ = panel.low == panel.high;
@@ -80,6 +81,8 @@ class DynamicContact {
     }
 
     static constexpr bool parts = true;
+    /// Probabilities of detection may be off by this.
+    double chance_tolerance() const { return batch_ ? 1e-6 : 0.0; }
     /// 1 where a detection then is one of this contact: a body that has got away cannot be felt.
     T touched(int i, int r) {
         return by_lane(r, [&](ContactCollision& collision) { return collision.separated(i) ? 0.0 : 1.0; });
@@ -96,15 +99,16 @@ class DynamicContact {
             const auto put = [&](std::vector<double>& values, std::size_t row, double value) {
                 std::fill_n(values.begin() + std::ptrdiff_t(row * order + first + node), same_ ? nodes : 1, value);
             };
-            for (int i = 0; i < panel.slots; ++i) {
-                const std::size_t slot = panel.first_slot + std::size_t(i);
-                if (!(out.detected[slot * order + first + node] > 0)) continue;
-                const ContactCollision::Outcome outcome = collision.detected(i);
-                put(out.peak_force, slot, outcome.peak);
-                put(out.lasting_force, slot, outcome.lasting);
-                put(out.duration, slot, outcome.duration);
-                put(out.force_at_detection, slot, collision.force(i));
-            }
+            follow_reactions(
+                collision, panel.slots,
+                [&](int i) { return out.detected[(panel.first_slot + std::size_t(i)) * order + first + node]; },
+                [&](int i, const ContactCollision::Outcome& outcome) {
+                    const std::size_t slot = panel.first_slot + std::size_t(i);
+                    put(out.peak_force, slot, outcome.peak);
+                    put(out.lasting_force, slot, outcome.lasting);
+                    put(out.duration, slot, outcome.duration);
+                    put(out.force_at_detection, slot, collision.force(i));
+                });
             if (!(out.survived[panel.row * order + first + node] > 0)) continue;
             const ContactCollision::Outcome outcome = collision.undetected();
             put(out.undetected_peak_force, panel.row, outcome.peak);
@@ -130,8 +134,9 @@ class DynamicContact {
         // Of both forces, of the time in contact. An arm that gives way bounces: how long it touches in all is no smooth
         // function of the offset.
         const bool bounces = reactions_.dynamics().propagator().elastic();
-        const double of_force = bounces ? 1e-4 : 1e-5, tolerance[] = {of_force, of_force, bounces ? 0.1 : 5e-5};
-        for (std::size_t q = 0; q < std::size(tolerance); ++q) {
+        const double of_arm = batch_ ? 1e-3 : 1e-4, of_force = bounces ? of_arm : 1e-5,
+                     tolerance[] = {of_force, of_force, bounces ? 0.1 : 5e-5};
+        for (std::size_t q = 0; q < (batch_ ? 1 : std::size(tolerance)); ++q) {
             const std::vector<double>& values = known.*by_slot()[q];
             const std::vector<double>& never = known.*by_panel()[q];
             const double allowed =
@@ -160,7 +165,37 @@ class DynamicContact {
         return out;
     }
 
+    /// Puts what detections come to, from the first to the last that have a `chance`. Some in a row that have hardly any
+    /// together are interpolated between the two beside them.
+    template <class Chance, class Put>
+    static void follow_reactions(ContactCollision& collision, int slots, Chance chance, Put put) {
+        constexpr double negligible_chance = 1e-6;
+        using Outcome = ContactCollision::Outcome;
+        int first = 0, last = slots - 1;
+        while (first < slots && !(chance(first) > 0)) ++first;
+        while (last > first && !(chance(last) > 0)) --last;
+        Outcome from;
+        double passed = 0;  // probability of those since the last one that was followed
+        for (int i = first, before = first; i <= last; ++i) {
+            passed += chance(i);
+            if (i > first && i < last && passed <= negligible_chance) continue;
+            const Outcome to = collision.detected(i);
+            for (int k = before + 1; k < i; ++k) {
+                const double share = double(k - before) / (i - before);
+                // Of infinite ones, too.
+                const auto mix = [&](double a, double b) { return (1 - share) * a + share * b; };
+                put(k,
+                    Outcome{mix(from.peak, to.peak), mix(from.lasting, to.lasting), mix(from.duration, to.duration)});
+            }
+            put(i, to);
+            from = to;
+            before = i;
+            passed = 0;
+        }
+    }
+
     const ContactReactions& reactions_;
+    bool batch_;
     std::vector<ContactCollision> collision_;  ///< by node; one where the panel is a point
     bool same_ = false;                        ///< the panel is a point
 };

@@ -86,21 +86,17 @@ class CellMixture {
     double upper_quantile(double allowed) const {
         if (infinite_ > allowed) return HUGE_VAL;
         double low = std::min(0.0, least_), high = std::max(most_, 0.0);
-        double above_low = above<T>(low) - allowed, above_high = infinite_ - allowed;
-        if (!(above_low > 0)) return least_above(low);
+        if (!(above<T>(low) > allowed)) return least_above(low);
         CellMixture near;
         const CellMixture* of = this;
-        // The chord, and every third time the middle: a tail has jumps.
-        for (int i = 0; i < 200 && high - low > 1e-14 * high; ++i) {
-            if (i % 8 == 7) {
+        // By halves: a tail has jumps, at which a chord hardly gets on.
+        for (int i = 1; i <= 200 && high - low > 1e-14 * high; ++i) {
+            const double x = 0.5 * (low + high);
+            (of->above<T>(x) > allowed ? low : high) = x;
+            if (i % 8 == 0) {
                 near = of->between(low, high);
                 of = &near;
             }
-            double x = low + (high - low) * (above_low / (above_low - above_high));
-            if (i % 3 == 2 || !(x > low && x < high)) x = 0.5 * (low + high);
-            const double here = of->above<T>(x) - allowed;
-            (here > 0 ? low : high) = x;
-            (here > 0 ? above_low : above_high) = here;
         }
         return high;
     }

@@ -120,6 +120,7 @@ class ClampedContact {
     }
 
     static constexpr bool parts = false;  ///< arm and body may part
+    double chance_tolerance() const { return 0.0; }
     T touched(int, int) const { return 1.0; }
 
   private:

@@ -21,7 +21,9 @@ class InterpolatedPanels {
           panels_(mesh.panels()),
           order_(std::size_t(mesh.order())),
           before_(before),
-          out_(out) {}
+          out_(out),
+          tolerance_(std::max(Alarms::interpolation_tolerance, contact.chance_tolerance())),
+          negligible_(std::max(Alarms::max_interpolated_survival, contact.chance_tolerance())) {}
 
     void operator()() {
         out_.begin(panels_.size());
@@ -45,7 +47,6 @@ class InterpolatedPanels {
   private:
     static_assert(Alarms::interpolation_nodes.back() <= DetectionProbabilities::max_nodes);
     static constexpr int lanes = Scalar<T>::lanes;
-    static constexpr double tolerance = Alarms::interpolation_tolerance;
 
     /// Whether the `parts` panels from `at` on are a tick's, or a group of ticks', of the same kind as `head`.
     bool alike(const OffsetPanel& head, const OffsetPanel& next, std::size_t parts, std::size_t at) const {
@@ -104,17 +105,17 @@ class InterpolatedPanels {
 
     /// Do interpolated and direct probabilities agree?
     bool agrees(std::size_t p) const {
-        if constexpr (!Contact::parts) {
+        if (!Contact::parts || integrator_.path().end != PathEnd::all_detected) {
             // Where the motion's end decides what is not detected, nothing is smooth.
             for (int m = 0; m < from_.nodes; ++m) {
                 const double* survived = &out_.survived[out_.panel[from_.panel[m]].row * order_];
-                if (*std::max_element(survived, survived + order_) > Alarms::max_interpolated_survival) return false;
+                if (*std::max_element(survived, survived + order_) > negligible_) return false;
             }
         } else {
-            if (!row_agrees(out_.survived, p, T(tolerance))) return false;
+            if (!row_agrees(out_.survived, p, T(tolerance_))) return false;
         }
         for (int slot = 0; slot < out_.panel[p].slots; ++slot)
-            if (!slot_agrees(out_.detected, p, slot, [](std::size_t) { return T(tolerance); })) return false;
+            if (!slot_agrees(out_.detected, p, slot, [&](std::size_t) { return T(tolerance_); })) return false;
         return triggers_agree(p) && contact_.agrees(*this, p, out_);
     }
 
@@ -125,7 +126,7 @@ class InterpolatedPanels {
             T off = -load<T>(&out_.trigger[out_.panel[p].row * count + i]);
             for (int m = 0; m < from_.nodes; ++m)
                 off += weight_[m] * load<T>(&out_.trigger[out_.panel[from_.panel[m]].row * count + i]);
-            if (any(abs(off) > T(10 * tolerance))) return false;
+            if (any(abs(off) > T(10 * tolerance_))) return false;
         }
         return true;
     }
@@ -185,6 +186,7 @@ class InterpolatedPanels {
     const std::size_t order_;
     const PreContactAlarms& before_;
     DetectionProbabilities& out_;
+    double tolerance_, negligible_;  ///< of probabilities; of surviving the motion
     std::vector<std::size_t> run_;
     DetectionProbabilities::Run from_;                       ///< the panels that others are interpolated from,
     double weight_[DetectionProbabilities::max_nodes] = {};  ///< and their weights

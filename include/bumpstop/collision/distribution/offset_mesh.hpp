@@ -12,7 +12,9 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 struct QuadratureSettings {
     Contact contact{};
     int refinement = 1;  ///< multiplies the order of the quadrature; 2 shows that 1 is converged
-    bool delays = true;  ///< detection delays are wanted: panels are then cut where the path bends in time
+    /// Of many: only the peak force is wanted, and not to the last digit. Else panels are cut where the path bends in time,
+    /// for detection delays.
+    bool batch = false;
     const ContactPaths* paths = nullptr;            ///< null: arm and body are rigid but for a clamped spring
     const ContactPropagator* propagator = nullptr;  ///< of what gives way along these paths
 };
@@ -54,14 +56,14 @@ class OffsetMesh {
         begin(path, settings);
         width_ = width;
         transitions_ = false;
-        groups_ = !settings.delays && rare_alarms();
+        groups_ = settings.batch && rare_alarms();
         return cut(max_parts);
     }
     /// Panels, and the order that suits the noise. `every_tick`: no panel holds several.
     void build(const LinePath& path, const QuadratureSettings& settings, bool every_tick = false) {
         begin(path, settings);
-        groups_ = !settings.delays && !every_tick && settings.refinement == 1 && !detector_.correlated_noise() &&
-                  rare_alarms();
+        groups_ = settings.batch && (settings.paths == nullptr || elastic()) && !every_tick &&
+                  settings.refinement == 1 && !detector_.correlated_noise() && rare_alarms();
         choose_width();
         cut(std::numeric_limits<int>::max());
     }
@@ -97,6 +99,7 @@ class OffsetMesh {
     double undisturbed(std::size_t i) const {
         return settings_->paths != nullptr ? settings_->paths->undisturbed(int(i)) : path_->s[i];
     }
+    bool elastic() const { return settings_->paths != nullptr && settings_->propagator->elastic(); }
     bool rare_alarms() const {
         return path_->ticks == 0 || !alarms_.armed(path_->ticks - 1) ||
                alarms_.no_contact(path_->ticks - 1).alarm < rare_alarm;
@@ -145,11 +148,12 @@ class OffsetMesh {
         for (int k = 0; k < path_->ticks; ++k)
             travel = std::max(travel, edge_[std::size_t(k) + 1] - edge_[std::size_t(k)]);
         double growth = gain_ * travel;
-        transitions_ = growth > 4 * wide.residual;
+        // Where the arm gives way, the transitions of a batch's many ticks are met by chance at all places of its panels.
+        transitions_ = growth > 4 * wide.residual && !(settings_->batch && elastic());
         if (settings_->paths != nullptr) growth /= timing_.period;  // panels are cut at every step
         if (groups_) growth = std::max(growth, group_growth);
-        if (settings_->paths != nullptr && settings_->propagator->elastic() && !transitions_)
-            width_ = elastic;
+        if (elastic() && !transitions_)
+            width_ = swaying;
         else
             width_ = growth <= narrow.residual ? narrow : growth <= middle.residual || transitions_ ? middle : wide;
         width_.order = std::min(max_order, width_.order * settings_->refinement);
@@ -172,7 +176,7 @@ class OffsetMesh {
         }
         const int ticks = path_->ticks;
         const double largest = settings_->contact.offset.largest(), width = widest();
-        const bool bent = settings_->delays && settings_->paths == nullptr && bends();
+        const bool bent = !settings_->batch && settings_->paths == nullptr && bends();
         const int settled = std::max(1, alarms_.settled());
         find_retreats();
         std::vector<double> abrupt;
@@ -293,7 +297,6 @@ class OffsetMesh {
         inner_.insert(inner_.end(), std::upper_bound(abrupt.begin(), abrupt.end(), low),
                       std::lower_bound(abrupt.begin(), abrupt.end(), high));
         std::sort(inner_.begin(), inner_.end());
-        if (path_->end != PathEnd::all_detected) whole = 0;
         double from = low;
         // Rounding leaves no slivers.
         const double least = 1e-9 * (high - low);
@@ -345,7 +348,7 @@ class OffsetMesh {
         }
     }
 
-    static constexpr PanelWidth narrow{8, 0.4, 1}, middle{16, 4, 1}, wide{24, 6, 1}, elastic{8, 4, 1};
+    static constexpr PanelWidth narrow{8, 0.4, 1}, middle{16, 4, 1}, wide{24, 6, 1}, swaying{8, 4, 1};
     static constexpr double group_growth = 1.75;        ///< of the residual over a panel of several ticks
     static constexpr double rare_alarm = 1e-5;          ///< without contact at a tick, for a panel to hold several
     static constexpr double unnoticeable_alarm = 1e-6;  ///< the same: a body's parting changes no digit

@@ -47,7 +47,7 @@ class OffsetQuadrature {
     void finish(const std::vector<double>& max_distance) {
         zero_force_from_ = alarm_before_ + result_.no_contact;
         if (dynamic()) {
-            const ContactReactions reactions(*settings_.paths, *settings_.propagator);
+            const ContactReactions reactions(*settings_.paths, *settings_.propagator, !settings_.batch);
             bumpstop::add_early_reactions(reactions, settings_.contact.offset, before_, mesh_.edges(),
                                           result_.early_reactions);
             zero_force_from_ -= result_.early_reactions.total;
@@ -80,8 +80,8 @@ class OffsetQuadrature {
         };
         if constexpr (!Alarms::tabulated) {
             if (dynamic()) {
-                const ContactReactions reactions(*settings_.paths, *settings_.propagator);
-                return interpolate(DynamicContact<T>(reactions));
+                const ContactReactions reactions(*settings_.paths, *settings_.propagator, !settings_.batch);
+                return interpolate(DynamicContact<T>(reactions, settings_.batch));
             }
         }
         interpolate(ClampedContact<T>(settings_.contact.body.stiffness));
@@ -304,7 +304,7 @@ class OffsetQuadrature {
         find_moments<T>(density, end);
         result_.detected = alarm_before_;
         for (const PiecewiseDensity::Panel& panel : density.panel) result_.detected += panel.mass;
-        if (!settings_.delays) return;
+        if (settings_.batch) return;
         LinearQuantity &at_detection = result_.force_at_detection, &delay = result_.detection_delay;
         at_detection.scale = settings_.contact.body.stiffness;
         at_detection.reach.resize(std::size_t(ticks));
