@@ -19,7 +19,7 @@ LEAST, LEAST_OF_FEW = 0.90, 0.75
 
 def compare(findings: Findings, *, quick: bool) -> None:
     """Plant gains in arms whose inertia is not quite the published one, and count the intervals of B that hold them."""
-    seeds, seconds = (2, 20.0) if quick else (8, 40.0)
+    seeds, seconds = (1, 20.0) if quick else (8, 40.0)
     findings.say(
         f"Currents of known drives with {seeds} draws of motion, noise and inertia each; all settings, the map and the "
         "friction law are chosen by the fit. The arm that moves has the published inertia, or one whose masses and "

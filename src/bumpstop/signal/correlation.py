@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.fft import next_fast_len
 
 from bumpstop.arrays import FloatArray
 
@@ -21,8 +22,9 @@ def correlation_time(x: FloatArray) -> float:
     """
     centred = np.asarray(x, dtype=np.float64) - np.mean(x)
     n = centred.size
-    power = np.abs(np.fft.rfft(centred, 2 * n)) ** 2
-    correlation = np.fft.irfft(power)[:n]
+    size = next_fast_len(2 * n, real=True)
+    power = np.abs(np.fft.rfft(centred, size)) ** 2
+    correlation = np.fft.irfft(power, size)[:n]
     if not correlation[0] > 0:
         return 1.0
     sums = 2 * np.cumsum(correlation / correlation[0]) - 1
