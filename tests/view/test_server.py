@@ -14,8 +14,11 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.cli.main import main
+from bumpstop.study import WorkspaceStudy
+from bumpstop.view.document import scenario_text
 from bumpstop.view.opened import open_source
 from bumpstop.view.page.server import ViewServer, is_loopback, may_connect
+from bumpstop.view.point_rows import point_rows
 from view.cases import LOWER_ARM, urdf_of_twelve_joints
 
 KEY = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Key": "x3JJHMbDL1EzLkh9GBhXDw=="}
@@ -109,12 +112,10 @@ def test_meshes_of_a_urdf_stand_where_its_links_are(tmp_path: Path) -> None:
     assert [note for note in opened.notes if "bad.stl" in note]
 
 
-def test_a_study_opens_with_its_rows(tmp_path: Path) -> None:
-    from bumpstop.study import WorkspaceStudy
-    from bumpstop.view.document import scenario_text
-
+def test_a_study_opens_with_its_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scenario = bs.load_scenario(LOWER_ARM)
-    rows = WorkspaceStudy(scenario=scenario, poses=40).shard(0)
+    study = WorkspaceStudy(scenario=scenario, poses=40)
+    rows = study.shard(0)
     rows.write_parquet(tmp_path / "rows.parquet")
     (tmp_path / "settings.toml").write_text(scenario_text(scenario), encoding="utf-8")
     for source in (tmp_path, tmp_path / "rows.parquet"):
@@ -122,6 +123,12 @@ def test_a_study_opens_with_its_rows(tmp_path: Path) -> None:
         assert points is not None
         assert points.value == pytest.approx(rows["p99_N"].to_numpy())
         assert opened_place(points.q[3]) == pytest.approx(points.place[3])
+    # Computed on the page they are the same, without a package for tables, which has 50 MB.
+    with monkeypatch.context() as without:
+        without.setitem(sys.modules, "polars", None)
+        computed = point_rows(study.shard_columns(0), 7, "workspace")
+    for name in ("place", "q", "velocity", "value"):
+        assert (getattr(points, name) == getattr(computed, name)).all()
     pl.DataFrame({"x": [1.0]}).write_parquet(tmp_path / "rows.parquet")
     with pytest.raises(bs.InputError, match="has no column q_1"):
         open_source(str(tmp_path))
