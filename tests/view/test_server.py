@@ -6,7 +6,9 @@ import http.client
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -176,6 +178,22 @@ def test_pictures_without_a_browser(tmp_path: Path, capsys: pytest.CaptureFixtur
         assert still.width == 900
         # The colour of the verdict stands in the corner.
         assert still.convert("RGB").getpixel((16, 30)) == (213, 94, 0)
+
+
+@pytest.mark.parametrize(("host", "warned"), [("0.0.0.0", True), ("127.0.0.1", False)])
+def test_a_host_that_lets_others_in_is_warned_of(
+    host: str, warned: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def ended(*_: object) -> bool:
+        raise KeyboardInterrupt
+
+    server = SimpleNamespace(url="http://here", stop=lambda: None)
+    monkeypatch.setattr("bumpstop.view.page.server.ViewServer", lambda *_, **__: server)
+    monkeypatch.setattr("bumpstop.view.freed_memory.return_freed_memory", lambda: None)
+    monkeypatch.setattr(threading.Event, "wait", ended)
+    with pytest.raises(SystemExit):
+        main(["view", str(LOWER_ARM), "--host", host, "--no-browser"])
+    assert ("whoever reaches it can read and change these pages" in capsys.readouterr().err) is warned
 
 
 def test_ctrl_c_closes_the_page() -> None:
