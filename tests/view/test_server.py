@@ -174,6 +174,11 @@ def test_pictures_without_a_browser(tmp_path: Path, capsys: pytest.CaptureFixtur
 
     with Image.open(tmp_path / "out" / "view.gif") as moving:
         assert moving.n_frames > 10
+        # The distribution stands in every frame: its area, in the right half.
+        for frame in (0, moving.n_frames // 2):
+            moving.seek(frame)
+            right = np.asarray(moving.convert("RGB"), dtype=int)[100:, moving.width // 2 :]
+            assert (abs(right - (179, 221, 245)).max(axis=2) < 30).sum() > 300
     with Image.open(tmp_path / "out" / "view.png") as still:
         assert still.width == 900
         # The colour of the verdict stands in the corner.
