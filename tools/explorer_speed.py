@@ -157,6 +157,13 @@ def measure(browser: Any, kind: str, file: Path, seconds: float) -> None:
                   f"worst {max(waits):.0f} ms of {len(waits)}")  # fmt: skip
     if seconds:
         click(page, program.pid, seconds)
+        # A page with the scenario of the beginning: what then is left was not given back.
+        page.close()
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        page.goto(url)
+        page.wait_for_selector("#root [data-details]", timeout=120_000)
+        page.wait_for_timeout(4000)
+        print(f"a new page after that: server {resident(program.pid, 'VmRSS'):.0f} MB")
     print(f"{kind}: {len(faults)} errors in the console {faults[:2]}")
     page.close()
     program.send_signal(2)

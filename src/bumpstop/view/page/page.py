@@ -12,6 +12,7 @@ from bumpstop.errors import InputError
 from bumpstop.report.markup import Html, element
 from bumpstop.view.answer import Answer
 from bumpstop.view.document import ViewDocument
+from bumpstop.view.freed_memory import trim_freed_memory
 from bumpstop.view.latest import LatestWins, SupersededError
 from bumpstop.view.page.control_panel import ControlPanel
 from bumpstop.view.page.overlay import Overlay
@@ -101,6 +102,9 @@ class Page:
         """Stop computing: the browser is gone."""
         for part in (self._worker, self._further, self._hand, self._playback, self._points):
             part.close()
+        with self._lock:
+            # Results may have hundreds of megabytes, and what is left of a browser goes when Python looks for circles.
+            self._answer = self._before = None
 
     def wait(self, seconds: float) -> None:
         """Wait until nothing of a closed page is computed any more, but not longer."""
@@ -220,10 +224,16 @@ class Page:
         self._further.submit((document, answer))
 
     def _compute_details(self, answered: tuple[ViewDocument, Answer] | None) -> None:
-        """What comes after the distribution: the picture, then further plots, and how sure an uncertain verdict is."""
+        """What comes after the distribution, and nothing for None."""
         if answered is None:
             return
-        document, answer = answered
+        try:
+            self._show_further(*answered)
+        finally:
+            trim_freed_memory()
+
+    def _show_further(self, document: ViewDocument, answer: Answer) -> None:
+        """Show the picture, then further plots, and how sure an uncertain verdict is."""
         time.sleep(_FRAME_S)
         q = answer.result.problem.q if self._playback.pose is None else self._playback.pose
         self._scene.show(document.scenario, q, answer, hand=not self._tools.dragging)
