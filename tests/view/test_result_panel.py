@@ -195,3 +195,25 @@ def test_what_a_person_moves_meanwhile_is_not_written_over() -> None:
     page._further = SimpleNamespace(has_newer=lambda: False, newer_within=lambda _: False)
     page._panel = SimpleNamespace(show=lambda *_, **__: pytest.fail("an old scenario was shown"))
     page._compute_details((shown, answer))
+
+
+def test_what_is_refused_has_the_plots_of_what_stays_on_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Work on them was given up when the other scenario was asked for."""
+
+    def refuse(_: Any) -> Answer:
+        raise bs.InputError("speed", "is too high")
+
+    submitted: list[Any] = []
+    page: Any = Page.__new__(Page)
+    page._lock, page._moved, answer = threading.RLock(), "motion.speed", Answer.of(HAND)
+    page._computed, page._document, page._answer = ViewDocument(HAND), ViewDocument(LOWER_ARM_SCENARIO), answer
+    page._worker = page._further = SimpleNamespace(submit=submitted.append)
+    page._refuse = lambda key, error: submitted.append((key, str(error)))
+    page.refresh()
+    refused = page._document
+    assert submitted == [None, refused]
+    monkeypatch.setattr(Answer, "of", refuse)
+    page._compute(refused)
+    assert page._document is page._computed
+    assert submitted[2][0] == "motion.speed"
+    assert submitted[3:] == [(page._computed, answer)]
