@@ -157,6 +157,13 @@ def measure(browser: Any, kind: str, file: Path, seconds: float) -> None:
                   f"worst {max(waits):.0f} ms of {len(waits)}")  # fmt: skip
     if seconds:
         click(page, program.pid, seconds)
+        # A page with the scenario of the beginning: what then is left was not given back.
+        page.close()
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        page.goto(url)
+        page.wait_for_selector("#root [data-details]", timeout=120_000)
+        page.wait_for_timeout(4000)
+        print(f"a new page after that: server {resident(program.pid, 'VmRSS'):.0f} MB")
     print(f"{kind}: {len(faults)} errors in the console {faults[:2]}")
     page.close()
     program.send_signal(2)
@@ -185,14 +192,20 @@ def click(page: Any, pid: int, seconds: float) -> None:
             print(f"   {type(error).__name__}", end="")
     found.append(memory(page, pid))
     server, heap = (", ".join(f"{each[k]:.0f}" for each in found) for k in (0, 1))
-    print(f"{count} clicks in {seconds:.0f} s: server {server} MB, page {heap} MB")
+    print(f"{count} clicks in {seconds:.0f} s: server {server} MB, at most {resident(pid, 'VmHWM'):.0f} MB, "
+          f"page {heap} MB")  # fmt: skip
 
 
 def memory(page: Any, pid: int) -> tuple[float, float]:
     """Resident memory of the server, and the page's heap [MB]."""
-    resident = re.search(r"VmRSS:\s+(\d+)", Path(f"/proc/{pid}/status").read_text(encoding="utf-8"))
-    assert resident
-    return int(resident[1]) / 1e3, page.evaluate("performance.memory.usedJSHeapSize") / 1e6
+    return resident(pid, "VmRSS"), page.evaluate("performance.memory.usedJSHeapSize") / 1e6
+
+
+def resident(pid: int, which: str) -> float:
+    """Resident memory of a process [MB]: ``VmRSS`` now, ``VmHWM`` the most it ever had."""
+    found = re.search(rf"{which}:\s+(\d+)", Path(f"/proc/{pid}/status").read_text(encoding="utf-8"))
+    assert found
+    return int(found[1]) / 1e3
 
 
 if __name__ == "__main__":

@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
+from bumpstop.model import Robot
 from bumpstop.report.markup import Html
 from bumpstop.view.answer import Answer
 from bumpstop.view.document import ViewDocument, with_keys
+from bumpstop.view.page.control_panel import ControlPanel
 from bumpstop.view.page.page import Page
 from bumpstop.view.page.result_panel import ResultPanel
 from bumpstop.view.page.scene_view import SceneView
@@ -149,3 +151,69 @@ def test_the_plot_is_sent_first_and_the_force_in_the_picture_where_no_key_follow
     assert done == ["show", "submit"]
     page._compute_details((document, page._answer))
     assert done[2:] == (["show"] if newer else ["show", "show_force", "pause"])
+
+
+def test_what_a_person_moves_meanwhile_is_not_written_over() -> None:
+    """Neither before the call that tells of it has come, nor after, when another scenario is on screen."""
+
+    class Gui:
+        def __getattr__(self, _: str) -> Any:
+            return lambda label, *args, **named: Input(label, *args, **named)
+
+        def add_folder(self, *_: Any, **__: Any) -> Any:
+            return nullcontext()
+
+    class Input(SimpleNamespace):
+        def __init__(self, label: str, *args: Any, **named: Any) -> None:
+            number = named.get("initial_value", args[-1] if args else 0.0)
+            super().__init__(label=label, value=number, min=-1e9, max=1e9, options=(), order=0.0)
+            inputs[label] = self
+
+        def on_update(self, told: Any) -> None:
+            self.told = told
+
+    inputs: dict[str, Any] = {}
+    changed: list[str] = []
+    client: Any = SimpleNamespace(gui=Gui())
+    panel = ControlPanel(client, LOWER_ARM_SCENARIO, Robot.load("sia5d"), changed.append)
+    slider = inputs["joint 2, °"]
+    other = with_keys(LOWER_ARM_SCENARIO, {"contact.area_cm2": 3.0})
+    slider.value = 42.0
+    panel.show(other)
+    assert (slider.value, inputs["area, cm²"].value) == (42.0, 3.0)
+    slider.told(None)
+    assert changed == ["pose_deg[2]"]
+    panel.show(other)
+    assert slider.value == 30.0
+    page: Any = Page.__new__(Page)
+    answer = Answer.of(HAND)
+    page._lock, page._moved, page._pause = threading.RLock(), None, 0.0
+    page._document, shown = ViewDocument(LOWER_ARM_SCENARIO), ViewDocument(HAND)
+    nothing: Any = SimpleNamespace(show=lambda *_, **__: None, show_force=lambda _: None, follow=lambda _: None)
+    page._scene = page._program = page._playback = nothing
+    nothing.pose, page._tools = None, SimpleNamespace(dragging=False)
+    page._further = SimpleNamespace(has_newer=lambda: False, newer_within=lambda _: False)
+    page._panel = SimpleNamespace(show=lambda *_, **__: pytest.fail("an old scenario was shown"))
+    page._compute_details((shown, answer))
+
+
+def test_what_is_refused_has_the_plots_of_what_stays_on_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Work on them was given up when the other scenario was asked for."""
+
+    def refuse(_: Any) -> Answer:
+        raise bs.InputError("speed", "is too high")
+
+    submitted: list[Any] = []
+    page: Any = Page.__new__(Page)
+    page._lock, page._moved, answer = threading.RLock(), "motion.speed", Answer.of(HAND)
+    page._computed, page._document, page._answer = ViewDocument(HAND), ViewDocument(LOWER_ARM_SCENARIO), answer
+    page._worker = page._further = SimpleNamespace(submit=submitted.append)
+    page._refuse = lambda key, error: submitted.append((key, str(error)))
+    page.refresh()
+    refused = page._document
+    assert submitted == [None, refused]
+    monkeypatch.setattr(Answer, "of", refuse)
+    page._compute(refused)
+    assert page._document is page._computed
+    assert submitted[2][0] == "motion.speed"
+    assert submitted[3:] == [(page._computed, answer)]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from itertools import combinations
+
 import numpy as np
 import pytest
 
@@ -11,7 +14,7 @@ from bumpstop.detection.sensitivity import undetectable_force_along
 from bumpstop.model import Robot
 from bumpstop.view.colour_scale import colours_of
 from bumpstop.view.page.overlay import poor_lines
-from bumpstop.view.plots.chart import ticks
+from bumpstop.view.plots.chart import Chart, ticks
 from bumpstop.view.point_rows import SLICE_M, PointRows
 from bumpstop.view.scene.arm_shapes import arm_shapes
 from bumpstop.view.scene.person import person_parts
@@ -157,3 +160,25 @@ def test_ticks_are_round_and_few() -> None:
         found = ticks(low, high, 6)
         assert 2 <= len(found) <= 7
         assert low - 1e-6 * (high - low) <= found[0] <= found[-1] <= high + 1e-6 * (high - low)
+
+
+def test_labels_of_a_chart_do_not_meet() -> None:
+    """Lines and dots wherever they are, each with its label; five of them are as many as a chart has."""
+    rng = np.random.default_rng(2)
+    for _ in range(60):
+        chart = Chart("", (0.0, 10.0), (0.0, 10.0), labels=("", ""))
+        chart.mark(rng.uniform(0, 10), rng.uniform(0, 10), "median 89.95 N", below=True)
+        chart.mark(rng.uniform(0, 10), rng.uniform(0, 10), "p99 102.1 N")
+        chart.horizontal(rng.uniform(0, 10), "limit 140 N")
+        for x in rng.uniform(0, 12, 2):
+            chart.vertical(x, "force limit 160 N")
+        boxes = []
+        for place, anchor, text in re.findall(
+            r'<text (.*?)text-anchor="(\w+)".*?>([^<]+ N.*?)</text>', chart.svg(axes=False)
+        ):
+            x, y = (float(value) for value in re.findall(r'"([-\d.]+)"', place))
+            left = x if anchor == "start" else x - 5.6 * len(text)
+            boxes.append((left, y - 10, left + 5.6 * len(text), y + 3))
+        assert len(boxes) == 5
+        for (left, top, right, bottom), (x0, y0, x1, y1) in combinations(boxes, 2):
+            assert not (left < x1 and x0 < right and top < y1 and y0 < bottom)

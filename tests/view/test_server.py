@@ -6,7 +6,9 @@ import http.client
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -14,8 +16,11 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.cli.main import main
+from bumpstop.study import WorkspaceStudy
+from bumpstop.view.document import scenario_text
 from bumpstop.view.opened import open_source
 from bumpstop.view.page.server import ViewServer, is_loopback, may_connect
+from bumpstop.view.point_rows import point_rows
 from view.cases import LOWER_ARM, urdf_of_twelve_joints
 
 KEY = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Key": "x3JJHMbDL1EzLkh9GBhXDw=="}
@@ -109,12 +114,10 @@ def test_meshes_of_a_urdf_stand_where_its_links_are(tmp_path: Path) -> None:
     assert [note for note in opened.notes if "bad.stl" in note]
 
 
-def test_a_study_opens_with_its_rows(tmp_path: Path) -> None:
-    from bumpstop.study import WorkspaceStudy
-    from bumpstop.view.document import scenario_text
-
+def test_a_study_opens_with_its_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scenario = bs.load_scenario(LOWER_ARM)
-    rows = WorkspaceStudy(scenario=scenario, poses=40).shard(0)
+    study = WorkspaceStudy(scenario=scenario, poses=40)
+    rows = study.shard(0)
     rows.write_parquet(tmp_path / "rows.parquet")
     (tmp_path / "settings.toml").write_text(scenario_text(scenario), encoding="utf-8")
     for source in (tmp_path, tmp_path / "rows.parquet"):
@@ -122,6 +125,12 @@ def test_a_study_opens_with_its_rows(tmp_path: Path) -> None:
         assert points is not None
         assert points.value == pytest.approx(rows["p99_N"].to_numpy())
         assert opened_place(points.q[3]) == pytest.approx(points.place[3])
+    # Computed on the page they are the same, without a package for tables, which has 50 MB.
+    with monkeypatch.context() as without:
+        without.setitem(sys.modules, "polars", None)
+        computed = point_rows(study.shard_columns(0), 7, "workspace")
+    for name in ("place", "q", "velocity", "value"):
+        assert (getattr(points, name) == getattr(computed, name)).all()
     pl.DataFrame({"x": [1.0]}).write_parquet(tmp_path / "rows.parquet")
     with pytest.raises(bs.InputError, match="has no column q_1"):
         open_source(str(tmp_path))
@@ -165,10 +174,31 @@ def test_pictures_without_a_browser(tmp_path: Path, capsys: pytest.CaptureFixtur
 
     with Image.open(tmp_path / "out" / "view.gif") as moving:
         assert moving.n_frames > 10
+        # The distribution stands in every frame: its area, in the right half.
+        for frame in (0, moving.n_frames // 2):
+            moving.seek(frame)
+            right = np.asarray(moving.convert("RGB"), dtype=int)[100:, moving.width // 2 :]
+            assert (abs(right - (179, 221, 245)).max(axis=2) < 30).sum() > 300
     with Image.open(tmp_path / "out" / "view.png") as still:
         assert still.width == 900
         # The colour of the verdict stands in the corner.
         assert still.convert("RGB").getpixel((16, 30)) == (213, 94, 0)
+
+
+@pytest.mark.parametrize(("host", "warned"), [("0.0.0.0", True), ("127.0.0.1", False)])
+def test_a_host_that_lets_others_in_is_warned_of(
+    host: str, warned: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def ended(*_: object) -> bool:
+        raise KeyboardInterrupt
+
+    server = SimpleNamespace(url="http://here", stop=lambda: None)
+    monkeypatch.setattr("bumpstop.view.page.server.ViewServer", lambda *_, **__: server)
+    monkeypatch.setattr("bumpstop.view.freed_memory.return_freed_memory", lambda: None)
+    monkeypatch.setattr(threading.Event, "wait", ended)
+    with pytest.raises(SystemExit):
+        main(["view", str(LOWER_ARM), "--host", host, "--no-browser"])
+    assert ("whoever reaches it can read and change these pages" in capsys.readouterr().err) is warned
 
 
 def test_ctrl_c_closes_the_page() -> None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +11,8 @@ import numpy.typing as npt
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
-    import polars as pl
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
 
     from bumpstop.arrays import FloatArray
 
@@ -21,6 +21,8 @@ _VALUES = (("p99_N", "p99 of the peak force, N"), ("limit_mm_s", "highest safe s
 # Half of how thick a slice of the workspace is.
 SLICE_M = 0.05
 _TIP = ("tip_x_m", "tip_y_m", "tip_z_m")
+_VELOCITY = ("velocity_x_m_s", "velocity_y_m_s", "velocity_z_m_s")
+_DIRECTION = ("direction_x", "direction_y", "direction_z")
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,55 +74,59 @@ class PointRows:
         return int(met[np.argmin(aside[met] / far[met] + 0.02 * far[met] / far[met].max())]) if met.size else None
 
 
-def point_rows(rows: pl.DataFrame, dof: int, file: str) -> PointRows:
+def point_rows(rows: Mapping[str, np.ndarray], dof: int, file: str) -> PointRows:
     """The points of a study's rows.
 
     Args:
-        rows: with ``q_1`` and so on, ``tip_x_m`` and so on, and ``p99_N`` or ``limit_mm_s``.
+        rows: columns (N,) with ``q_1`` and so on, ``tip_x_m`` and so on, and ``p99_N`` or ``limit_mm_s``.
         dof: joints of the arm.
         file: named in refusals.
 
     Raises:
         InputError: a column is missing.
     """
-    named = next(((column, label) for column, label in _VALUES if column in rows.columns), None)
+    named = next(((column, label) for column, label in _VALUES if column in rows), None)
     joints = [f"q_{j + 1}" for j in range(dof)]
-    missing = [column for column in (*joints, *_TIP) if column not in rows.columns]
+    missing = [column for column in (*joints, *_TIP) if column not in rows]
     if named is None or missing:
         lacks = missing[0] if missing else " or ".join(column for column, _ in _VALUES)
         raise InputError(file, f"has no column {lacks}", "wanted rows.parquet of a workspace study or of speed limits")
-    if f"q_{dof + 1}" in rows.columns:
+    if f"q_{dof + 1}" in rows:
         raise InputError(file, f"has more joints than the robot, which has {dof}")
     return PointRows(
-        rows.select(_TIP).to_numpy(),
-        rows.select(joints).to_numpy(),
+        _side_by_side(rows, _TIP),
+        _side_by_side(rows, joints),
         _velocity(rows),
-        rows[named[0]].to_numpy().astype(np.float64),
+        rows[named[0]].astype(np.float64),
         named[1],
-        np.arange(rows.height),
+        np.arange(len(rows[named[0]])),
     )
 
 
-def _velocity(rows: pl.DataFrame) -> FloatArray:
-    columns = [f"velocity_{axis}_m_s" for axis in "xyz"]
-    if set(columns) <= set(rows.columns):
-        return rows.select(columns).to_numpy()
-    directions = [f"direction_{axis}" for axis in "xyz"]
-    if set(directions) <= set(rows.columns):
-        speed = rows["limit_mm_s"].to_numpy() / 1e3
-        return np.asarray(rows.select(directions).to_numpy() * np.where(speed > 0, speed, np.nan)[:, None])
-    return np.full((rows.height, 3), np.nan)
+def _velocity(rows: Mapping[str, np.ndarray]) -> FloatArray:
+    if set(_VELOCITY) <= set(rows):
+        return _side_by_side(rows, _VELOCITY)
+    if set(_DIRECTION) <= set(rows):
+        speed = rows["limit_mm_s"] / 1e3
+        return np.asarray(_side_by_side(rows, _DIRECTION) * np.where(speed > 0, speed, np.nan)[:, None])
+    return np.full((len(rows[_TIP[0]]), 3), np.nan)
 
 
-def read_rows(file: Path) -> Any:
-    """The rows of a study's Parquet file.
+def _side_by_side(rows: Mapping[str, np.ndarray], names: Sequence[str]) -> FloatArray:
+    return np.column_stack([rows[name] for name in names])
+
+
+def read_rows(file: Path) -> dict[str, np.ndarray]:
+    """The columns of a study's Parquet file that :func:`point_rows` knows (N,): lists of probabilities stay in it.
 
     Raises:
         InputError: it cannot be read.
     """
     import polars as pl
 
+    known = {*_TIP, *_VELOCITY, *_DIRECTION, *(column for column, _ in _VALUES)}
     try:
-        return pl.read_parquet(file, glob=False)
+        names = [name for name in pl.read_parquet_schema(file) if name in known or name.startswith("q_")]
+        return {column.name: column.to_numpy() for column in pl.read_parquet(file, columns=names, glob=False)}
     except (pl.exceptions.PolarsError, OSError) as error:
         raise InputError(str(file), f"cannot be read ({str(error).splitlines()[0]})", "wanted rows.parquet") from None

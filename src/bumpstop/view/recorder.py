@@ -104,7 +104,8 @@ def _pixels(answer: Answer, top: float, *, parts: tuple[str, ...], below: Any = 
     figure = Figure(figsize=_SIZE_INCH, dpi=_FRAME_DPI)
     canvas: Any = FigureCanvasAgg(figure)
     if below is not None:
-        figure.figimage(below)
+        # Axes stand at 0, and images of a figure before them.
+        figure.figimage(below, zorder=-1)
     _fill(figure, answer, top, parts)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()
@@ -154,7 +155,8 @@ def _fill(figure: Figure, answer: Answer, top: float | None, parts: tuple[str, .
 def _wrapped(text: str) -> str:
     import textwrap
 
-    return "\n".join(textwrap.wrap(text, 130)[:2])
+    # A number and its sign stay together: that space is none for textwrap.
+    return "\n".join(textwrap.wrap(text.replace(" %", "\N{NO-BREAK SPACE}%"), 116))
 
 
 def _draw_distribution(axes: Axes, answer: Answer, top: float | None) -> None:
@@ -173,19 +175,23 @@ def _draw_distribution(axes: Axes, answer: Answer, top: float | None) -> None:
     if limit < high:
         axes.axvspan(limit, high, facecolor="none", edgecolor=LIMIT, alpha=0.5, hatch="///", linewidth=0)
         axes.axvline(limit, color=LIMIT, linestyle="--")
-        axes.annotate(
-            f"limit {number(limit)} N", (limit, 0.97), (-4, 0), xycoords=axes.get_xaxis_transform(),
-            textcoords="offset points", ha="right", va="top", color=LIMIT,
-        )  # fmt: skip
+        _label(axes, limit, 0.97, f"limit {number(limit)} N", LIMIT)
     p99 = result.peak_force.quantile(0.99)
     if math.isfinite(p99) and p99 < high:
         axes.axvline(p99, color=EVENT, linestyle="-.")
-        axes.annotate(
-            f"p99 {number(p99)} N", (p99, 0.86), (-4, 0), xycoords=axes.get_xaxis_transform(),
-            textcoords="offset points", ha="right", va="top", color=EVENT,
-        )  # fmt: skip
+        _label(axes, p99, 0.86, f"p99 {number(p99)} N", EVENT)
     axes.set_xlabel("peak force [N]")
     axes.set_ylabel("density [1/N]")
+
+
+def _label(axes: Axes, x: float, height: float, text: str, colour: str) -> None:
+    """A label beside a line across, on the side that has more room; on white, as it may stand on another line."""
+    left = x > 0.5 * axes.get_xlim()[1]
+    axes.annotate(
+        text, (x, height), (-4 if left else 4, 0), xycoords=axes.get_xaxis_transform(), textcoords="offset points",
+        ha="right" if left else "left", va="top", color=colour,
+        bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
+    )  # fmt: skip
 
 
 def _draw_arm(axes: Any, answer: Answer) -> None:

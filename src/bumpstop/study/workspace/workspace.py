@@ -118,9 +118,14 @@ class WorkspaceStudy(Study):
 
     def shard_batch(self, numbers: Sequence[int]) -> list[pl.DataFrame]:  # noqa: D102
         cases = [self._cases(number) for number in numbers]
-        rows = self._table(*(np.concatenate(columns) for columns in zip(*cases, strict=True)))
+        q, velocity, redrawn = (np.concatenate(columns) for columns in zip(*cases, strict=True))
+        rows = _table(self._columns(q, velocity, redrawn))
         ends = np.cumsum([len(q) for q, *_ in cases])
         return [rows[end - len(q) : end] for end, (q, *_) in zip(ends.tolist(), cases, strict=True)]
+
+    def shard_columns(self, number: int) -> dict[str, np.ndarray]:
+        """The columns of a shard as arrays (rows,), and ``p_over_edges`` (rows, edges)."""
+        return self._columns(*self._cases(number))
 
     def _cases(self, number: int) -> tuple[FloatArray, FloatArray, Any]:
         """Poses and velocities of a shard, and how many poses were drawn in vain before each."""
@@ -248,12 +253,10 @@ class WorkspaceStudy(Study):
         limits = [*self.edges, *self.force_limits]
         return evaluate_batch(self._problem, q, velocity, probabilities=list(QUANTILES.values()), limits_N=limits)
 
-    def _table(self, q: FloatArray, velocity: FloatArray, redrawn: Any) -> pl.DataFrame:
-        import polars as pl
-
+    def _columns(self, q: FloatArray, velocity: FloatArray, redrawn: Any) -> dict[str, np.ndarray]:
         robot = self._problem.robot
         n = len(q)
-        columns: dict[str, Any] = {f"q_{j + 1}": q[:, j] for j in range(robot.dof)}
+        columns: dict[str, np.ndarray] = {f"q_{j + 1}": q[:, j] for j in range(robot.dof)}
         columns |= {f"velocity_{axis}_m_s": velocity[:, i] for i, axis in enumerate("xyz")}
         tip = robot.pose(q)[:, :3, 3] if n else np.empty((0, 3))
         columns |= {f"tip_{axis}_m": tip[:, i] for i, axis in enumerate("xyz")}
@@ -267,19 +270,11 @@ class WorkspaceStudy(Study):
         columns["undetected"] = laws.undetected_probability
         columns["no_contact"] = laws.no_contact_probability
         columns |= {f"trigger_{j + 1}": laws.trigger_joint_probability[:, j] for j in range(robot.dof)}
-        columns["end"] = pl.Series(values=laws.end.tolist(), dtype=pl.String)
+        columns["end"] = laws.end
         columns |= self._sensitivity(q)
         if self.predict:
             columns |= predictors.predicted_columns(self._problem, q, velocity)
-        columns["redrawn"] = redrawn
-        columns["p_over_edges"] = pl.Series(values=laws.exceedance[:, : self.edges.size]).arr.to_list()
-        # A series at a time: half the cost of a dictionary of arrays.
-        return pl.DataFrame(
-            [
-                pl.Series(name, np.ascontiguousarray(column) if isinstance(column, np.ndarray) else column)
-                for name, column in columns.items()
-            ]
-        )
+        return columns | {"redrawn": redrawn, "p_over_edges": laws.exceedance[:, : self.edges.size]}
 
     def _sensitivity(self, q: FloatArray) -> dict[str, FloatArray]:
         """Condition number and smallest singular value at the start, of the joints that move.
@@ -299,3 +294,16 @@ class WorkspaceStudy(Study):
                 found[f"condition_number{ending}"] = values[:, 0] / values[:, -1]
             found[f"smallest_singular_value{ending}"] = values[:, -1]
         return found
+
+
+def _table(columns: Mapping[str, np.ndarray]) -> pl.DataFrame:
+    import polars as pl
+
+    def series(name: str, column: np.ndarray) -> pl.Series:
+        if column.dtype.kind == "U":
+            return pl.Series(name, column.tolist(), dtype=pl.String)
+        found = pl.Series(name, np.ascontiguousarray(column))
+        return found.arr.to_list() if column.ndim == 2 else found
+
+    # A series at a time: half the cost of a dictionary of arrays.
+    return pl.DataFrame([series(name, column) for name, column in columns.items()])

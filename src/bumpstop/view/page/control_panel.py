@@ -35,6 +35,7 @@ class ControlPanel:
         self._gui, self._robot, self._changed = client.gui, robot, changed
         self.controls = {control.key: control for control in controls_of(scenario, robot)}
         self._inputs: dict[str, Any] = {}
+        self._known: dict[str, Any] = {}  # what inputs showed when they were last written or read here
         self._folders: dict[str, viser.GuiFolderHandle] = {}
         self._refusals: dict[str, viser.GuiHtmlHandle] = {}
         for panel in PANELS:
@@ -48,8 +49,13 @@ class ControlPanel:
     def _add(self, control: Control, scenario: Scenario) -> None:
         made = _input(self._gui, control, control.read(scenario))
         key = control.key
-        made.on_update(lambda _: self._changed(key))
-        self._inputs[key] = made
+
+        def moved(_: Any) -> None:
+            self._known[key] = made.value
+            self._changed(key)
+
+        made.on_update(moved)
+        self._inputs[key], self._known[key] = made, made.value
 
     def shown(self, key: str) -> Shown:
         """What a control shows now."""
@@ -79,10 +85,12 @@ class ControlPanel:
                 )
                 if low < made.min or high > made.max:
                     made.min, made.max = min(low, made.min), max(high, made.max)
-            if key == but:
+            # A person may have moved it, and the call that tells of it be still under way.
+            if key == but or made.value != self._known[key]:
                 continue
             if made.value != value:
                 made.value = value
+                self._known[key] = made.value
             # What was refused is not in the control any more.
             self.refuse(key, "")
 

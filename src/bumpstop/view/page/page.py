@@ -12,6 +12,7 @@ from bumpstop.errors import InputError
 from bumpstop.report.markup import Html, element
 from bumpstop.view.answer import Answer
 from bumpstop.view.document import ViewDocument
+from bumpstop.view.freed_memory import trim_freed_memory
 from bumpstop.view.latest import LatestWins, SupersededError
 from bumpstop.view.page.control_panel import ControlPanel
 from bumpstop.view.page.overlay import Overlay
@@ -40,7 +41,8 @@ _ONE_STEP_S = 1.0
 _FIRST_S = 0.3
 # A browser draws the panel in a frame of its own before the picture, which takes longer.
 _FRAME_S = 0.06
-# A slider that rests for so long has time for further plots.
+# A slider that rests for so long has time for further plots, or for as long as its distribution took: a number that is
+# typed on the way to another may make them the work of minutes.
 _PAUSE_S = 0.12
 
 
@@ -59,7 +61,7 @@ class Page:
         self._document = self._computed = ViewDocument(opened.scenario)
         self._answer = first
         self._before: Answer | None = None
-        self._serial, self._last_edit = 0, 0.0
+        self._serial, self._last_edit, self._pause = 0, 0.0, _PAUSE_S
         self._moved: str | None = None
         self._result = ResultPanel(client)
         self._show_first()
@@ -100,6 +102,9 @@ class Page:
         """Stop computing: the browser is gone."""
         for part in (self._worker, self._further, self._hand, self._playback, self._points):
             part.close()
+        with self._lock:
+            # Results may have hundreds of megabytes, and what is left of a browser goes when Python looks for circles.
+            self._answer = self._before = None
 
     def wait(self, seconds: float) -> None:
         """Wait until nothing of a closed page is computed any more, but not longer."""
@@ -114,6 +119,8 @@ class Page:
 
     def refresh(self) -> None:
         """Compute and draw what is on screen."""
+        # Nobody waits for more about the scenario before, which may take many times the work and the memory.
+        self._further.submit(None)
         self._worker.submit(self.document)
 
     def undo(self, *, again: bool = False) -> None:
@@ -196,6 +203,7 @@ class Page:
             time.sleep(_FIRST_S)
 
     def _compute(self, document: ViewDocument) -> None:
+        begin = time.monotonic()
         try:
             answer = Answer.of(document.scenario)
         except InputError as error:
@@ -203,18 +211,29 @@ class Page:
                 if self._document is document:
                     self._document = self._computed
                     self._refuse(self._moved or "", error)
+                    if self._answer is not None:
+                        self._further.submit((self._computed, self._answer))
             return
         with self._lock:
             self._computed, self._answer, moved = document, answer, self._moved
+            self._pause = max(_PAUSE_S, time.monotonic() - begin)
             self._serial += 1
         self._draw(answer)
         if moved is not None:
             self._panel.refuse(moved, "")
         self._further.submit((document, answer))
 
-    def _compute_details(self, answered: tuple[ViewDocument, Answer]) -> None:
-        """What comes after the distribution: the picture, then further plots, and how sure an uncertain verdict is."""
-        document, answer = answered
+    def _compute_details(self, answered: tuple[ViewDocument, Answer] | None) -> None:
+        """What comes after the distribution, and nothing for None."""
+        if answered is None:
+            return
+        try:
+            self._show_further(*answered)
+        finally:
+            trim_freed_memory()
+
+    def _show_further(self, document: ViewDocument, answer: Answer) -> None:
+        """Show the picture, then further plots, and how sure an uncertain verdict is."""
         time.sleep(_FRAME_S)
         q = answer.result.problem.q if self._playback.pose is None else self._playback.pose
         self._scene.show(document.scenario, q, answer, hand=not self._tools.dragging)
@@ -222,11 +241,15 @@ class Page:
             return
         # Before the pause: viser draws a picture over and over for 0.25 s, in which the next key would have to wait.
         self._scene.show_force(answer)
-        if self._further.newer_within(_PAUSE_S):
+        if self._further.newer_within(self._pause):
             return
         self._playback.follow(document.scenario)
         self._program.follow(document.scenario)
-        self._panel.show(document.scenario, but=self._moved)
+        with self._lock:
+            # A control that shows what was on screen before would put it there again.
+            if self._document is not document:
+                return
+            self._panel.show(document.scenario, but=self._moved)
         self._file.content = str(_file_html(document.text))
         self._draw_forces(answer)
         self._result.show_tail(answer)

@@ -14,8 +14,6 @@ from bumpstop.view.colour_scale import colours_of
 from bumpstop.view.point_rows import PointRows, point_rows
 
 if TYPE_CHECKING:
-    import polars as pl
-
     from bumpstop.view.page.panel_host import PanelHost
 
 _NEAR = 0.012
@@ -72,21 +70,20 @@ class PointPanel:
 
     def _work(self) -> None:
         """Distributions at random poses, in the direction on screen; what is there already stays until it is done."""
-        import polars as pl
-
         from bumpstop.study import WorkspaceStudy
 
         scenario = self._page.document.scenario.without_uncertainty()
         try:
             study = WorkspaceStudy(scenario=scenario, poses=_POSES, directions="scenario", joint_limits="ignore")
-            found: list[pl.DataFrame] = []
+            found: list[dict[str, np.ndarray]] = []
             for shard in range(study.shards):
                 if self._cancelled.is_set():
                     self._say(f"cancelled at {100 * shard / study.shards:.0f} %")
                     return
-                found.append(study.shard(shard))
+                found.append(study.shard_columns(shard))
                 self._say(f"computing: {100 * (shard + 1) / study.shards:.0f} %")
-                self._rows = point_rows(pl.concat(found), self._page.opened.robot.dof, "workspace")
+                columns = {name: np.concatenate([each[name] for each in found]) for name in found[0]}
+                self._rows = point_rows(columns, self._page.opened.robot.dof, "workspace")
                 self._draw()
         except BumpstopError as error:
             self._say(str(error))

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
 
 WIDTH, _LEFT, _RIGHT, _TOP, _BOTTOM = 380.0, 46.0, 10.0, 22.0, 34.0
-_LETTER = 5.6  # width of a letter at the size of labels
+_LETTER, _ROW = 5.6, 13.0  # width of a letter at the size of labels, and from one line of text to the next
 _LABEL = {"font_size": "11", "font_family": "system-ui, sans-serif"}
 
 
@@ -52,7 +52,7 @@ class Chart:
         self._labels = labels
         self._parts: list[Html] = []
         self._over: list[Html] = []
-        self._noted = 0
+        self._taken: list[tuple[float, float, float, float]] = []
 
     def to_x(self, value: float) -> float:
         """Where a value of the x axis stands [px]."""
@@ -118,36 +118,32 @@ class Chart:
 
     def vertical(self, x: float, label: str, colour: str = LIMIT, *, dash: str = "6 3") -> None:
         """A line across at a value of the x axis, its label at its side; an arrow where it stands beyond the axis."""
-        place = _TOP + 11 + 13 * self._noted
-        self._noted += 1
         if x > self._x[1]:
-            self._note(f"{label} →", WIDTH - _RIGHT - 2, place, "end", colour)
+            self._note(f"{label} →", colour, (WIDTH - _RIGHT - 2, _TOP + 11, "end"))
             return
         at = self.to_x(max(x, self._x[0]))
         self._across(at, at, _TOP, self._height - _BOTTOM, colour, dash)
         left = at + 5 + _LETTER * len(label) > WIDTH - _RIGHT
-        self._note(label, at - 4 if left else at + 4, place, "end" if left else "start", colour)
+        self._note(label, colour, (at - 4, _TOP + 11, "end") if left else (at + 4, _TOP + 11, "start"))
 
     def horizontal(self, y: float, label: str, colour: str = LIMIT, *, dash: str = "6 3") -> None:
-        """A line across at a value of the y axis, its label above it at the right."""
+        """A line across at a value of the y axis, its label at its right end, above it if that is free."""
         at = self.to_y(y)
         self._across(_LEFT, WIDTH - _RIGHT, at, at, colour, dash)
-        self._note(label, WIDTH - _RIGHT - 2, at - 3 if at > _TOP + 14 else at + 12, "end", colour)
+        above, right = at - 3 if at > _TOP + 14 else at + 12, WIDTH - _RIGHT - 2
+        self._note(label, colour, (right, above, "end"), (_LEFT + 2, above, "start"), (right, at + 12, "end"))
 
     def mark(self, x: float, y: float, label: str = "", colour: str = INK, *, below: bool = False) -> None:
-        """A dot, and what it is, above it or ``below``."""
+        """A dot, and what it is, above it or ``below`` if that is free."""
         if not (self._x[0] <= x <= self._x[1]) or not math.isfinite(y):
             return
         at, up = self.to_x(x), self.to_y(y)
         self._over.append(element("circle", cx=f"{at:.1f}", cy=f"{up:.1f}", r="4", fill=colour, stroke="white"))
+        self._taken.append((at - 4, up - 4, at + 4, up + 4))
         left = at + 8 + _LETTER * len(label) > WIDTH - _RIGHT
-        self._note(
-            label,
-            at - 7 if left else at + 7,
-            up + 16 if below else max(up - 6, _TOP + 10),
-            "end" if left else "start",
-            colour,
-        )
+        place, anchor = (at - 7, "end") if left else (at + 7, "start")
+        heights = [max(up - 6, _TOP + 10), up + 16]
+        self._note(label, colour, *((place, height, anchor) for height in (heights[::-1] if below else heights)))
 
     def bar(self, y: float, share: float, label: str, value: str, *, over: bool, chosen: bool) -> None:
         """A horizontal bar of a list: its label before it, its value behind it.
@@ -173,15 +169,30 @@ class Chart:
         """The line that bars must not pass, at a value of the x axis."""
         at = 128.0 + x / self._x[1] * (WIDTH - 128.0 - 52.0)
         self._across(at, at, _TOP, self._height - 6, LIMIT, "6 3")
-        self._note(label, at, _TOP + 7, "middle", LIMIT)
+        self._note(label, LIMIT, (at, _TOP + 7, "middle"))
 
     def _across(self, x1: float, x2: float, y1: float, y2: float, colour: str, dash: str | None) -> None:
         places = {"x1": f"{x1:.1f}", "x2": f"{x2:.1f}", "y1": f"{y1:.1f}", "y2": f"{y2:.1f}"}
         self._parts.append(element("line", stroke=colour, stroke_width="1.5", stroke_dasharray=dash, **places))
 
-    def _note(self, text: str, x: float, y: float, anchor: str, colour: str) -> None:
-        if text:
-            self._over.append(_text(text, x, y, anchor, colour))
+    def _note(self, text: str, colour: str, *places: tuple[float, float, str]) -> None:
+        """A label at the first of some places (x, y, anchor) where it meets no other, else near the last of them."""
+        if not text:
+            return
+        x, y, anchor = places[-1]
+        # Row by row away from there, below and above.
+        rows = np.arange(_TOP + 11 + (y - _TOP - 11) % _ROW, self._height - _BOTTOM, _ROW)
+        near = ((x, float(row), anchor) for row in sorted(rows, key=lambda row: abs(row - y)))
+        found, box = next(
+            ((place, box) for place in (*places, *near) if self._is_free(box := _box(text, *place))),
+            (places[0], _box(text, *places[0])),
+        )
+        self._taken.append(box)
+        self._over.append(_text(text, *found, colour))
+
+    def _is_free(self, box: tuple[float, float, float, float]) -> bool:
+        left, top, right, bottom = box
+        return not any(left < x1 and x0 < right and top < y1 and y0 < bottom for x0, y0, x1, y1 in self._taken)
 
     def svg(self, *, axes: bool = True) -> Html:
         """The chart; it fills the width that it is given."""
@@ -246,6 +257,13 @@ def _text(text: str, x: float, y: float, anchor: str, colour: str, weight: str =
         stroke_width="3",
         paint_order="stroke",
     )
+
+
+def _box(text: str, x: float, y: float, anchor: str) -> tuple[float, float, float, float]:
+    """Left, top, right and bottom of a label [px]."""
+    width = _LETTER * len(text) + 4
+    left = x - {"start": 2.0, "middle": width / 2, "end": width - 2.0}[anchor]
+    return left, y - _ROW + 3, left + width, y + 3
 
 
 def ticks(low: float, high: float, most: int) -> list[float]:
