@@ -53,8 +53,8 @@ def evaluate_batch(
     """Compute the integrated distributions of many poses and velocities; all else is as in ``scenario``.
 
     Forces are those of :func:`bumpstop.evaluate` within 1e-5 of their mean; within 1e-4 where the body gives way, and
-    1e-3 where the arm does. A held body that an elastic arm presses undetected counts as pressed without a bound: torque
-    limits are not looked at.
+    1e-3 where the arm does. A held body that an elastic arm presses undetected counts as pressed without a bound:
+    torque limits are not looked at.
 
     Args:
         scenario: its pose and velocity are replaced. A checked problem will do too: its robot counts, whose joint
