@@ -105,12 +105,19 @@ class CellMixture {
     /// What tells P(value > x) for x from `low` to `high`: what lies beyond for all of them is at infinity.
     CellMixture between(double low, double high) const {
         CellMixture out;
-        out.infinite_ = infinite_;
+        std::size_t count = 0;
+        double beyond_all = 0;
         for (std::size_t i = 0; i < mass_.size(); ++i) {
-            if (low_[i] >= high)
-                out.infinite_ += mass_[i];
-            else if (high_[i] > low)
-                out.add_cell(low_[i], high_[i], mass_[i]);
+            count += low_[i] < high && high_[i] > low;
+            beyond_all += low_[i] >= high ? mass_[i] : 0.0;
+        }
+        out.infinite_ = infinite_ + beyond_all;
+        for (std::vector<double>* values : {&out.low_, &out.high_, &out.mass_}) values->reserve(count);
+        for (std::size_t i = 0; i < mass_.size(); ++i) {
+            if (!(low_[i] < high && high_[i] > low)) continue;
+            out.low_.push_back(low_[i]);
+            out.high_.push_back(high_[i]);
+            out.mass_.push_back(mass_[i]);
         }
         return out;
     }
