@@ -239,6 +239,14 @@ def test_a_saturated_plateau_is_not_called_cut_off_below(tmp_path: Path) -> None
     assert [fault.name for fault in reading.faults if fault.name in ("saturated", "clipped")] == ["saturated"]
 
 
+def test_a_recording_that_never_leaves_contact_is_not_called_cut_off_below(tmp_path: Path) -> None:
+    """Its lowest samples are far above any baseline."""
+    time = np.arange(0, 1, 2e-4)
+    force = 60 + 30 * np.maximum(np.sin(40 * time), -0.5)
+    reading = read_gauge(write(tmp_path / "curve.csv", time, force))
+    assert "clipped" not in {fault.name for fault in reading.faults}
+
+
 def test_swapped_columns_are_named_and_nothing_else(tmp_path: Path) -> None:
     time, force = pressed()
     (fault,) = read_gauge(write(tmp_path / "curve.csv", force, time)).faults

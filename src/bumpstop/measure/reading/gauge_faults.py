@@ -202,7 +202,7 @@ def _one_sided(force: FloatArray, lowest: FloatArray) -> bool:
     """Whether samples of the baseline scatter, but to one side only."""
     peak = float(force.max())
     base = force[force < 0.05 * peak]
-    scattered = base[base > base.min()]
+    scattered = base[base > force.min()]
     return bool(scattered.size > 0.1 * lowest.sum())
 
 
