@@ -45,3 +45,9 @@ LONGEST = [
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     rank = {TESTS / name: number for number, name in enumerate(LONGEST)}
     items.sort(key=lambda item: rank.get(item.path, len(rank)))
+
+
+@pytest.fixture
+def unsaved_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures are drawn, but not made SVG and PNG, which takes most of a page's time: for tests of what it says."""
+    monkeypatch.setattr("bumpstop.report.picture.Rendered._saved", lambda *_: b'<svg viewBox="0 0 1 1"></svg>')
