@@ -57,5 +57,5 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture
 def unsaved_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pictures are drawn, but not made SVG and PNG, which takes most of a page's time: for tests of what it says."""
+    """Pictures are drawn, but not made SVG and PNG, most of a page's time: for what it says, where others save them."""
     monkeypatch.setattr("bumpstop.report.picture.Rendered._saved", lambda *_: b'<svg viewBox="0 0 1 1"></svg>')
