@@ -45,6 +45,7 @@ def in_milliamperes(log: Recording, path: Path, spoil: int = 0) -> Path:
     return path
 
 
+@pytest.mark.usefixtures("unsaved_pictures")
 def test_from_a_text_file_to_a_validated_model(tmp_path: Path) -> None:
     _, truth, log, other = arm_and_logs()
     first = in_milliamperes(log, tmp_path / "one.csv", spoil=3)

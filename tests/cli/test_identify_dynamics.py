@@ -152,6 +152,7 @@ def test_a_torque_that_never_changes_has_no_share_predicted(tmp_path: Path) -> N
     assert row.split()[1:3] == ["rests", "rests"]
 
 
+@pytest.mark.usefixtures("unsaved_pictures")
 def test_pages_carry_parameters_with_errors_and_what_reading_found(tmp_path: Path) -> None:
     planted(bs.Robot.load(ROBOT), 1, seconds=6.0).save(tmp_path / "run.parquet")
     fitted = run("identify", tmp_path / "run.parquet", "--robot", ROBOT, "--cutoff", 6, "-o", tmp_path / "fit")

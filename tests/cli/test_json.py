@@ -84,6 +84,7 @@ def test_the_examples_have_the_documented_shape() -> None:
     assert False in found.values()
 
 
+@pytest.mark.usefixtures("unsaved_pictures")
 def test_trajectories_in_every_output(tmp_path: Path) -> None:
     example = REPOSITORY / "examples" / "06_pick_and_place_trajectory.toml"
     for changes in ((), ("motion.contact_onset_s=1.4", "reaction.kind=reverse")):

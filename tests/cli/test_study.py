@@ -106,6 +106,7 @@ def test_a_seed_is_refused_where_nothing_is_drawn() -> None:
     assert result.err.startswith("error: --seed: has no meaning with a trajectory")
 
 
+@pytest.mark.usefixtures("unsaved_pictures")
 def test_a_page_says_whether_its_laws_are_exact(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bumpstop.collision.evaluation.RESAMPLED_RUNS", 2000)
     noise = np.random.default_rng(0).normal(0, 1.8, (400, 7))
@@ -123,6 +124,7 @@ def test_a_page_says_whether_its_laws_are_exact(tmp_path: Path, monkeypatch: pyt
     assert "2000 sampled collisions" in drawn
 
 
+@pytest.mark.usefixtures("unsaved_pictures")
 def test_a_page_tells_what_it_calls_the_source_and_speaks_of_it_where_it_belongs(tmp_path: Path) -> None:
     """A page is handed on to people who have not read ours."""
     pages = {}

@@ -102,6 +102,7 @@ def test_console(
                 assert any(Path(file).match(pattern) for file in written), pattern
 
 
+@pytest.mark.usefixtures("unsaved_pictures")
 def test_readme(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """What make run ends with, every command of the README, and its session in Python."""
     shutil.copytree(ROOT / "examples", tmp_path / "examples")

@@ -194,9 +194,9 @@ def test_rooms_import_only_what_they_may() -> None:
             used = set(re.findall(r'^#include "bumpstop/(\w+)/', path.read_text(encoding="utf-8"), re.MULTILINE))
             assert used <= may | {room}, path
         for path in (ROOT / "src" / "bumpstop" / room).rglob("*.py"):
-            syntax = ast.parse(path.read_text(encoding="utf-8"))
-            modules = [node.module or "" for node in ast.walk(syntax) if isinstance(node, ast.ImportFrom)]
-            modules += [name.name for node in ast.walk(syntax) if isinstance(node, ast.Import) for name in node.names]
+            syntax = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+            modules = [node.module or "" for node in syntax if isinstance(node, ast.ImportFrom)]
+            modules += [name.name for node in syntax if isinstance(node, ast.Import) for name in node.names]
             used = {module.split(".")[1] for module in modules if module.startswith("bumpstop.")}
             assert used <= may | everyones | {room}, path
 

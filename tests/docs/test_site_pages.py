@@ -27,6 +27,7 @@ CONSOLES = (
 )
 
 
+@pytest.mark.usefixtures("unsaved_pictures")
 @pytest.mark.parametrize("page", CONSOLES)
 def test_commands_of_a_page_print_what_it_says(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

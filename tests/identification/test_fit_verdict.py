@@ -13,6 +13,7 @@ import bumpstop as bs
 from bumpstop.identification import (
     DynamicsFit,
     FitVerdict,
+    JointModelFit,
     Quantity,
     compare_currents,
     identify_dynamics,
@@ -37,14 +38,14 @@ from identification.drives import driven, fourier
 from identification.drives import planted as with_drives
 from identification.recorded import FILES, SHARED, TX40_COLUMNS, there
 from identification.test_dynamics_fit import planted
-from identification.test_gains_fit import GAINS, LOAD, currents
+from identification.test_gains_fit import GAINS, LOAD, fitted, with_and_without
 
 
 def sweeps(robot: bs.Robot, *, noise: float = 0.5, seed: int = 0) -> Recording:
     """One joint after the other goes up and down, the others stand."""
     rng, rate = np.random.default_rng(seed), 100.0
     base = np.clip(np.array([0.3, -1.2, 1.4, -0.6, 1.1, 0.4, 0.2])[: robot.dof], robot.lower, robot.upper)
-    t = np.arange(0, 6.0, 1 / rate)
+    t = np.arange(0, 3.0, 1 / rate)
     parts = []
     for j in range(robot.dof):
         q = np.tile(base, (t.size, 1))
@@ -196,9 +197,15 @@ def currents_of_known_drives() -> tuple[bs.Robot, Recording]:
     return robot, with_drives(robot, fourier(robot, 12.0, 94.0, 1), 1)[1]
 
 
+@cache
+def joint_model_fit() -> JointModelFit:
+    robot, log = currents_of_known_drives()
+    return identify_joint_model(log, robot, cutoff_hz=8.0)
+
+
 def test_joint_models_are_judged() -> None:
     robot, log = currents_of_known_drives()
-    fit = identify_joint_model(log, robot, cutoff_hz=8.0)
+    fit = joint_model_fit()
     verdict = judge_joint_model(fit, [log])
     assert verdict.usable, verdict.reasons()
     assert verdict.condition is not None
@@ -218,7 +225,7 @@ def test_joint_models_are_judged() -> None:
 def test_currents_beyond_those_of_the_fit_are_told() -> None:
     robot, log = currents_of_known_drives()
     assert log.current is not None
-    fit = identify_joint_model(log, robot, cutoff_hz=8.0)
+    fit = joint_model_fit()
     larger = replace(log, current=1.8 * log.current)
     warnings = judge_currents(compare_currents(fit.model, larger, robot)).warnings
     assert any("outside the joint currents of the fit" in warning for warning in warnings)
@@ -226,12 +233,11 @@ def test_currents_beyond_those_of_the_fit_are_told() -> None:
 
 def test_gains_are_judged() -> None:
     robot = bs.Robot.load("ur5e")
-    unpadded, loaded = currents(robot, 1), currents(with_payload(robot, LOAD.mass, LOAD.center), 2)
-    fit = identify_gains([unpadded, loaded], robot, payloads=[None, LOAD], cutoff_hz=10.0)
-    verdict = judge_dynamics(fit, [unpadded, loaded])
+    logs = with_and_without()
+    verdict = judge_dynamics(fitted(), logs)
     assert verdict.usable, verdict.reasons()
     sign = np.array([1.0, 1, -1, 1, 1, 1])
-    turned = [replace(log, current=log.current * sign) for log in (unpadded, loaded) if log.current is not None]
+    turned = [replace(log, current=log.current * sign) for log in logs if log.current is not None]
     fit = identify_gains(turned, robot, payloads=[None, LOAD], cutoff_hz=10.0, known={"shoulder_lift_joint": GAINS[1]})
     said = judge_dynamics(fit, turned).reasons()
     assert any("gain of elbow_joint is negative, unlike the others" in reason for reason in said), said
@@ -266,7 +272,7 @@ def test_currents_shifted_against_the_motion_are_told(seconds: float) -> None:
 
 def test_a_shift_is_told_when_validating_too() -> None:
     robot, log = currents_of_known_drives()
-    fit = identify_joint_model(log, robot)
+    fit = joint_model_fit()
     for recording, told in ((log, False), (shifted(log, 0.04), True)):
         verdict = judge_currents(compare_currents(fit.model, recording, robot), [recording], robot)
         assert any("lag behind the motion by" in fault for fault in verdict.faults) is told
@@ -309,6 +315,7 @@ def test_payloads_are_judged() -> None:
     assert still.status != "usable"
 
 
+@pytest.mark.usefixtures("unsaved_pictures")
 def test_the_verdict_comes_first_and_ends_with_its_status(tmp_path: Path) -> None:
     robot = bs.Robot.load("ur5e")
     bad, fine = tmp_path / "bad.parquet", tmp_path / "fine.parquet"
