@@ -174,7 +174,7 @@ class DynamicContact {
         int first = 0, last = slots - 1;
         while (first < slots && !(chance(first) > 0)) ++first;
         while (last > first && !(chance(last) > 0)) --last;
-        Outcome from;
+        Outcome from{};
         double passed = 0;  // probability of those since the last one that was followed
         for (int i = first, before = first; i <= last; ++i) {
             passed += chance(i);
