@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.fft import next_fast_len
 
 from bumpstop.arrays import FloatArray
 
@@ -20,6 +19,8 @@ def correlation_time(x: FloatArray) -> float:
     Args:
         x: (N,) evenly sampled series.
     """
+    from scipy.fft import next_fast_len
+
     centred = np.asarray(x, dtype=np.float64) - np.mean(x)
     n = centred.size
     size = next_fast_len(2 * n, real=True)
