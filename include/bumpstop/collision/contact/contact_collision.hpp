@@ -9,15 +9,17 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// What reactions make of collisions that are under way, or to come.
 class ContactReactions {
   public:
-    /// Not `lasting`: only the peak force is wanted. An arm that has turned back is followed until an oscillation has had its peak.
-    ContactReactions(const ContactPaths& paths, const ContactPropagator& by, bool lasting = true)
+    /// `peak_only`: neither a lasting force nor a duration is wanted. An arm that has turned back is then followed until an
+    /// oscillation has had its peak.
+    ContactReactions(const ContactPaths& paths, const ContactPropagator& by, bool peak_only = false)
         : paths_(&paths),
-          lasting_(lasting),
+          peak_only_(peak_only),
           dynamics_(by),
           swing_(int(std::min((by.elastic() ? 4 : 1) * by.half_oscillation / paths.step, 1e6)) + 2) {}
 
     const ContactPaths& paths() const { return *paths_; }
     const ContactDynamics& dynamics() const { return dynamics_; }
+    bool peak_only() const { return peak_only_; }
 
     struct Outcome {
         double peak, lasting, duration;  ///< greatest force, in all and after the transient phase [N]; in contact [s]
@@ -52,8 +54,8 @@ class ContactReactions {
         int farther = 0;  // the last step known after which the reference goes beyond where it is
         for (int i = 0; !state.separated; ++i) {
             allow_interruption();
-            if (path.later(i) > from) farther = i;
-            const bool late = i >= longest + swing_, turned = !lasting_ && i > farther + swing_;
+            if (peak_only_ && path.later(i) > from) farther = i;
+            const bool late = i >= longest + swing_, turned = peak_only_ && i > farther + swing_;
             if (turned || (late && (!path.retreats() || i >= longest + max_retreat)))
                 return dynamics_.rest(state, from - offset);
             if (!state.contact) {
@@ -90,7 +92,7 @@ class ContactReactions {
     }
 
     const ContactPaths* paths_;
-    bool lasting_;
+    bool peak_only_;
     ContactDynamics dynamics_;
     int swing_;  // simulation steps until an oscillation at rest has had its peak
 };

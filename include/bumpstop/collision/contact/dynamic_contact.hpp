@@ -62,8 +62,7 @@ struct EarlyReactions {
 template <class T>
 class DynamicContact {
   public:
-    /// `batch`: as of QuadratureSettings.
-    DynamicContact(const ContactReactions& reactions, bool batch) : reactions_(reactions), batch_(batch) {}
+    explicit DynamicContact(const ContactReactions& reactions) : reactions_(reactions) {}
 
     void begin(const OffsetPanel& panel, const T* offset) {
         same_ = panel.low == panel.high;
@@ -82,7 +81,7 @@ class DynamicContact {
 
     static constexpr bool parts = true;
     /// Probabilities of detection may be off by this.
-    double chance_tolerance() const { return batch_ ? 1e-6 : 0.0; }
+    double chance_tolerance() const { return reactions_.peak_only() ? 1e-6 : 0.0; }
     /// 1 where a detection then is one of this contact: a body that has got away cannot be felt.
     T touched(int i, int r) {
         return by_lane(r, [&](ContactCollision& collision) { return collision.separated(i) ? 0.0 : 1.0; });
@@ -134,9 +133,10 @@ class DynamicContact {
         // Of both forces, of the time in contact. An arm that gives way bounces: how long it touches in all is no smooth
         // function of the offset.
         const bool bounces = reactions_.dynamics().propagator().elastic();
-        const double of_arm = batch_ ? 1e-3 : 1e-4, of_force = bounces ? of_arm : 1e-5,
+        const bool peak_only = reactions_.peak_only();
+        const double of_arm = peak_only ? 1e-3 : 1e-4, of_force = bounces ? of_arm : 1e-5,
                      tolerance[] = {of_force, of_force, bounces ? 0.1 : 5e-5};
-        for (std::size_t q = 0; q < (batch_ ? 1 : std::size(tolerance)); ++q) {
+        for (std::size_t q = 0; q < (peak_only ? 1 : std::size(tolerance)); ++q) {
             const std::vector<double>& values = known.*by_slot()[q];
             const std::vector<double>& never = known.*by_panel()[q];
             const double allowed =
@@ -195,7 +195,6 @@ class DynamicContact {
     }
 
     const ContactReactions& reactions_;
-    bool batch_;
     std::vector<ContactCollision> collision_;  ///< by node; one where the panel is a point
     bool same_ = false;                        ///< the panel is a point
 };

@@ -47,7 +47,7 @@ class OffsetQuadrature {
     void finish(const std::vector<double>& max_distance) {
         zero_force_from_ = alarm_before_ + result_.no_contact;
         if (dynamic()) {
-            const ContactReactions reactions(*settings_.paths, *settings_.propagator, !settings_.batch);
+            const ContactReactions reactions(*settings_.paths, *settings_.propagator, settings_.batch);
             bumpstop::add_early_reactions(reactions, settings_.contact.offset, before_, mesh_.edges(),
                                           result_.early_reactions);
             zero_force_from_ -= result_.early_reactions.total;
@@ -80,8 +80,8 @@ class OffsetQuadrature {
         };
         if constexpr (!Alarms::tabulated) {
             if (dynamic()) {
-                const ContactReactions reactions(*settings_.paths, *settings_.propagator, !settings_.batch);
-                return interpolate(DynamicContact<T>(reactions, settings_.batch));
+                const ContactReactions reactions(*settings_.paths, *settings_.propagator, settings_.batch);
+                return interpolate(DynamicContact<T>(reactions));
             }
         }
         interpolate(ClampedContact<T>(settings_.contact.body.stiffness));

@@ -42,8 +42,8 @@ class ContactForces:
             "at_detection_N": summary,
             "largest_missed_N": float(missed.max()) if missed.size else None,
             "contacts": [
-                {"at_detection_N": finite_or_none(now), "largest_N": finite_or_none(most)}
-                for now, most in zip(self.at_detection, self.largest, strict=True)
+                {"at_detection_N": finite_or_none(detected), "largest_N": finite_or_none(most)}
+                for detected, most in zip(self.at_detection, self.largest, strict=True)
             ],
         }
 
