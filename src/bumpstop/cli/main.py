@@ -7,6 +7,7 @@ import io
 import os
 import sys
 from collections.abc import Sequence
+from functools import cache
 from itertools import pairwise
 from typing import Annotated, Any
 
@@ -84,6 +85,12 @@ def _root(
         typer.echo(context.get_help())
 
 
+@cache
+def _built() -> Any:
+    """The command with all of its options, which take a while to be made: once, for programs that call it often."""
+    return typer.main.get_command(app)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; the last line on stderr of a failure is ``error: ...``."""
     status = 0
@@ -96,7 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
         _refuse_empty_folder(given)
-        result = app(args=given, standalone_mode=False)
+        result = _built()(args=given, standalone_mode=False)
         status = result if isinstance(result, int) else 0
         if status == INTERRUPTED:
             raise KeyboardInterrupt
