@@ -19,9 +19,9 @@ from bumpstop.identification.statistics.independent_columns import (
     condition_of,
     independent,
     label_of,
-    normal_solution,
     triangle_of,
 )
+from bumpstop.identification.statistics.normal_equations import NormalEquations
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -60,6 +60,7 @@ class System:
         wanted: (N, n) torque without what payloads make, filtered alike. Of currents: the currents, and what payloads
             make is the last column.
         counts: (n,) rows that each joint is fitted to.
+        known: another system of the same rows, whose inertial columns these are.
     """
 
     robot: Robot
@@ -76,6 +77,7 @@ class System:
     columns: FloatArray
     wanted: FloatArray
     counts: FloatArray
+    known: System | None = None
 
     @classmethod
     def of(
@@ -144,6 +146,7 @@ class System:
             columns=columns,
             wanted=wanted,
             counts=counts,
+            known=known,
         )
 
     @property
@@ -230,9 +233,7 @@ class System:
     @cached_property
     def values(self) -> FloatArray:
         """Parameters (n, parameters) by weighted least squares; shortest ones, as for :meth:`fold_values`."""
-        squares, moments, length, spread = self._products
-        whole = normal_solution(squares.sum(axis=0), moments.sum(axis=0), spread, self.rows.currents)
-        return np.asarray(whole / length)
+        return self._equations.values()
 
     def fold_values(self, folds: Folds = SPREAD) -> list[FloatArray]:
         """Parameters (n, parameters) by weighted least squares, of all rows but those of one fifth, fifth by fifth.
@@ -241,38 +242,15 @@ class System:
 
         Of columns that the motion cannot tell apart the shortest values are taken, which predict the same.
         """
-        squares, moments, length, spread = self._products
-        found = []
-        for fold in folds:
-            others = [k for k in range(PARTS) if k not in fold]
-            own_square, own_moment = (x[others].sum(axis=0) for x in (squares, moments))
-            found.append(normal_solution(own_square, own_moment, spread, self.rows.currents) / length)
-        return found
+        return [self._equations.values(left_out=fold) for fold in folds]
 
     @cached_property
-    def _products(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Sums of products of the columns, part by part and joint by joint, which all weights and fifths share.
-
-        Squares (parts, n, p, p) and moments (parts, n, p) of columns brought to length one, their lengths (p,),
-        infinite where a column is not seen, and what is left of every joint (n,).
-        """
-        length = np.sqrt((self.columns**2).sum(axis=(0, 1)))
-        length[length <= 1e-9 * length.max()] = np.inf  # what is not seen has no value
-        squares, moments = [], []
-        for part in self._parts():
-            # Side by side in memory: products of strided columns take ten times as long.
-            own = np.ascontiguousarray(np.moveaxis(self.columns[part], 1, 0)) / length
-            turned = own.transpose(0, 2, 1)
-            squares.append(turned @ own)
-            moments.append((turned @ self.wanted[part].T[:, :, None])[:, :, 0])
-        square, moment = np.sum(squares, axis=0), np.sum(moments, axis=0)
-        power = (self.wanted**2).sum(axis=0)
-        spread = np.maximum(self.spread(self.wanted), 1e-9)
-        for _ in range(_ROUNDS):
-            values = normal_solution(square, moment, spread, self.rows.currents)
-            left = power - 2 * (moment * values).sum(axis=1) + np.einsum("ji,jik,jk->j", values, square, values)
-            spread = np.sqrt(np.maximum(left / self.counts, 1e-16 * power + 1e-24))
-        return np.array(squares), np.array(moments), length, spread
+    def _equations(self) -> NormalEquations:
+        count = 10 * self.robot.dof
+        known = None if self.known is None else self.known._equations.products[:, :, :count, :count]
+        return NormalEquations.of(
+            self.columns, self.wanted, self._parts(), self.counts, apart=self.rows.currents, known=known
+        )
 
     def left_out(self) -> FloatArray:
         """Unfiltered torque (M, n) of every fifth of the rows, with its margins, as the other four predict it."""

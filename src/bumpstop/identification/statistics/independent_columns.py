@@ -9,7 +9,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 
 # Columns that the others make up to this share of their length say nothing of their own.
-_DEPENDENT = 1e-4
+DEPENDENT = 1e-4
 _RATHER_FIRST = 1e-8  # share of its length that a column counts less than the one before it
 
 
@@ -20,20 +20,6 @@ def condition_of(matrix: FloatArray) -> float:
     return float(np.linalg.cond(triangle / length)) if length.size and length.min() > 0 else math.inf
 
 
-def normal_solution(square: FloatArray, moment: FloatArray, spread: FloatArray, apart: bool) -> FloatArray:
-    """Least squares (n, p) from products (n, p, p) and (n, p) of joints that weigh by one over their spread (n,).
-
-    ``apart``: every joint has parameters of its own; else all have the same.
-    """
-    if apart:
-        return np.array(
-            [np.linalg.lstsq(own, sums, rcond=_DEPENDENT**2)[0] for own, sums in zip(square, moment, strict=True)]
-        )
-    weight = 1 / spread**2
-    values = np.linalg.lstsq(np.tensordot(weight, square, 1), weight @ moment, rcond=_DEPENDENT**2)[0]
-    return np.tile(values, (moment.shape[0], 1))
-
-
 def independent(matrix: FloatArray) -> tuple[np.ndarray, list[list[tuple[int, float]]]]:
     """Columns that the motion tells apart, and for each the others that move with it and by how much."""
     from scipy.linalg import qr, solve_triangular
@@ -42,7 +28,7 @@ def independent(matrix: FloatArray) -> tuple[np.ndarray, list[list[tuple[int, fl
     scale = np.linalg.norm(matrix, axis=0) * (1 + _RATHER_FIRST * np.arange(matrix.shape[1]))
     triangle, order = qr(matrix / scale, mode="r", pivoting=True)
     diagonal = np.abs(np.diag(triangle))
-    rank = int((diagonal > _DEPENDENT * diagonal[0]).sum())
+    rank = int((diagonal > DEPENDENT * diagonal[0]).sum())
     chosen, rest = order[:rank], order[rank:]
     groups: list[list[tuple[int, float]]] = [[] for _ in range(rank)]
     if rest.size:
