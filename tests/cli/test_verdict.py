@@ -10,6 +10,8 @@ from bumpstop.text_files import to_toml
 from cli.support import EXAMPLE, evaluate, run, strict_json
 from collision.verdict.test_verdict_notes import SWINGING
 
+pytestmark = pytest.mark.usefixtures("unsaved_pictures")
+
 SHORT = ("contact.offset_law=fixed", "contact.offset_mm=500", "motion.duration_s=1")
 
 

@@ -128,6 +128,7 @@ def test_contact_is_not_judged_where_the_recording_has_gaps() -> None:
     assert before[0] == log.t[0]
 
 
+@pytest.mark.usefixtures("unsaved_pictures")
 def test_pages(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The page, its figures, and the contact comparison of a recording with a wrench."""
     robot = bs.Robot.load("ur5e")

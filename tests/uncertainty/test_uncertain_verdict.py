@@ -129,6 +129,7 @@ def test_ranks_cover_and_points_decide_as_soon_as_they_do() -> None:
             assert concluded(ratio[:n], untested[:n], 0.95, 64) in (None, whole)
 
 
+@pytest.mark.usefixtures("unsaved_pictures")
 def test_from_the_shell(tmp_path: Path) -> None:
     shown = run("evaluate", EXAMPLE, "--json", "--out", tmp_path)
     found = strict_json(shown.out)

@@ -149,6 +149,7 @@ def test_what_is_not_the_same_thing_is_not_compared(beside: FitComparison) -> No
     assert replace(pair, protocol=unsure).difference("inertia") is None
 
 
+@pytest.mark.usefixtures("unsaved_pictures")
 def test_the_protocol_stands_without_a_general_fit(
     fit: ProtocolFit, recordings: list[Recording], tmp_path: Path
 ) -> None:
