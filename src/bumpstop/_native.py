@@ -36,7 +36,7 @@ def load(name: str) -> ModuleType:
     """
     known = available_targets()
     if name not in known:
-        raise InputError("BUMPSTOP_TARGET", f"{name!r} cannot run here", "valid: " + ", ".join(known))
+        raise InputError("BUMPSTOP_TARGET", f"{name!r} is not built or cannot run here", "valid: " + ", ".join(known))
     return importlib.import_module(f"bumpstop._kernels_{name}")
 
 

