@@ -33,6 +33,22 @@ def test_a_reader_that_is_killed_is_named_and_started_again(tmp_path: Path) -> N
     assert reader_process._READER.process is not process
 
 
+@pytest.mark.parametrize(("said", "threads"), [(None, "2"), ("1", "1")])
+def test_the_environment_says_how_many_threads_it_has(
+    said: str | None, threads: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("POLARS_MAX_THREADS", raising=False)
+    if said is not None:
+        monkeypatch.setenv("POLARS_MAX_THREADS", said)
+    reader_process._close()
+    file = tmp_path / "r.parquet"
+    recording().save(file)
+    bs.Recording.load(file)
+    process = reader_process._READER.process
+    assert process is not None
+    assert f"POLARS_MAX_THREADS={threads}" in Path(f"/proc/{process.pid}/environ").read_text("utf-8").split("\0")
+
+
 def test_a_file_that_needs_more_memory_than_it_may_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Zeros: a hundred thousand times smaller in the file than in memory."""
     monkeypatch.setattr(reader_process, "MIN_MEMORY", 40_000_000)

@@ -36,7 +36,8 @@ MIN_SECONDS = 30.0
 _SECONDS_PER_BYTE = 2e-6
 _START_SECONDS = 60.0
 _KIND = {"parquet": "Parquet", "excel": "Excel", "matlab": "a MATLAB file"}
-_ENVIRONMENT = {"POLARS_MAX_THREADS": "2", "OPENBLAS_NUM_THREADS": "1"}
+# Threads of the libraries there, where the environment does not say: more would only wait for one another.
+_THREADS = {"POLARS_MAX_THREADS": "2", "OPENBLAS_NUM_THREADS": "1"}
 _LENGTH = struct.Struct("<Q")
 
 
@@ -109,7 +110,7 @@ def _running() -> subprocess.Popen[bytes]:
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        env=os.environ | _ENVIRONMENT | {"PYTHONPATH": os.pathsep.join(dict.fromkeys(places))},
+        env=_THREADS | os.environ | {"PYTHONPATH": os.pathsep.join(dict.fromkeys(places))},
         start_new_session=True,  # Ctrl-C is for the parent to answer
     )
     if _READER.process is None:
