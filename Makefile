@@ -40,12 +40,12 @@ $(VENV)/.tested: $(VENV)/.built
 	$(BIN)/pip install --quiet $$($(EXTRA) test)
 	touch $@
 
-# A process for each core, the longest files first (tests/conftest.py); more threads for matrices in each of them would
-# only wait for one another. PROFILE=default draws other cases for property tests than those of every run.
+# A process for each core, the longest files first (tests/conftest.py); more threads for matrices and tables in each of
+# them would only wait for one another. PROFILE=default draws other cases for property tests than those of every run.
 # PYTHONDONTWRITEBYTECODE would have every process rewrite the asserts of all tests, ten seconds, in every run.
 PROFILE ?= ci
 test: $(VENV)/.tested
-	PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder \
+	PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 POLARS_MAX_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder \
 	--hypothesis-profile=$(PROFILE)
 
 # The lowest versions that pyproject.toml allows, in an environment of their own, and of the tests those files that reach
