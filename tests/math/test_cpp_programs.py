@@ -1,7 +1,7 @@
 """The C++ programs of the lower rooms, detection and the controller: compiled against the headers alone, and run.
 
-Two builds find what can be wrong: one under the sanitizers, one optimised for the registers that the kernels use. The
-first is clang's where it links its sanitizers, so that both compilers read every header.
+Two builds find what can be wrong: one under the sanitizers, and of programs that use the registers of the kernels one
+optimised for these. The first is clang's where it links its sanitizers: the kernels are compiled by another compiler.
 """
 
 from __future__ import annotations
@@ -27,10 +27,9 @@ BUILDS = {
     "sanitized": [["clang++-14", "-O0", *SANITIZERS], [*COMPILER, "-O0", *SANITIZERS]],
     "optimised": [[*COMPILER, *OPTIMISED]],
 }
-PROGRAMS = [
+IN_LANES = [
     "math/lanes",
     "math/quadrature",
-    "math/threads",
     "model/chain",
     "model/dynamics/dynamics",
     "model/min_norm",
@@ -41,11 +40,15 @@ PROGRAMS = [
     "collision/motion/arm_integrator",
     "collision/motion/line_tracer",
     "collision/distribution/linear_quantity",
+]
+ONE_BY_ONE = [
+    "math/threads",
     "detection/detector/detector",
     "detection/detector/sample_paths",
     "detection/detector/sample_validator",
 ]
-CASES = [(ROOT / f"tests/{name}.cpp", build) for name in PROGRAMS for build in BUILDS]
+CASES = [(ROOT / f"tests/{name}.cpp", build) for name in IN_LANES for build in BUILDS]
+CASES += [(ROOT / f"tests/{name}.cpp", "sanitized") for name in ONE_BY_ONE]
 
 
 Builds = dict[tuple[Path, str], "Future[tuple[Path, subprocess.CompletedProcess[str]]]"]
