@@ -60,7 +60,7 @@ class System:
         wanted: (N, n) torque without what payloads make, filtered alike. Of currents: the currents, and what payloads
             make is the last column.
         counts: (n,) rows that each joint is fitted to.
-        known: another system of the same rows, whose inertial columns these are.
+        known_products: sums of products of the inertial columns, where another system of these rows has them; None.
     """
 
     robot: Robot
@@ -77,7 +77,7 @@ class System:
     columns: FloatArray
     wanted: FloatArray
     counts: FloatArray
-    known: System | None = None
+    known_products: FloatArray | None = None
 
     @classmethod
     def of(
@@ -146,7 +146,8 @@ class System:
             columns=columns,
             wanted=wanted,
             counts=counts,
-            known=known,
+            # Not the system itself, whose columns are large.
+            known_products=None if known is None else known._equations.products[:, :, :count, :count],
         )
 
     @property
@@ -246,10 +247,13 @@ class System:
 
     @cached_property
     def _equations(self) -> NormalEquations:
-        count = 10 * self.robot.dof
-        known = None if self.known is None else self.known._equations.products[:, :, :count, :count]
         return NormalEquations.of(
-            self.columns, self.wanted, self._parts(), self.counts, apart=self.rows.currents, known=known
+            self.columns,
+            self.wanted,
+            self._parts(),
+            self.counts,
+            apart=self.rows.currents,
+            known=self.known_products,
         )
 
     def left_out(self) -> FloatArray:
