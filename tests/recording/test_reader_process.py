@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import random
 import signal
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,17 @@ def test_a_file_that_needs_more_memory_than_it_may_is_named(tmp_path: Path, monk
     recording().save(tmp_path / "good.parquet")
     monkeypatch.undo()
     assert bs.Recording.load(tmp_path / "good.parquet").dof == 2
+
+
+def test_a_small_matlab_file_that_says_it_holds_millions_is_named(tmp_path: Path) -> None:
+    """Cells of a number that only its size in the file says: they took half a gigabyte, and more than a second."""
+    file, cells = tmp_path / "cells.mat", np.empty((1, 3), dtype=object)
+    cells[:] = [[np.arange(3.0)] * 3]
+    scipy.io.savemat(file, {"t": np.arange(50) * 0.01, "c": cells})
+    content, shape = file.read_bytes(), struct.pack("<IIii", 5, 8, 1, 3)
+    file.write_bytes(content.replace(shape, struct.pack("<IIii", 5, 8, 1, 67_000_000), 1))
+    with pytest.raises(bs.InputError, match=r"cells\.mat: cannot be read as a MATLAB file within 0\.26 GB of memory"):
+        bs.Recording.load(file)
 
 
 def test_a_reader_that_takes_too_long_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -31,13 +31,15 @@ from bumpstop.errors import InputError
 # of a recording that hardly change are compressed to a hundredth.
 MIN_MEMORY = 768_000_000
 _MEMORY_PER_BYTE = {"parquet": 24.0, "excel": 60.0, "matlab": 16.0}
+# Less for a small MATLAB file, whose compression makes a thousand bytes of one at most: a damaged one asks for more.
+_MIN_MEMORY_OF_MATLAB, _EXPANDED_PER_BYTE = 256_000_000, 3000
 # Time a file may take [s]: some for any, and so much by size.
 MIN_SECONDS = 30.0
 _SECONDS_PER_BYTE = 2e-6
 _START_SECONDS = 60.0
 _KIND = {"parquet": "Parquet", "excel": "Excel", "matlab": "a MATLAB file"}
-# Threads of the libraries there, where the environment does not say: more would only wait for one another.
-_THREADS = {"POLARS_MAX_THREADS": "2", "OPENBLAS_NUM_THREADS": "1"}
+# Threads that read tables, where the environment does not say; those that multiply matrices would only take memory.
+_THREADS, _ONE_THREAD = {"POLARS_MAX_THREADS": "2"}, {"OPENBLAS_NUM_THREADS": "1"}
 _LENGTH = struct.Struct("<Q")
 
 
@@ -68,7 +70,7 @@ def read_guarded(kind: str, path: Path, **request: Any) -> tuple[dict[str, Any],
         InputError: what the reader raised, or that it died, took too long, or needed too much memory.
     """
     size = path.stat().st_size if path.is_file() else 0
-    memory = int(MIN_MEMORY + _MEMORY_PER_BYTE[kind] * size)
+    memory = _memory(kind, size)
     seconds = MIN_SECONDS + _SECONDS_PER_BYTE * size
     asked = {"kind": kind, "path": str(path.absolute()), "shown": str(path), "memory": memory} | request
     with _READER.lock:
@@ -95,6 +97,12 @@ def read_guarded(kind: str, path: Path, **request: Any) -> tuple[dict[str, Any],
     return answer, arrays
 
 
+def _memory(kind: str, size: int) -> int:
+    """Bytes that the reader may take for a file of so many."""
+    least = min(MIN_MEMORY, _MIN_MEMORY_OF_MATLAB + _EXPANDED_PER_BYTE * size) if kind == "matlab" else MIN_MEMORY
+    return int(least + _MEMORY_PER_BYTE[kind] * size)
+
+
 def _running() -> subprocess.Popen[bytes]:
     """The process, started where there is none of this program."""
     process = _READER.process
@@ -110,7 +118,7 @@ def _running() -> subprocess.Popen[bytes]:
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        env=_THREADS | os.environ | {"PYTHONPATH": os.pathsep.join(dict.fromkeys(places))},
+        env=_THREADS | os.environ | _ONE_THREAD | {"PYTHONPATH": os.pathsep.join(dict.fromkeys(places))},
         start_new_session=True,  # Ctrl-C is for the parent to answer
     )
     if _READER.process is None:
