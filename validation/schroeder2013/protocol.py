@@ -12,7 +12,7 @@ TITLE = "The protocol on the plant"
 # Of medians, as shares of what is planted. Four fits of a short plan see the rotor and the map's offset worse.
 _LIMIT = {"A": 0.02, "B": 0.02, "D": 0.03, "F": 0.03, "hysteresis": 0.03, "inertia": 0.03}
 _QUICK_LIMIT = {"A": 0.25, "B": 0.03, "D": 0.01, "F": 0.02, "hysteresis": 0.05, "inertia": 0.25}
-QUICK = ProtocolSettings(speed_shares=(0.2, 0.4, 0.6), repeats=1, ramp_repeats=1, holds=2, hold_s=2.0)
+QUICK = ProtocolSettings(speed_shares=(0.2, 0.4, 0.6), repeats=1, ramp_repeats=1, holds=2, hold_s=1.0)
 
 
 def compare(findings: Findings, *, quick: bool) -> None:
