@@ -64,6 +64,7 @@ void bind_onsets(nb::module_& module) {
         .def_prop_ro("zero_force", &All::of_onsets<&One::zero_force>, owned)
         .def_prop_ro("undetected_distance", &All::of_onsets<&One::undetected_distance>, owned)
         .def_prop_ro("undetected_peak", &All::of_onsets<&One::undetected_peak>, owned)
+        .def_prop_ro("undetected_lasting", &All::of_onsets<&One::undetected_lasting>, owned)
         .def_prop_ro("undetected_duration", &All::of_onsets<&One::undetected_duration>, owned)
         .def_prop_ro("trigger", &All::trigger, owned)
         .def_prop_ro("onset", &All::owner, owned, "Of detections: the number of its onset.")
@@ -72,6 +73,7 @@ void bind_onsets(nb::module_& module) {
         .def_prop_ro("max_distance", &All::of_detections<&Detection::max_distance>, owned)
         .def_prop_ro("distance", &All::of_detections<&Detection::distance>, owned)
         .def_prop_ro("peak", &All::of_detections<&Detection::peak>, owned)
+        .def_prop_ro("lasting", &All::of_detections<&Detection::lasting>, owned)
         .def_prop_ro("duration", &All::of_detections<&Detection::duration>, owned)
         .def_prop_ro("force", &All::of_detections<&Detection::force>, owned);
     nb::class_<OnsetRuns, MonteCarloRuns>(module, "OnsetRuns", "Single collisions of a trajectory.")

@@ -141,13 +141,6 @@ class CollisionProblem:
             body_mass=mass_of_body(scenario, limits),
             trajectory=trajectory,
         )
-        two_phase = scenario.verdict.clamped_limit == "two_phase" and not problem.gets_away
-        if problem.gives_way and two_phase and trajectory is not None:
-            raise InputError(
-                "verdict.clamped_limit",
-                "'two_phase' along a trajectory needs a rigid arm and a clamped spring",
-                "valid: 'quasi_static'",
-            )
         if trajectory is None:
             problem._check_motion()
         return problem

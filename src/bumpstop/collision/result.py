@@ -90,17 +90,7 @@ class CollisionResult(CollisionOutcome, Displayed):
             return None
         if not transient.permitted:
             return 1.0, 1.0
-        use = TwoPhaseUse.of(self, transient, lasting)
-        if self.problem.gives_way:
-            return use.over(use.force, 0.0), None if use.pressure is None else use.over(use.pressure, 0.0)
-        # An arm that has come to rest goes on pressing: the limit for what lasts judges those never detected.
-        force = self.undetected_over(lasting.force_N)
-        pressure = None
-        if use.pressure is not None and lasting.pressure_N_cm2 is not None:
-            contact = self.scenario.contact
-            per_newton = contact.peak_factor / contact.area_cm2
-            pressure = use.over(use.pressure, self.undetected_over(lasting.pressure_N_cm2 / per_newton))
-        return use.over(use.force, force), pressure
+        return TwoPhaseUse.of(self, transient, lasting).over()
 
     @cached_property
     def notes(self) -> tuple[str, ...]:

@@ -24,7 +24,6 @@ from bumpstop.uncertainty.resolved_input import ResolvedInput, changes_of, resol
 
 if TYPE_CHECKING:
     from bumpstop.collision import CollisionResult, Scenario
-    from bumpstop.contact import ContactLimits
 
 # Exceedance probabilities at which the force of every point is kept, for the band of the curve.
 LEVELS = np.array([0.99, 0.9, 0.75, 0.5, 0.25, 0.1, 0.03, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 1e-5, 1e-6])
@@ -227,22 +226,10 @@ def _over_and_utilisation(result: CollisionResult, accepted: float, *, far_tails
     if not limits.permitted or (transient is not None and not transient.permitted):
         return 1.0, math.inf
     if transient is not None:
-        return _in_two_phases(result, transient, limits, accepted)
+        verdict = result.verdict
+        used = TwoPhaseUse.of(result, transient, limits).utilisation(accepted)
+        return max(verdict.p_over_force or 0.0, verdict.p_over_pressure or 0.0), used
     if isinstance(force, ExactDistribution) and not far_tails:
         force = replace(force, far_tail=None)
     allowed = limits.allowed_force_N(contact.area_cm2, contact.peak_factor)
     return force.exceedance(allowed), force.quantile(1 - accepted) / allowed
-
-
-def _in_two_phases(
-    result: CollisionResult, transient: ContactLimits, lasting: ContactLimits, accepted: float
-) -> tuple[float, float]:
-    """The same of clamped contact that is judged in two phases."""
-    use, verdict = TwoPhaseUse.of(result, transient, lasting), result.verdict
-    undetected, share = result.undetected_over(lasting.force_N), 0.0
-    for quantity in (use.force, use.pressure):
-        if quantity is not None and use.weight > 0:
-            # Of the detected collisions a smaller share may be over.
-            left = (accepted - undetected) / use.weight
-            share = max(share, math.inf if left <= 0 else 0.0 if left >= 1 else quantity.quantile(1 - left))
-    return max(verdict.p_over_force or 0.0, verdict.p_over_pressure or 0.0), share

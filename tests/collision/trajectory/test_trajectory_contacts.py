@@ -170,6 +170,62 @@ def test_two_phases_beside_a_straight_trajectory(tmp_path: Path) -> None:
         assert found.p_over_pressure == pytest.approx(expected.p_over_pressure, rel=1e-6, abs=1e-9)
 
 
+@pytest.mark.parametrize("kind", ["stop", "reverse"])
+def test_two_phases_of_a_damped_body_beside_a_straight_trajectory(kind: str, tmp_path: Path) -> None:
+    line, path = straight(
+        tmp_path,
+        contact=BODY | {"area_cm2": 0.3, "damping_Ns_m": 300.0},
+        reaction={"kind": kind, "joint_acceleration_rad_s2": [0.2, 0.1, 0.12]},
+        detector__noise_sd_Nm=6.0,
+        verdict={"clamped_limit": "two_phase"},
+    )
+    expected, found = bs.evaluate(line), bs.evaluate(path)
+    for name in ("p_over_force", "p_over_pressure"):
+        wanted = getattr(expected.verdict, name)
+        assert getattr(found.verdict, name) == pytest.approx(wanted, rel=1e-4, abs=1e-7), name
+    for first, later in ((0.005, 0.01), (1e-9, 0.01)):
+        ours, theirs = (result.phase_shares(first, later)[0] for result in (expected, found))
+        for p in (0.1, 0.5, 0.9):
+            assert theirs.quantile(p) == pytest.approx(ours.quantile(p), rel=1e-3, abs=1e-6), (first, p)
+
+
+@pytest.mark.parametrize("kind", ["stop", "reverse"])
+def test_two_phases_of_an_elastic_arm_along_a_trajectory(kind: str, tmp_path: Path) -> None:
+    t = np.linspace(0.0, 0.9, 10)
+    forward = 0.5 * (t / t[-1]) ** 2 * (3 - 2 * t / t[-1])
+    q = np.radians([0.0, -60, 90, -120, -90, 0]) + np.outer(forward, [0.2, 0.4, -0.3, 0.1, 0.1, 0.0])
+    write_csv(tmp_path / "path.csv", t, q)
+    case = bs.Scenario.from_dict(
+        {
+            "robot": "ur10e",
+            "motion": trajectory_motion(),
+            "contact": BODY,
+            "arm": {"model": "elastic"},
+            "detector": {"thresholds_Nm": [40, 40, 30, 12, 12, 12], "noise_sd_Nm": [7, 7, 5, 2, 2, 2]},
+            "reaction": {"kind": kind, "joint_acceleration_rad_s2": 1.5, "latency_s": 0.02},
+            "verdict": {"clamped_limit": "two_phase"},
+        },
+        tmp_path,
+    )
+    runs = 5000
+    integrated, drawn = bs.evaluate(case), bs.evaluate(case, samples=runs, seed=5)
+    for name in ("p_over_force", "p_over_pressure"):
+        own, sampled = (getattr(each.verdict, name) for each in (integrated, drawn))
+        assert sampled == pytest.approx(own, abs=4 * math.sqrt(own * (1 - own) / runs) + 2e-3), name
+    for first, later in ((0.005, 0.01), (1e-9, 0.01)):
+        ours, theirs = (each.phase_shares(first, later)[0] for each in (integrated, drawn))
+        for q_of in (0.3, 0.6, 0.9):
+            share = ours.quantile(q_of)
+            wide = 4 * math.sqrt(q_of * (1 - q_of) / runs) + 3e-3
+            assert theirs.exceedance(share * 1.001) - wide <= 1 - q_of <= theirs.exceedance(share * 0.999) + wide
+    # What lasts is less than the peak where the arm goes back, and counts twice as much.
+    assert integrated.phase_shares(1e-9, 1.0)[0].quantile(0.6) < integrated.peak_force.quantile(0.6)
+    assert (
+        integrated.verdict.p_over_force
+        != bs.evaluate(case.with_values({"verdict.clamped_limit": "quasi_static"})).verdict.p_over_force
+    )
+
+
 def test_phases_are_read_off_the_force_over_time(tmp_path: Path) -> None:
     t, q = waves(32, 1.4, rows=20, size=0.2)
     write_csv(tmp_path / "path.csv", t, q)

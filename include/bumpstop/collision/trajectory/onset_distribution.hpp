@@ -18,13 +18,15 @@ struct OnsetDistribution {
         int tick;
         double probability, max_distance,
             distance;  // distance at the tick, 0 behind the contact; negative: a false alarm
-        double peak = 0, duration = 0, force = 0;  // where something gives way [N, s, N]
+        // Where something gives way [N, N, s, N].
+        double peak = 0, lasting = 0, duration = 0, force = 0;
     };
     std::vector<Detection> detection;
     double false_alarm, undetected, no_contact, multi_joint;
     double zero_force;           ///< false alarms whose stopping path does not arrive, and no contact
     double undetected_distance;  ///< distance of the undisturbed motion from contact to its end
-    double undetected_peak = 0, undetected_duration = 0;  ///< where something gives way [N, s]
+    /// Where something gives way [N, N, s].
+    double undetected_peak = 0, undetected_lasting = 0, undetected_duration = 0;
     std::array<double, max_joints> trigger;
 };
 
@@ -81,6 +83,7 @@ OnsetDistribution integrate_onset(const ArmTrajectory& trajectory, double begin,
         if (by != nullptr) {
             const std::size_t at = std::size_t(slot) * std::size_t(density.order);
             out.detection.back().peak = nodes.peak_force[at];
+            out.detection.back().lasting = nodes.lasting_force[at];
             out.detection.back().duration = nodes.duration[at];
             out.detection.back().force = nodes.force_at_detection[at];
         }
@@ -88,6 +91,7 @@ OnsetDistribution integrate_onset(const ArmTrajectory& trajectory, double begin,
     if (by == nullptr) return out;
     if (!nodes.undetected_peak_force.empty()) {
         out.undetected_peak = nodes.undetected_peak_force[0];
+        out.undetected_lasting = nodes.undetected_lasting_force[0];
         out.undetected_duration = nodes.undetected_duration[0];
     }
     const EarlyReactions& pieces = found.early_reactions;
@@ -96,7 +100,7 @@ OnsetDistribution integrate_onset(const ArmTrajectory& trajectory, double begin,
         const std::size_t edge = i * (EarlyReactions::cells + 1);
         out.detection.push_back({pieces.tick[i], pieces.mass[i * EarlyReactions::cells] * EarlyReactions::cells,
                                  curve.max_distance[std::size_t(pieces.tick[i])], -1, pieces.edge_force[edge],
-                                 pieces.edge_duration[edge], 0});
+                                 pieces.edge_lasting[edge], pieces.edge_duration[edge], 0});
     }
     return out;
 }

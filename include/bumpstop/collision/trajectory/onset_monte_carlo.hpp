@@ -56,6 +56,7 @@ struct OnsetSampler {
         const ContactReactions reactions(paths, *by);
         const auto outcome = ContactCollision(reactions, first, 0.0).detected(k - first);
         out.peak_force[i] = outcome.peak;
+        out.lasting_force[i] = outcome.lasting;
         out.duration[i] = outcome.duration;
     }
 };

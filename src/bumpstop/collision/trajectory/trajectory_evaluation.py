@@ -17,7 +17,8 @@ from bumpstop.collision.sampled_figures import kept_runs, sampled_figures
 from bumpstop.collision.trajectory.onset import approach, onset_quadrature, sample_onsets, trajectory_of
 from bumpstop.collision.trajectory.onset_mixture import DetectedCollisions, OnsetMixture
 from bumpstop.collision.trajectory.trajectory_curve import trajectory_curve, trajectory_kernel
-from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult, stops_short
+from bumpstop.collision.trajectory.trajectory_result import PhaseShares, TrajectoryCollisionResult, stops_short
+from bumpstop.collision.verdict.two_phase import greater_share
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -60,18 +61,20 @@ def integrate_trajectory(
     contact_durations: Distribution | None = None
     undetected_force: Distribution | None = None
     rests = not stops_short(trajectory_of(problem))
-    if problem.gets_away or rests:
-        # What goes undetected is like what one more tick detects.
-        missed = np.flatnonzero(never > 0)
-        everything = OnsetMixture(
-            times,
-            used[np.append(contact, missed)],
-            np.append(tick, np.full(missed.size, kernel.ticks, dtype=tick.dtype)),
-        )
-        all_mass = np.append(mass, never[missed])
-        peak_force = everything.distribution(np.append(peak, undetected_peak[missed]), all_mass, zero=zero)
-    else:
-        peak_force = mixer.distribution(peak, mass, zero=zero, end=(undetected_peak[never > 0], never[never > 0]))
+    missed = np.flatnonzero(never > 0)
+    # What goes undetected is like what one more tick detects.
+    everything = OnsetMixture(
+        times,
+        used[np.append(contact, missed)],
+        np.append(tick, np.full(missed.size, kernel.ticks, dtype=tick.dtype)),
+    )
+    all_mass = np.append(mass, never[missed])
+
+    def of_all(value: FloatArray, of_undetected: FloatArray) -> Distribution:
+        if problem.gets_away or rests:
+            return everything.distribution(np.append(value, of_undetected[missed]), all_mass, zero=zero)
+        return mixer.distribution(value, mass, zero=zero, end=(of_undetected[missed], never[missed]))
+
     if free:
         if problem.gets_away:
             lasts = np.append(out["duration"], out["undetected_duration"][missed])
@@ -96,7 +99,7 @@ def integrate_trajectory(
         evaluate=evaluate,
         curve=trajectory_curve(problem, kernel, worst_onset),
         kind="exact",
-        peak_force=peak_force,
+        peak_force=of_all(peak, undetected_peak),
         force_at_detection=mixer.distribution(np.where(after, force, math.nan), mass),
         detection_delay=mixer.distribution(np.where(after, late, math.nan), mass),
         trigger_joint_probability=triggers,
@@ -111,14 +114,27 @@ def integrate_trajectory(
         detections=DetectedCollisions(tick, begin[contact], np.ascontiguousarray(normal[contact]), mass, mixer),
         max_undetected_force=float(undetected_peak.max(where=never > 0, initial=0.0)),
         undetected_force=undetected_force,
+        shares=_shares_of_nodes(out, of_all) if free else None,
     )
+
+
+def _shares_of_nodes(
+    out: dict[str, npt.NDArray[Any]], of_all: Callable[[FloatArray, FloatArray], Distribution]
+) -> PhaseShares:
+    """Of the detections and the missed collisions of onsets; ``of_all`` mixes the values of both."""
+
+    def shares(first: float, later: float) -> Distribution:
+        detected = greater_share(out["peak"], out["lasting"], (first, later))
+        return of_all(detected, greater_share(out["undetected_peak"], out["undetected_lasting"], (first, later)))
+
+    return shares
 
 
 # Of onsets, then of their detections.
 _COLUMNS = (
     *("false_alarm", "undetected", "no_contact", "multi_joint", "zero_force", "undetected_distance", "trigger"),
-    *("undetected_peak", "undetected_duration"),
-    *("tick", "probability", "max_distance", "distance", "peak", "duration", "force"),
+    *("undetected_peak", "undetected_lasting", "undetected_duration"),
+    *("tick", "probability", "max_distance", "distance", "peak", "lasting", "duration", "force"),
 )
 
 
@@ -174,14 +190,18 @@ def monte_carlo_trajectory(
         lasts = kernel.contact_durations(tick[detected].tolist(), begin[detected])
         contact_durations = SampledDistribution(lasts[np.isfinite(lasts)])
     worst_onset = float(begin[int(np.argmax(peak))])
+    # Of an arm that moves on at the end of its trajectory no force is the greatest.
+    unbounded = undetected if not problem.gets_away and stops_short(trajectory_of(problem)) else None
+
+    def shares(first: float, later: float) -> Distribution:
+        return SampledDistribution(greater_share(peak, runs.lasting_force, (first, later)), unbounded)
+
     return TrajectoryCollisionResult(
         problem=problem,
         evaluate=evaluate,
         curve=trajectory_curve(problem, kernel, worst_onset),
         kind="sampled",
-        peak_force=SampledDistribution(
-            peak, undetected if not problem.gets_away and stops_short(trajectory_of(problem)) else None
-        ),
+        peak_force=SampledDistribution(peak, unbounded),
         **sampled_figures(
             runs,
             problem.robot.dof,
@@ -202,4 +222,5 @@ def monte_carlo_trajectory(
             tick[detected].astype(np.int64), begin[detected], np.ascontiguousarray(normal[detected])
         ),
         max_undetected_force=float(peak.max(where=undetected, initial=0.0)),
+        shares=shares if free else None,
     )

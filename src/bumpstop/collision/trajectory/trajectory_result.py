@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -24,6 +25,9 @@ from bumpstop.collision.trajectory.trajectory import Trajectory, point_motion
 from bumpstop.collision.trajectory.trajectory_curve import trajectory_curve
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
 
+# From what a newton counts for, in the first phase and after it, to the greater share of all collisions.
+PhaseShares = Callable[[float, float], Distribution]
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrajectoryCollisionResult(CollisionResult):
@@ -41,6 +45,7 @@ class TrajectoryCollisionResult(CollisionResult):
         max_undetected_force: the greatest force of a collision never detected [N].
         undetected_force: force of such collisions, given one [N]; of the integrated distribution of clamped contact,
             where there are any.
+        shares: where arm or body give way, what :meth:`phase_shares` tells.
     """
 
     kernel: _native.Trajectory = field(kw_only=True)
@@ -50,6 +55,7 @@ class TrajectoryCollisionResult(CollisionResult):
     detections: DetectedCollisions = field(kw_only=True)
     max_undetected_force: float = field(kw_only=True)
     undetected_force: Distribution | None = field(kw_only=True, default=None)
+    shares: PhaseShares | None = field(kw_only=True, default=None)
 
     @cached_property
     def contact_duration(self) -> Distribution | None:
@@ -69,6 +75,8 @@ class TrajectoryCollisionResult(CollisionResult):
 
     def phase_shares(self, first: float, later: float) -> tuple[Distribution, float]:
         """See :meth:`CollisionResult.phase_shares`."""
+        if self.shares is not None:
+            return self.shares(first, later), 1.0
         own = self.detections
         max_compression = self.kernel.phases(own.tick.tolist(), own.begin, own.normal, FIRST_PHASE_S)
         share = self.problem.stiffness * np.maximum(max_compression[:, 0] * first, max_compression[:, 1] * later)

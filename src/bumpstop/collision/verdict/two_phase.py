@@ -88,24 +88,42 @@ def _shares_that_give_way(
     collisions: dict[str, npt.NDArray[Any]] | _native.CollisionDistribution,
     per_newton: tuple[float, float],
 ) -> Distribution:
-    """Of all collisions. Of those never detected the force lasts, without a bound where it has none.
+    """Of all collisions. Of those never detected the force lasts, without a bound where it has none."""
+    if isinstance(collisions, dict):
+        return SampledDistribution(greater_share(collisions["peak_force"], collisions["lasting_force"], per_newton))
+    first, later = per_newton
+    _need_higher_transient_limit(per_newton)
+    quantity = _native.ContactQuantity.peak_force
+    never = undetected_force(problem, curve)
+    shares = _native.PhaseShares(first, later)
+    return ContactDistribution.of(collisions, quantity, None if never is None else never * later, shares)
+
+
+def greater_share(peak: FloatArray, lasting: FloatArray, per_newton: tuple[float, float]) -> FloatArray:
+    """The greater share of two limits that collisions (N,) use in which arm or body give way.
 
     The peak of all times stands for that of the first phase: where what lasts is greater, its limit, which is not the
     higher one, decides.
+
+    Args:
+        peak: greatest force of each [N].
+        lasting: greatest force after the first phase [N].
+        per_newton: as of :func:`phase_shares`.
+
+    Raises:
+        InputError: the limit for what lasts is above the transient one.
     """
-    first, later = per_newton
-    if later < first:
+    _need_higher_transient_limit(per_newton)
+    return np.maximum(peak * per_newton[0], lasting * per_newton[1])
+
+
+def _need_higher_transient_limit(per_newton: tuple[float, float]) -> None:
+    if per_newton[1] < per_newton[0]:
         raise InputError(
             "verdict.clamped_limit",
             "'two_phase' needs a limit for what lasts that is not above the transient one, where arm or body give way",
             "valid: 'quasi_static'",
         )
-    if isinstance(collisions, dict):
-        return SampledDistribution(np.maximum(collisions["peak_force"] * first, collisions["lasting_force"] * later))
-    quantity = _native.ContactQuantity.peak_force
-    never = undetected_force(problem, curve)
-    shares = _native.PhaseShares(first, later)
-    return ContactDistribution.of(collisions, quantity, None if never is None else never * later, shares)
 
 
 def _between(ends: FloatArray) -> tuple[FloatArray, FloatArray]:

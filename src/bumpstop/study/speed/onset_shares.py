@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from bumpstop.collision.trajectory.onset import approach
 from bumpstop.collision.trajectory.trajectory_curve import trajectory_kernel
-from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
+from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S, greater_share
 from bumpstop.study.requirement.risk import allowed_force
 
 if TYPE_CHECKING:
@@ -76,15 +76,18 @@ def onset_shares(problem: CollisionProblem, begin: FloatArray, kernel: _native.T
     onset = moving[np.append(out.onset, np.arange(moving.size))]
     probability = np.append(out.probability, out.undetected)
     stiffness, lasting, transient = problem.stiffness, allowed_force(problem), problem.transient_limits
-    if transient is not None:
-        contact = problem.scenario.contact
-        first = transient.allowed_force_N(contact.area_cm2, contact.peak_factor)
+    contact = problem.scenario.contact
+    first = None if transient is None else transient.allowed_force_N(contact.area_cm2, contact.peak_factor)
+    if problem.gives_way:
+        peak = np.append(out.peak, out.undetected_peak)
+        share = peak / lasting
+        if first is not None:
+            share = greater_share(peak, np.append(out.lasting, out.undetected_lasting), (1 / first, 1 / lasting))
+    elif first is not None:
         at = moving[out.onset]
         phases = kernel.phases(out.tick.tolist(), begin[at], np.ascontiguousarray(normal[at]), FIRST_PHASE_S)
         detected = stiffness * np.maximum(phases[:, 0] / first, phases[:, 1] / lasting)
         share = np.append(detected, stiffness * out.undetected_distance / lasting)
-    elif problem.gives_way:
-        share = np.append(out.peak, out.undetected_peak) / lasting
     else:
         share = stiffness * np.append(out.max_distance, out.undetected_distance) / lasting
     return OnsetShares(onset, probability, share, len(begin))
