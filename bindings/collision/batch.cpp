@@ -36,14 +36,16 @@ void bind_batch(nb::module_& module) {
     module.def(
         "evaluate_batch",
         [](const CollisionSetup& setup, const GaussianThresholds& detector, const Contact& contact, Matrix q,
-           Matrix velocity, const BatchSettings& settings) {
+           Matrix velocity, const BatchSettings& settings, std::optional<Vector> pressed_with) {
             return unlocked([&] {
+                const double* most = pressed_with ? pressed_with->data() : nullptr;
                 return evaluate_batch<NativeLanes>(setup, detector, contact,
-                                                   {int(q.shape(0)), q.data(), velocity.data()}, settings);
+                                                   {int(q.shape(0)), q.data(), velocity.data(), most}, settings);
             });
         },
         nb::arg("setup"), nb::arg("detector"), nb::arg("contact"), nb::arg("q"), nb::arg("velocity"),
-        nb::arg("settings"), "Of a half-normal or uniform offset the size is in seconds of travel.");
+        nb::arg("settings"), nb::arg("pressed_with") = nb::none(),
+        "Of a half-normal or uniform offset the size is in seconds of travel.");
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -14,6 +14,8 @@ struct BatchPoses {
     int count = 0;
     const double* q = nullptr;         ///< [pose][dof]
     const double* velocity = nullptr;  ///< [pose][3], m/s
+    /// [pose]: what a held body that an elastic arm never detects is pressed with [N]; none: without a bound.
+    const double* pressed_with = nullptr;
 };
 
 /// What is asked of every pose.
@@ -194,8 +196,9 @@ void write_yielding(const BatchProblem& problem, int pose, BatchResult& out) {
     const CollisionDistribution found = integrate<L>(problem.setup, curve, problem.detector, {contact, 1, true});
     // A held body that is never detected is pressed on, but by an arm that has come to rest.
     const bool pressed = !contact.body.gets_away() && !path.rests();
+    const double most = problem.poses.pressed_with != nullptr ? problem.poses.pressed_with[pose] : HUGE_VAL;
     const CellMixture force =
-        contact_mixture<L>(found, ContactQuantity::peak_force, pressed ? std::optional(HUGE_VAL) : std::nullopt);
+        contact_mixture<L>(found, ContactQuantity::peak_force, pressed ? std::optional(most) : std::nullopt);
     const double total = force.total();
     const PeakForce peak{force.mean(), force.sd(), force.infinite() > 1e-12 * total,
                          [&](double x) { return std::min(1.0, force.above<L>(x) / total); },

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_float_array
+from bumpstop.collision.arm.pressing_limit import knows_torque_limits, undetected_force
+from bumpstop.collision.curve import stopping_curve
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.scenario.scenario import Scenario, as_scenario
 from bumpstop.errors import InputError
@@ -53,8 +56,7 @@ def evaluate_batch(
     """Compute the integrated distributions of many poses and velocities; all else is as in ``scenario``.
 
     Forces are those of :func:`bumpstop.evaluate` within 1e-5 of their mean; within 1e-4 where the body gives way, and
-    1e-3 where the arm does. A held body that an elastic arm presses undetected counts as pressed without a bound:
-    torque limits are not looked at.
+    1e-3 where the arm does.
 
     Args:
         scenario: its pose and velocity are replaced. A checked problem will do too: its robot counts, whose joint
@@ -116,7 +118,9 @@ def evaluate_batch(
     met.offset.kind, met.offset.size = _native.OffsetKind[contact.offset_law], size
     settings = _native.BatchSettings()
     settings.probability, settings.limit, settings.threads = quantiles.tolist(), limits.tolist(), threads
-    out = _native.evaluate_batch(problem.setup, problem.detector, met, poses, velocities, settings)
+    out = _native.evaluate_batch(
+        problem.setup, problem.detector, met, poses, velocities, settings, _pressed_with(problem, poses, velocities)
+    )
     names = np.array([_ENDS.get(i, "") for i in range(256)])
     return BatchResult(
         mean=out.mean,
@@ -129,3 +133,14 @@ def evaluate_batch(
         no_contact_probability=out.no_contact,
         end=names[out.end],
     )
+
+
+def _pressed_with(problem: CollisionProblem, poses: FloatArray, velocities: FloatArray) -> FloatArray | None:
+    """What drives press a held body with that they never detect, by pose (N,) [N]; None where nobody knows."""
+    if not knows_torque_limits(problem):
+        return None
+    most = np.full(len(poses), math.inf)
+    for i, (q, velocity) in enumerate(zip(poses, velocities, strict=True)):
+        each = replace(problem, q=q, velocity=velocity)
+        most[i] = undetected_force(each, stopping_curve(each)) or math.inf
+    return most

@@ -48,10 +48,9 @@ def pressing_limit(problem: CollisionProblem, curve: StoppingCurve) -> PressingL
     Raises:
         InputError: the inertia of a link is not known.
     """
-    limit = problem.drive_train.torque_limit if problem.elastic else np.array([math.inf])
-    if problem.gets_away or problem.trajectory is not None or not np.isfinite(limit).any() or not curve.ticks:
+    if not knows_torque_limits(problem) or problem.trajectory is not None or not curve.ticks:
         return None
-    robot = problem.robot
+    robot, limit = problem.robot, problem.drive_train.torque_limit
     largest = problem.offset_size * (_REACH_SD if problem.scenario.contact.offset_law == "half_normal" else 1.0)
     # Undetected there is no reaction, and no latency before one: the arm is met as it moves at the ticks themselves.
     own = stopping_curve(replace(problem, latency_steps=0)) if problem.latency_steps else curve
@@ -68,6 +67,11 @@ def pressing_limit(problem: CollisionProblem, curve: StoppingCurve) -> PressingL
     peak = static + np.sqrt(static**2 + doubled_energy * problem.stiffness)
     worst = int(peak.argmax())
     return PressingLimit(static_force=float(static.max()), peak_force=float(peak[worst]), joint=int(joint[worst]) + 1)
+
+
+def knows_torque_limits(problem: CollisionProblem) -> bool:
+    """Whether drives bound what presses a body: the arm is elastic, a joint's limit is known, and the body holds."""
+    return problem.elastic and not problem.gets_away and bool(np.isfinite(problem.drive_train.torque_limit).any())
 
 
 def undetected_force(problem: CollisionProblem, curve: StoppingCurve) -> float | None:
