@@ -16,6 +16,7 @@ import bumpstop as bs
 from bumpstop import _native
 from collision.cases import control_group, ur10e
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 # Some collisions are not detected in time: what the drives press with counts.
 MISSED: dict[str, Any] = {"motion__duration_s": 0.1, "contact__offset_law": "half_normal", "contact__offset_sd_s": 0.1}
 
@@ -70,6 +71,28 @@ def test_a_batch_is_its_laws(base: bs.Scenario, tolerance: float) -> None:
         np.testing.assert_allclose(
             one.trigger_joint_probability[i], result.trigger_joint_probability, atol=1e-8 if tolerance < 1e-5 else 1e-5
         )
+
+
+@pytest.mark.parametrize(
+    ("pose", "velocity_mm_s"),
+    [
+        ([-2.5752, 0.4264, -0.2431, -1.0883, -1.5287, -1.6708, -0.8022], [-236.8, 61.39, 51.52]),
+        ([-2.0731, -0.0853, 2.7734, 1.0753, -1.1879, -0.7432, 1.7726], [-141.3, -191.23, -77.23]),
+    ],
+    ids=["missed where a joint limit ends the line", "a servo that lags behind a retreat"],
+)
+def test_elastic_arms_far_from_home(pose: list[float], velocity_mm_s: list[float]) -> None:
+    """The batch said 1643.6 N of the second, of 1635.1: an arm that had turned back was taken to stand where it was."""
+    base = bs.load_scenario(EXAMPLES / "03_upper_arm_downward.toml", {"arm.model": "elastic"})
+    batch = bs.evaluate_batch(base, [pose], [[v / 1e3 for v in velocity_mm_s]])
+    single = bs.evaluate(base.with_values({"pose_rad": pose, "motion.velocity_mm_s": velocity_mm_s}))
+    assert batch.mean[0] == pytest.approx(single.peak_force.mean, rel=1e-3)
+    for p, found in zip((0.5, 0.95, 0.99, 0.999), batch.quantile[0], strict=True):
+        assert found == pytest.approx(single.peak_force.quantile(p), abs=1e-3 * single.peak_force.mean)
+    # Another route, for what both share.
+    runs = 5_000
+    drawn = bs.evaluate(single.scenario, samples=runs, seed=2).peak_force
+    assert single.peak_force.mean == pytest.approx(drawn.mean, abs=4 * drawn.sd / math.sqrt(runs) + 1e-3 * drawn.mean)
 
 
 RANDOM_LAWS = """

@@ -9,6 +9,8 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// What reactions make of collisions that are under way, or to come.
 class ContactReactions {
   public:
+    static constexpr double negligible_chance = 1e-6;  ///< of reactions that others stand for
+
     /// `peak_only`: neither a lasting force nor a duration is wanted. An arm that has turned back is then followed until an
     /// oscillation has had its peak.
     ContactReactions(const ContactPaths& paths, const ContactPropagator& by, bool peak_only = false)
@@ -55,7 +57,10 @@ class ContactReactions {
         for (int i = 0; !state.separated; ++i) {
             allow_interruption();
             if (peak_only_ && path.later(i) > from) farther = i;
-            const bool late = i >= longest + swing_, turned = peak_only_ && i > farther + swing_;
+            // One whose servo lags is pressed on by a reference that turned back long ago.
+            const bool late = i >= longest + swing_,
+                       turned = peak_only_ && i > farther + swing_ &&
+                                dynamics_.propagator().static_stiffness * (from - offset) <= state.peak;
             if (turned || (late && (!path.retreats() || i >= longest + max_retreat)))
                 return dynamics_.rest(state, from - offset);
             if (!state.contact) {

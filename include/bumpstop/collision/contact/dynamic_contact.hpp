@@ -1,48 +1,12 @@
 /// @file
-/// Contact in which something gives way: what becomes of collisions at the nodes of panels, and of those that false alarms
-/// still bring about.
+/// Contact in which something gives way: what detectors feel of it at the nodes of panels, and the collisions that false
+/// alarms still bring about.
 #pragma once
 
-#include "bumpstop/collision/contact/contact_collision.hpp"
+#include "bumpstop/collision/contact/contact_outcomes.hpp"
 #include "bumpstop/collision/distribution/interpolated_panels.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
-
-/// Quantities at the Gauss nodes of a density's panels: by slot of detection, and where nothing is detected.
-struct ContactNodes {
-    std::vector<double> peak_force, lasting_force, duration, force_at_detection;  ///< [slot][node] [N, N, s, N]
-    /// [panel][node] [N, N, s]
-    std::vector<double> undetected_peak_force, undetected_lasting_force, undetected_duration;
-    bool kinks = false;  ///< an arm that gives way: a later peak may outgrow an earlier one from some offset on
-
-    /// Keeps what was found or is interpolated, in the order of the panels, of `order` nodes each.
-    template <class T>
-    void keep(const DetectionProbabilities& found, std::size_t order, bool elastic) {
-        std::vector<double> room;
-        const auto keep = [&](const std::vector<double>& from, std::vector<double>& values) {
-            values.clear();
-            for (std::size_t p = 0; p < found.panel.size(); ++p) {
-                const double* first = found.by_slot<T>(from, p, order, room);
-                values.insert(values.end(), first, first + std::size_t(found.panel[p].slots) * order);
-            }
-        };
-        const auto keep_one = [&](const std::vector<double>& from, std::vector<double>& values) {
-            values.clear();
-            for (std::size_t p = 0; p < found.panel.size(); ++p) {
-                const double* first = found.by_panel<T>(from, p, order, room);
-                values.insert(values.end(), first, first + order);
-            }
-        };
-        kinks = elastic;
-        keep(found.peak_force, peak_force);
-        keep(found.lasting_force, lasting_force);
-        keep(found.duration, duration);
-        keep(found.force_at_detection, force_at_detection);
-        keep_one(found.undetected_peak_force, undetected_peak_force);
-        keep_one(found.undetected_lasting_force, undetected_lasting_force);
-        keep_one(found.undetected_duration, undetected_duration);
-    }
-};
 
 /// False alarms whose reaction still reaches the body, in pieces of one tick: cells of offset, and the nodes of a
 /// quadrature over the same offsets.
@@ -81,77 +45,10 @@ class DynamicContact {
 
     static constexpr bool parts = true;
     /// Probabilities of detection may be off by this.
-    double chance_tolerance() const { return reactions_.peak_only() ? 1e-6 : 0.0; }
+    double chance_tolerance() const { return reactions_.peak_only() ? reactions_.negligible_chance : 0.0; }
     /// 1 where a detection then is one of this contact: a body that has got away cannot be felt.
     T touched(int i, int r) {
         return by_lane(r, [&](ContactCollision& collision) { return collision.separated(i) ? 0.0 : 1.0; });
-    }
-
-    /// What the reactions come to that have any probability.
-    void finish(const DetectionProbabilities::Panel& panel, std::size_t first, std::size_t order,
-                DetectionProbabilities& out) {
-        for (auto values : by_slot()) (out.*values).resize(out.detected.size(), 0.0);
-        for (auto values : by_panel()) (out.*values).resize(out.survived.size(), 0.0);
-        // Where all nodes hold one offset, what becomes of the first is told of all.
-        for (std::size_t node = 0; node < collision_.size(); ++node) {
-            ContactCollision& collision = collision_[node];
-            const auto put = [&](std::vector<double>& values, std::size_t row, double value) {
-                std::fill_n(values.begin() + std::ptrdiff_t(row * order + first + node), same_ ? nodes : 1, value);
-            };
-            follow_reactions(
-                collision, panel.slots,
-                [&](int i) { return out.detected[(panel.first_slot + std::size_t(i)) * order + first + node]; },
-                [&](int i, const ContactCollision::Outcome& outcome) {
-                    const std::size_t slot = panel.first_slot + std::size_t(i);
-                    put(out.peak_force, slot, outcome.peak);
-                    put(out.lasting_force, slot, outcome.lasting);
-                    put(out.duration, slot, outcome.duration);
-                    put(out.force_at_detection, slot, collision.force(i));
-                });
-            if (!(out.survived[panel.row * order + first + node] > 0)) continue;
-            const ContactCollision::Outcome outcome = collision.undetected();
-            put(out.undetected_peak_force, panel.row, outcome.peak);
-            put(out.undetected_lasting_force, panel.row, outcome.lasting);
-            put(out.undetected_duration, panel.row, outcome.duration);
-        }
-    }
-
-    static constexpr auto by_slot() {
-        return std::array{&DetectionProbabilities::peak_force, &DetectionProbabilities::lasting_force,
-                          &DetectionProbabilities::duration, &DetectionProbabilities::force_at_detection};
-    }
-    static constexpr auto by_panel() {
-        return std::array{&DetectionProbabilities::undetected_peak_force,
-                          &DetectionProbabilities::undetected_lasting_force,
-                          &DetectionProbabilities::undetected_duration};
-    }
-
-    /// Interpolated quantities, times the probability of meeting them, may be off by a share of the greatest: the arm's path
-    /// is straight within a simulation step, which leaves kinks of this size.
-    template <class Interpolated>
-    bool agrees(const Interpolated& panels, std::size_t p, const DetectionProbabilities& known) const {
-        // Of both forces, of the time in contact. An arm that gives way bounces: how long it touches in all is no smooth
-        // function of the offset.
-        const bool bounces = reactions_.dynamics().propagator().elastic();
-        const bool peak_only = reactions_.peak_only();
-        const double of_arm = peak_only ? 1e-3 : 1e-4, of_force = bounces ? of_arm : 1e-5,
-                     tolerance[] = {of_force, of_force, bounces ? 0.1 : 5e-5};
-        for (std::size_t q = 0; q < (peak_only ? 1 : std::size(tolerance)); ++q) {
-            const std::vector<double>& values = known.*by_slot()[q];
-            const std::vector<double>& never = known.*by_panel()[q];
-            const double allowed =
-                tolerance[q] * std::max(panels.greatest(values), *std::max_element(never.begin(), never.end()));
-            for (int slot = 0; slot < known.panel[p].slots; ++slot) {
-                if (!panels.slot_agrees(values, p, slot, [&](std::size_t at) {
-                        return allowed / max(load<T>(&known.detected[at]), T(1e-300));
-                    }))
-                    return false;
-            }
-            const double* survived = &known.survived[known.panel[p].row * panels.order()];
-            const double most = *std::max_element(survived, survived + panels.order());
-            if (most > 0 && !panels.row_agrees(never, p, T(allowed / most))) return false;
-        }
-        return true;
     }
 
   private:
@@ -163,35 +60,6 @@ class DynamicContact {
         T out;
         for (int lane = 0; lane < lanes; ++lane) set_lane(out, lane, value(collision_[std::size_t(r * lanes + lane)]));
         return out;
-    }
-
-    /// Puts what detections come to, from the first to the last that have a `chance`. Some in a row that have hardly any
-    /// together are interpolated between the two beside them.
-    template <class Chance, class Put>
-    static void follow_reactions(ContactCollision& collision, int slots, Chance chance, Put put) {
-        constexpr double negligible_chance = 1e-6;
-        using Outcome = ContactCollision::Outcome;
-        int first = 0, last = slots - 1;
-        while (first < slots && !(chance(first) > 0)) ++first;
-        while (last > first && !(chance(last) > 0)) --last;
-        Outcome from{};
-        double passed = 0;  // probability of those since the last one that was followed
-        for (int i = first, before = first; i <= last; ++i) {
-            passed += chance(i);
-            if (i > first && i < last && passed <= negligible_chance) continue;
-            const Outcome to = collision.detected(i);
-            for (int k = before + 1; k < i; ++k) {
-                const double share = double(k - before) / (i - before);
-                // Of infinite ones, too.
-                const auto mix = [&](double a, double b) { return (1 - share) * a + share * b; };
-                put(k,
-                    Outcome{mix(from.peak, to.peak), mix(from.lasting, to.lasting), mix(from.duration, to.duration)});
-            }
-            put(i, to);
-            from = to;
-            before = i;
-            passed = 0;
-        }
     }
 
     const ContactReactions& reactions_;
@@ -266,10 +134,10 @@ inline void add_piece(const ContactReactions& reactions, const OffsetDistributio
 
 /// Adds the false alarms at tick k, of probability `chance`, against bodies from `low` on. Where a reaction barely
 /// arrives, contact time grows from nothing like a square root: places crowd there. One that swings forward again and
-/// reaches far has a piece for each swing, and the density of the offset bends little in any.
+/// reaches far has a piece for each swing, and the density of the offset bends little in any. `rough`: pieces are larger.
 inline void add_alarms(const ContactReactions& reactions, const OffsetDistribution& offset, int k, double chance,
-                       double low, EarlyReactions& out) {
-    constexpr double most_sd = 0.5;  // in a piece
+                       double low, bool rough, EarlyReactions& out) {
+    const double most_sd = rough ? 2 : 0.5;  // in a piece
     const double top = std::min(reactions.paths().max_distance[std::size_t(k)], offset.largest());
     if (offset.kind == OffsetKind::fixed) {
         if (top >= offset.size && offset.size >= low) add_piece(reactions, offset, k, chance, low, top, out);
@@ -277,7 +145,8 @@ inline void add_alarms(const ContactReactions& reactions, const OffsetDistributi
     }
     if (!(top > low)) return;
     const double widest = offset.kind == OffsetKind::half_normal ? most_sd * offset.size : HUGE_VAL;
-    std::vector<double> ends = turns(reactions.paths(), k, low);
+    std::vector<double> ends;
+    if (!rough) ends = turns(reactions.paths(), k, low);
     std::erase_if(ends, [&](double end) { return !(end < top); });
     ends.push_back(top);
     double begin = low;
@@ -296,17 +165,22 @@ inline void add_alarms(const ContactReactions& reactions, const OffsetDistributi
 inline void add_early_reactions(const ContactReactions& reactions, const OffsetDistribution& offset,
                                 const PreContactAlarms& before, const std::vector<double>& edges, EarlyReactions& out) {
     constexpr double rare_alarms = 1e-4, negligible_chance = 1e-18;  // before contact: of all, of one
-    constexpr int max_group = 16;
+    constexpr int group = 16;
     const int ticks = reactions.paths().path->ticks;
     // Where alarms before contact are rare and bodies stand many ticks apart, what one comes to stands for some ticks'.
     const bool rare = before.false_alarm_before(ticks) < rare_alarms;
-    const int group = rare && offset.kind == OffsetKind::half_normal ? max_group : 1;
-    for (int first = before.unarmed(); first < ticks; first += group) {
-        const int end = std::min(first + group, ticks), k = (first + end - 1) / 2;
+    const bool groups = rare && offset.kind == OffsetKind::half_normal;
+    const double of_group = reactions.peak_only() ? reactions.negligible_chance : 0.0;
+    for (int first = before.unarmed(), end = first; first < ticks; first = end) {
         double chance = 0;
-        for (int i = first; i < end; ++i) chance += before.survival_before(i) * before.no_contact(i).alarm;
+        do {
+            chance += before.survival_before(end) * before.no_contact(end).alarm;
+            ++end;
+        } while (end < ticks && groups && (end - first < group || chance <= of_group));
+        const int k = (first + end - 1) / 2;
         if (chance > negligible_chance)
-            detail::add_alarms(reactions, offset, k, chance, edges[std::size_t(k) + 1], out);
+            detail::add_alarms(reactions, offset, k, chance, edges[std::size_t(k) + 1], rare && reactions.peak_only(),
+                               out);
     }
 }
 

@@ -27,20 +27,13 @@ struct DetectionProbabilities {
     std::vector<double> detected;  ///< [slot][node], slots of all panels in a row
     std::vector<double> survived;  ///< [row][node]: not detected by the end
     std::vector<double> trigger;   ///< [row][monitored joint, then several at once][node]
-    /// Where something gives way, as `detected` and `survived`: greatest force [N], time in contact [s], force at detection [N].
-    /// `lasting`: after the transient phase.
-    std::vector<double> peak_force, lasting_force, duration, force_at_detection, undetected_peak_force,
-        undetected_lasting_force, undetected_duration;
     std::vector<Run> run;
     std::vector<double> weight;
     std::size_t rows = 0;
 
     void begin(std::size_t panels) {
         panel.assign(panels, {});
-        for (std::vector<double>* values :
-             {&detected, &survived, &trigger, &peak_force, &lasting_force, &duration, &force_at_detection,
-              &undetected_peak_force, &undetected_lasting_force, &undetected_duration, &weight})
-            values->clear();
+        for (std::vector<double>* values : {&detected, &survived, &trigger, &weight}) values->clear();
         run.clear();
         rows = 0;
     }
@@ -113,11 +106,6 @@ class ClampedContact {
     /// At the i-th tick in contact, where the arm is at s.
     T force(double s, int, int r) const { return max(T(s - offset_[r]), T(0.0)) * stiffness_; }
     T residual(T force, double torque_per_N, int, int, int) const { return torque_per_N * force; }
-    void finish(const DetectionProbabilities::Panel&, std::size_t, std::size_t, DetectionProbabilities&) const {}
-    template <class Interpolated>
-    bool agrees(const Interpolated&, std::size_t, const DetectionProbabilities&) const {
-        return true;
-    }
 
     static constexpr bool parts = false;  ///< arm and body may part
     double chance_tolerance() const { return 0.0; }
@@ -276,7 +264,6 @@ class DetectionIntegrator {
             for (int f = 0; f < touched_count_; ++f) store(single[f][r], row(touched_[f]));
             store(multi_joint[r], row(detector_.monitored));
         }
-        contact.finish(own, std::size_t(first), std::size_t(order), out);
     }
 
     const Timing& timing_;

@@ -112,11 +112,11 @@ class InterpolatedPanels {
                 if (*std::max_element(survived, survived + order_) > negligible_) return false;
             }
         } else {
-            if (!row_agrees(out_.survived, p, T(tolerance_))) return false;
+            if (!survival_agrees(p)) return false;
         }
         for (int slot = 0; slot < out_.panel[p].slots; ++slot)
-            if (!slot_agrees(out_.detected, p, slot, [&](std::size_t) { return T(tolerance_); })) return false;
-        return triggers_agree(p) && contact_.agrees(*this, p, out_);
+            if (!slot_agrees(p, slot)) return false;
+        return triggers_agree(p);
     }
 
     /// Sums over the ticks, which are off by more than each.
@@ -131,46 +131,31 @@ class InterpolatedPanels {
         return true;
     }
 
-  public:
-    /// Whether the values of a slot are interpolated within `allowed(node)`.
-    template <class Allowed>
-    bool slot_agrees(const std::vector<double>& values, std::size_t p, int slot, Allowed allowed) const {
+    /// Whether the probabilities of a slot are interpolated well.
+    bool slot_agrees(std::size_t p, int slot) const {
         const std::size_t at = (out_.panel[p].first_slot + std::size_t(slot)) * order_;
         for (std::size_t g = 0; g < order_; g += std::size_t(lanes)) {
-            T off = -load<T>(&values[at + g]);
+            T off = -load<T>(&out_.detected[at + g]);
             for (int m = 0; m < from_.nodes; ++m) {
                 const DetectionProbabilities::Panel& from = out_.panel[from_.panel[m]];
                 if (slot < from.slots)
-                    off += weight_[m] * load<T>(&values[(from.first_slot + std::size_t(slot)) * order_ + g]);
+                    off += weight_[m] * load<T>(&out_.detected[(from.first_slot + std::size_t(slot)) * order_ + g]);
             }
-            if (any(abs(off) > allowed(at + g))) return false;
+            if (any(abs(off) > T(tolerance_))) return false;
         }
         return true;
     }
-    /// Whether values that panels have one row of are.
-    bool row_agrees(const std::vector<double>& values, std::size_t p, T allowed) const {
+    /// Whether those of no detection are.
+    bool survival_agrees(std::size_t p) const {
         for (std::size_t g = 0; g < order_; g += std::size_t(lanes)) {
-            T off = -load<T>(&values[out_.panel[p].row * order_ + g]);
+            T off = -load<T>(&out_.survived[out_.panel[p].row * order_ + g]);
             for (int m = 0; m < from_.nodes; ++m)
-                off += weight_[m] * load<T>(&values[out_.panel[from_.panel[m]].row * order_ + g]);
-            if (any(abs(off) > allowed)) return false;
+                off += weight_[m] * load<T>(&out_.survived[out_.panel[from_.panel[m]].row * order_ + g]);
+            if (any(abs(off) > T(tolerance_))) return false;
         }
         return true;
     }
-    /// The greatest of the values at the panels that others are interpolated from.
-    double greatest(const std::vector<double>& values) const {
-        double most = 0;
-        for (int m = 0; m < from_.nodes; ++m) {
-            const DetectionProbabilities::Panel& from = out_.panel[from_.panel[m]];
-            const auto begin = values.begin() + std::ptrdiff_t(from.first_slot * order_);
-            most = std::accumulate(begin, begin + std::ptrdiff_t(std::size_t(from.slots) * order_), most,
-                                   [](double a, double b) { return std::max(a, b); });
-        }
-        return most;
-    }
-    std::size_t order() const { return order_; }
 
-  private:
     void interpolate(std::size_t p, int place, const Interpolation& interpolation) {
         DetectionProbabilities::Panel& panel = out_.panel[p];
         panel.slots = std::min(from_.longest, integrator_.path().ticks - panels_[p].tick);

@@ -94,11 +94,14 @@ class OffsetMesh {
         find_gain();
     }
 
-    static constexpr double max_bend = 1e-6;  ///< of the path over a step, as a share of its way: straight
+    /// Bends of the path over a step, as a share of its way, that leave it straight. What panels across them leave out is
+    /// less than a batch's tolerance where they are small.
+    static constexpr double max_bend = 1e-6, max_bend_of_batch = 0.03;
 
     double undisturbed(std::size_t i) const {
         return settings_->paths != nullptr ? settings_->paths->undisturbed(int(i)) : path_->s[i];
     }
+    bool peaks_of_elastic_arm() const { return settings_->batch && elastic(); }
     bool elastic() const { return settings_->paths != nullptr && settings_->propagator->elastic(); }
     bool rare_alarms() const {
         return path_->ticks == 0 || !alarms_.armed(path_->ticks - 1) ||
@@ -149,7 +152,7 @@ class OffsetMesh {
             travel = std::max(travel, edge_[std::size_t(k) + 1] - edge_[std::size_t(k)]);
         double growth = gain_ * travel;
         // Where the arm gives way, the transitions of a batch's many ticks are met by chance at all places of its panels.
-        transitions_ = growth > 4 * wide.residual && !(settings_->batch && elastic());
+        transitions_ = growth > 4 * wide.residual && !peaks_of_elastic_arm();
         if (settings_->paths != nullptr) growth /= timing_.period;  // panels are cut at every step
         if (groups_) growth = std::max(growth, group_growth);
         if (elastic() && !transitions_)
@@ -282,7 +285,8 @@ class OffsetMesh {
         const std::size_t first = std::size_t(std::max(0, k - 1)) * std::size_t(timing_.period) + 1;
         for (int i = 1; k > 0 && i < timing_.period; ++i) {
             const double* s = &path_->s[first + std::size_t(i)];
-            const bool bends = std::fabs(s[1] - 2 * s[0] + s[-1]) > max_bend * std::fabs(s[1] - s[-1]);
+            const double most = peaks_of_elastic_arm() ? max_bend_of_batch : max_bend;
+            const bool bends = std::fabs(s[1] - 2 * s[0] + s[-1]) > most * std::fabs(s[1] - s[-1]);
             if (bends || transitions_) steps.push_back(s[0]);
         }
         std::sort(steps.begin(), steps.end());

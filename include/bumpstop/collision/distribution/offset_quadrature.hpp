@@ -177,8 +177,10 @@ class OffsetQuadrature {
         }
         find_triggers();
         density.sum_later_masses();
-        if (dynamic())
-            result_.nodes.keep<T>(probabilities_, std::size_t(mesh_.order()), settings_.propagator->elastic());
+        if (dynamic()) {
+            const ContactReactions reactions(*settings_.paths, *settings_.propagator, settings_.batch);
+            ContactOutcomes<T>(reactions, mesh_.panels(), mesh_.order(), probabilities_, result_.nodes)();
+        }
         count_false_alarms();
     }
 
