@@ -136,9 +136,10 @@ class ContactCollision {
         return (*reactions_)(begun_[std::size_t(i)], tick, paths.latency, offset_);
     }
     /// It is not detected.
-    Outcome undetected() const {
-        return step_ <= reactions_->paths().end_step ? reactions_->undisturbed(now_, step_, offset_)
-                                                     : reactions_->undisturbed(ContactState(), begin_, offset_);
+    Outcome undetected() {
+        // Up to the last tick the arm does not react to anything, not even to the end of its motion.
+        go_on_to(last_tick());
+        return reactions_->undisturbed(at_last_tick_, last_tick(), offset_);
     }
 
   private:
@@ -150,6 +151,7 @@ class ContactCollision {
         go_on_to(steps_to(i));
         return at_tick_[std::size_t(i)];
     }
+    int last_tick() const { return reactions_->paths().tick_step(reactions_->paths().path->ticks - 1); }
     /// The step of the i-th tick in contact.
     int steps_to(int i) const { return first_ + (i + 1) * reactions_->paths().period; }
 
@@ -161,6 +163,7 @@ class ContactCollision {
             const double from = paths.undisturbed(step_), to = paths.undisturbed(++step_);
             const bool known = step_ > 0 && step_ <= paths.last_step();
             if (known && now_.meets(to, offset_)) dynamics.step(now_, from, to, offset_);
+            if (step_ == last_tick()) at_last_tick_ = now_;
             const int since = step_ - first_;
             if (since > 0 && since % paths.period == 0) {
                 at_tick_.push_back({now_.force, now_.separated});
@@ -176,7 +179,7 @@ class ContactCollision {
     int tick_, first_;  // first_: step of the tick before the first one in contact
     int begin_, step_;  // simulation steps
     double offset_;
-    ContactState now_;                 // after step_ steps
+    ContactState now_, at_last_tick_;  // after step_ steps; where contact begins after the last tick, before it
     std::vector<Tick> at_tick_;        // by tick in contact
     std::vector<double> residual_;     // [tick in contact][joint]
     std::vector<ContactState> begun_;  // when the reaction to a tick in contact begins
