@@ -17,7 +17,7 @@ class ContactReactions {
         : paths_(&paths),
           peak_only_(peak_only),
           dynamics_(by),
-          swing_(int(std::min((by.elastic() ? 4 : 1) * by.half_oscillation / paths.step, 1e6)) + 2) {}
+          swing_(int(std::min(4 * by.half_oscillation / paths.step, 1e6)) + 2) {}
 
     const ContactPaths& paths() const { return *paths_; }
     const ContactDynamics& dynamics() const { return dynamics_; }
