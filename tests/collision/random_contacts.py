@@ -15,6 +15,7 @@ ROBOTS = ("sia5d", "ur3e", "ur5e", "ur10", "ur10e", "panda", "iiwa14")
 _TORQUES = np.array([30.0, 30, 20, 10, 10, 8, 6])
 # The quadrature's own error, as a share of a force; standard errors that chance may bring in thousands of figures.
 _OWN_ERROR, _STANDARD_ERRORS = 3e-3, 4.5
+_OF_BATCH = 1e-3  # as a share of the mean force
 _PROBABILITIES = (0.1, 0.3, 0.5, 0.7, 0.9, 0.99)
 
 
@@ -81,8 +82,9 @@ def _offset(rng: np.random.Generator) -> dict[str, Any]:
 
 
 def differences(scenario: bs.Scenario, runs: int, seed: int = 1) -> Iterator[str]:
-    """Figures of the integrated distribution that that many drawn collisions contradict."""
+    """What that many drawn collisions, or the same pose in a batch, contradict of the integrated distribution."""
     integrated, drawn = bs.evaluate(scenario), bs.evaluate(scenario, samples=runs, seed=seed)
+    yield from _differences_of_batch(scenario, integrated)
 
     def wide(p: float, own: float) -> float:
         return _STANDARD_ERRORS * math.sqrt(max(p * (1 - p), 1e-4) / runs) + own
@@ -104,3 +106,17 @@ def differences(scenario: bs.Scenario, runs: int, seed: int = 1) -> Iterator[str
         error = _STANDARD_ERRORS * drawn.peak_force.sd / math.sqrt(runs)
         if abs(own - other) > error + 2e-3 * own + 1e-3:
             yield f"mean peak force: {own:.5g} N integrated, {other:.5g} N drawn"
+
+
+def _differences_of_batch(scenario: bs.Scenario, single: bs.CollisionResult) -> Iterator[str]:
+    problem = single.problem
+    batch = bs.evaluate_batch(problem, [problem.q], [problem.velocity], probabilities=_PROBABILITIES)
+    force = single.peak_force
+    scale = force.mean if math.isfinite(force.mean) else force.quantile(0.5)
+    figures = [("mean", force.mean, batch.mean[0])]
+    figures += [
+        (f"p{100 * p:g}", force.quantile(p), own) for p, own in zip(_PROBABILITIES, batch.quantile[0], strict=True)
+    ]
+    for name, own, other in figures:
+        if own != other and not abs(own - other) <= _OF_BATCH * scale + 1e-3:
+            yield f"{name} of the peak force: {own:.5g} N alone, {other:.5g} N in a batch"

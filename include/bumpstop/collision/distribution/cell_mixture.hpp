@@ -255,8 +255,9 @@ CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity qu
     }
     if (!of_all) return out;
     if (never && law.undetected > 0) {
+        constexpr double negligible = 1e-12;  // no mean is infinite for that
         out.add_cell(*never, *never, law.undetected);
-        out.add_node(*never, law.undetected);
+        if (std::isfinite(*never) || law.undetected > negligible) out.add_node(*never, law.undetected);
     }
     const EarlyReactions& early = law.early_reactions;
     const std::vector<double>& at_edge = positive ? early.edge_duration : early.edge_force;
