@@ -138,8 +138,8 @@ class ContactCollision {
     /// It is not detected.
     Outcome undetected() {
         // Up to the last tick the arm does not react to anything, not even to the end of its motion.
-        go_on_to(last_tick());
-        return reactions_->undisturbed(at_last_tick_, last_tick(), offset_);
+        while (step_ < last_tick() && !now_.separated) go_on_to(step_ + 1);
+        return reactions_->undisturbed(step_ < last_tick() ? now_ : at_last_tick_, last_tick(), offset_);
     }
 
   private:

@@ -23,6 +23,20 @@ struct ContactNodes {
     }
 };
 
+/// Collisions that have been simulated, by panel and node, as long as they are few.
+struct KeptCollisions {
+    std::vector<std::vector<ContactCollision>> of_panel;
+    std::size_t room = 50'000;  ///< ticks, of a few hundred bytes each
+
+    explicit KeptCollisions(std::size_t panels) : of_panel(panels) {}
+    /// Takes some further nodes of panel p, each of so many ticks. Of a panel all are kept, or none that is asked for.
+    void keep(std::size_t p, std::size_t ticks, std::vector<ContactCollision>& collisions) {
+        const std::size_t size = ticks * collisions.size();
+        room -= std::min(room, size);
+        if (room > 0) std::move(collisions.begin(), collisions.end(), std::back_inserter(of_panel[p]));
+    }
+};
+
 /// Finds them. Panels are as narrow as the chance of a detection asks for; what reactions come to changes more slowly with
 /// the offset. So they are followed at the nodes of all that the arm travels in a tick, and at those of a few ticks of many.
 /// The rest is interpolated where the last terms of the polynomials are small and two ticks in between agree; else halves
@@ -31,19 +45,20 @@ template <class T>
 class ContactOutcomes {
   public:
     ContactOutcomes(const ContactReactions& reactions, const std::vector<OffsetPanel>& panels, int order,
-                    const DetectionProbabilities& found, ContactNodes& out)
+                    const DetectionProbabilities& found, KeptCollisions& kept, ContactNodes& out)
         : reactions_(reactions),
           panels_(panels),
           order_(std::size_t(order)),
           rule_(gauss_rule(order)),
           found_(found),
+          kept_(kept),
           out_(out) {}
 
     void operator()() {
         const bool elastic = out_.kinks = reactions_.dynamics().propagator().elastic();
         // An arm's path is straight within a simulation step, which leaves kinks of this size in what it does. One that gives
         // way bounces: how long it touches in all is no smooth function of the offset.
-        const double of_force = !elastic ? 1e-5 : reactions_.peak_only() ? 3e-4 : 1e-4;
+        const double of_force = !elastic ? 2e-5 : reactions_.peak_only() ? 3e-4 : 1e-4;
         share_ = {of_force, of_force, elastic ? 0.1 : 5e-5, of_force};
         if (reactions_.peak_only()) share_ = {of_force, HUGE_VAL, HUGE_VAL, HUGE_VAL};
         std::size_t slots = 0;
@@ -153,7 +168,7 @@ class ContactOutcomes {
         const std::size_t half = node.size() / 2;
         for (int i : {(node[0] + node[1]) / 2, (node[half] + node[half - 1]) / 2}) {
             const Values& direct = whole(run_[std::size_t(i)], likely);
-            const Values told = mixed(interpolation, i), allowed = tolerances(direct, likely);
+            const Values told = mixed(interpolation, i), allowed = tolerances(direct, run_[std::size_t(i)].likely);
             for (std::size_t at = 0; at < direct.size(); ++at)
                 if (told[at] != direct[at] && !(std::fabs(told[at] - direct[at]) <= allowed[at / order_])) return false;
         }
@@ -198,27 +213,31 @@ class ContactOutcomes {
         }
     }
     /// Whether the nodes of a whole travel, which are those of a single panel, tell its panels.
-    bool tells_all(Travel& travel, const Likely& likely) const {
+    bool tells_all(Travel& travel, const Likely& likely) {
         const Values& values = whole(travel, likely);
-        return travel.end - travel.first == 1 || smooth(values, likely);
+        return travel.end - travel.first == 1 || smooth(values, travel.likely);
     }
-    const Values& whole(Travel& travel, const Likely& likely) const {
+    const Values& whole(Travel& travel, const Likely& likely) {
         if (travel.known.empty()) travel.known = follow(travel.first, travel.end, likely);
         return travel.known;
     }
 
     /// At the nodes of panels taken as one, what is likely at all.
-    Values follow(std::size_t first, std::size_t end, const Likely& likely) const {
+    Values follow(std::size_t first, std::size_t end, const Likely& likely) {
         Values values((quantities * slots_ + of_missed) * order_, 0.0);
         const double low = panels_[first].low, high = panels_[end - 1].high;
         // Where all nodes hold one offset, what becomes of the first is told of all.
         const std::size_t nodes = low == high ? 1 : order_;
+        std::vector<ContactCollision> known;
+        if (end - first == 1) known = std::move(kept_.of_panel[first]);
         for (std::size_t g = 0; g < nodes; ++g) {
             const auto put = [&](std::size_t row, double value) {
                 std::fill_n(values.begin() + std::ptrdiff_t(row * order_ + g), nodes == 1 ? order_ : 1, value);
             };
-            ContactCollision collision(reactions_, panels_[first].tick,
-                                       0.5 * (low + high) + 0.5 * (high - low) * rule_.node[g]);
+            ContactCollision collision =
+                known.size() == nodes ? std::move(known[g])
+                                      : ContactCollision(reactions_, panels_[first].tick,
+                                                         0.5 * (low + high) + 0.5 * (high - low) * rule_.node[g]);
             follow_reactions(collision, likely.chance, [&](std::size_t slot, const Outcome& outcome) {
                 const double told[] = {outcome.peak, outcome.lasting, outcome.duration, collision.force(int(slot))};
                 for (std::size_t q = 0; q < quantities; ++q) put(q * slots_ + slot, told[q]);
@@ -337,6 +356,7 @@ class ContactOutcomes {
     std::size_t order_;
     const GaussRule& rule_;
     const DetectionProbabilities& found_;
+    KeptCollisions& kept_;
     ContactNodes& out_;
     std::array<double, quantities> share_{};  ///< of the greatest value, that a probable one may be off by
     std::vector<std::size_t> first_slot_;     ///< by panel

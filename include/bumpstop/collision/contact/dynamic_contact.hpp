@@ -26,7 +26,7 @@ struct EarlyReactions {
 template <class T>
 class DynamicContact {
   public:
-    explicit DynamicContact(const ContactReactions& reactions) : reactions_(reactions) {}
+    DynamicContact(const ContactReactions& reactions, KeptCollisions& kept) : reactions_(reactions), kept_(kept) {}
 
     void begin(const OffsetPanel& panel, const T* offset) {
         same_ = panel.low == panel.high;
@@ -50,6 +50,7 @@ class DynamicContact {
     T touched(int i, int r) {
         return by_lane(r, [&](ContactCollision& collision) { return collision.separated(i) ? 0.0 : 1.0; });
     }
+    void finish(std::size_t p, int slots) { kept_.keep(p, std::size_t(slots), collision_); }
 
   private:
     static constexpr int lanes = Scalar<T>::lanes, nodes = lanes * block_registers<T>;
@@ -63,6 +64,7 @@ class DynamicContact {
     }
 
     const ContactReactions& reactions_;
+    KeptCollisions& kept_;
     std::vector<ContactCollision> collision_;  ///< by node; one where the panel is a point
     bool same_ = false;                        ///< the panel is a point
 };

@@ -106,6 +106,7 @@ class ClampedContact {
     /// At the i-th tick in contact, where the arm is at s.
     T force(double s, int, int r) const { return max(T(s - offset_[r]), T(0.0)) * stiffness_; }
     T residual(T force, double torque_per_N, int, int, int) const { return torque_per_N * force; }
+    void finish(std::size_t, int) const {}
 
     static constexpr bool parts = false;  ///< arm and body may part
     double chance_tolerance() const { return 0.0; }
@@ -264,6 +265,7 @@ class DetectionIntegrator {
             for (int f = 0; f < touched_count_; ++f) store(single[f][r], row(touched_[f]));
             store(multi_joint[r], row(detector_.monitored));
         }
+        contact.finish(p, own.slots);
     }
 
     const Timing& timing_;

@@ -47,8 +47,7 @@ class OffsetQuadrature {
     void finish(const std::vector<double>& max_distance) {
         zero_force_from_ = alarm_before_ + result_.no_contact;
         if (dynamic()) {
-            const ContactReactions reactions(*settings_.paths, *settings_.propagator, settings_.batch);
-            bumpstop::add_early_reactions(reactions, settings_.contact.offset, before_, mesh_.edges(),
+            bumpstop::add_early_reactions(*reactions_, settings_.contact.offset, before_, mesh_.edges(),
                                           result_.early_reactions);
             zero_force_from_ -= result_.early_reactions.total;
         } else {
@@ -80,8 +79,9 @@ class OffsetQuadrature {
         };
         if constexpr (!Alarms::tabulated) {
             if (dynamic()) {
-                const ContactReactions reactions(*settings_.paths, *settings_.propagator, settings_.batch);
-                return interpolate(DynamicContact<T>(reactions));
+                reactions_.emplace(*settings_.paths, *settings_.propagator, settings_.batch);
+                kept_.emplace(mesh_.panels().size());
+                return interpolate(DynamicContact<T>(*reactions_, *kept_));
             }
         }
         interpolate(ClampedContact<T>(settings_.contact.body.stiffness));
@@ -178,8 +178,8 @@ class OffsetQuadrature {
         find_triggers();
         density.sum_later_masses();
         if (dynamic()) {
-            const ContactReactions reactions(*settings_.paths, *settings_.propagator, settings_.batch);
-            ContactOutcomes<T>(reactions, mesh_.panels(), mesh_.order(), probabilities_, result_.nodes)();
+            ContactOutcomes<T>(*reactions_, mesh_.panels(), mesh_.order(), probabilities_, *kept_, result_.nodes)();
+            kept_.reset();
         }
         count_false_alarms();
     }
@@ -345,6 +345,8 @@ class OffsetQuadrature {
     OffsetMesh mesh_;
     DetectionIntegrator<T, Alarms> integrator_;
     DetectionProbabilities& probabilities_;
+    std::optional<ContactReactions> reactions_;  ///< where something gives way,
+    std::optional<KeptCollisions> kept_;         ///< and what detection has simulated of it
     const LinePath* path_ = nullptr;
     LegendreSeries<T> legendre_;
     double alarm_before_ = 0;           ///< probability of an alarm before contact
