@@ -17,7 +17,7 @@ RUNS = 3000
 
 def compare(findings: Findings, *, quick: bool) -> None:
     """Random arms, poses, bodies, detectors and reactions; both distributions of each."""
-    count = 8 if quick else 1000
+    count = 8 if quick else 400
     findings.say(
         f"{count} random scenarios: seven built-in arms anywhere in their reach, two of three elastic, at 20 to "
         "500 mm/s, under way or from rest; clamped, damped and free bodies and gauges; direct and observed residuals, "

@@ -1,4 +1,4 @@
-"""Integrated and sampled distributions of random collisions. ``make validate`` (random_contacts) has a thousand."""
+"""Integrated and sampled distributions of random collisions. ``make validate`` (random_contacts) has 400."""
 
 from __future__ import annotations
 

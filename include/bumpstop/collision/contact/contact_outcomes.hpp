@@ -29,7 +29,7 @@ struct KeptCollisions {
     std::size_t room = 50'000;  ///< ticks, of a few hundred bytes each
 
     explicit KeptCollisions(std::size_t panels) : of_panel(panels) {}
-    /// Takes some further nodes of panel p, each of so many ticks. Of a panel all are kept, or none that is asked for.
+    /// Takes some further nodes of panel p, each of so many ticks. A panel that lacks some of its nodes is simulated anew.
     void keep(std::size_t p, std::size_t ticks, std::vector<ContactCollision>& collisions) {
         const std::size_t size = ticks * collisions.size();
         room -= std::min(room, size);
@@ -37,7 +37,7 @@ struct KeptCollisions {
     }
 };
 
-/// Finds them. Panels are as narrow as the chance of a detection asks for; what reactions come to changes more slowly with
+/// Finds these quantities. Panels are as narrow as the chance of a detection asks for; what reactions come to changes more slowly with
 /// the offset. So they are followed at the nodes of all that the arm travels in a tick, and at those of a few ticks of many.
 /// The rest is interpolated where the last terms of the polynomials are small and two ticks in between agree; else halves
 /// are tried, down to the panels themselves.
