@@ -23,7 +23,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
         "500 mm/s, under way or from rest; clamped, damped and free bodies and gauges; direct and observed residuals, "
         "white and correlated noise; stopping and reversing, with and without latency. Of each the integrated "
         f"distribution is set beside {RUNS} drawn collisions: probabilities within 4.5 standard errors and 0.002 to "
-        "0.003, forces within 0.3 %; and beside the same pose in a batch: forces within 0.1 % of their mean and 1 mN."
+        "0.003, forces within 0.3 %; and beside the same pose in a batch: forces within 0.3 % of their mean and 1 mN."
     )
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         found = list(pool.map(_compare_one, range(1, count + 1)))

@@ -47,6 +47,26 @@ MISSED: dict[str, Any] = {
         "reaction": {"kind": "stop", "joint_acceleration_rad_s2": 8.0},
         "arm": {"model": "elastic"},
     },
+    # A joint limit comes before the reactions whose pose is asked for: what stood beside it in memory was taken.
+    "a line shorter than the latency": {
+        "robot": "sia5d",
+        "pose_rad": [2.7712586, -1.4941928, -2.4682956, 1.0743010, 0.7243972, -1.9058374, -1.8129648],
+        "motion": {"velocity_mm_s": [-2.383, 441.661, 234.371]},
+        "contact": {
+            "stiffness_N_m": 150000.0,
+            "gauge_spring_N_m": 10000.0,
+            "gauge_mass_kg": 2.0,
+            "offset_law": "fixed",
+            "offset_mm": 40.0,
+        },
+        "detector": {
+            "thresholds_Nm": [40.16, 40.16, 26.78, 13.39, 13.39, 10.71, 8.03],
+            "noise_sd_Nm": [4.02, 4.02, 2.68, 1.34, 1.34, 1.07, 0.8],
+            "feedback_period_s": 0.008,
+        },
+        "reaction": {"kind": "reverse", "joint_acceleration_rad_s2": 2.0, "latency_s": 0.03},
+        "arm": {"model": "elastic"},
+    },
 }
 
 

@@ -43,8 +43,9 @@ inline ElasticArm elastic_arm_on_line(const CollisionSetup& setup, const LinePat
     double position[max_joints], rate[max_joints] = {}, torque_per_N[max_joints] = {};
     std::copy_n(path.q.begin(), setup.chain.dof, position);
     // The tick whose reaction begins there.
-    const int early = std::max(-LinePath::early_ticks(timing), tick - timing.latency / timing.period);
-    if (early < path.known_reactions()) {
+    const int earliest = -LinePath::early_ticks(timing);
+    const int early = path.last_with_reaction(std::max(earliest, tick - timing.latency / timing.period), timing);
+    if (early >= earliest) {
         const double* state = path.state_at(early, timing);
         for (int f = 0; f < motion.free_count; ++f) {
             const int j = motion.free_joint[std::size_t(f)];

@@ -63,6 +63,13 @@ struct LinePath {
     }
     /// The first so many ticks have reactions that begin.
     int known_reactions() const { return std::min(ticks, int(reaction_state.size() / (2 * std::size_t(free_count)))); }
+    /// So many ticks before the first have; the earliest is the first of them.
+    int known_early_reactions() const { return int(early_state.size() / (2 * std::size_t(free_count))); }
+    /// The last tick up to one whose reaction begins on the line; before the earliest of all if none does.
+    int last_with_reaction(int tick, const Timing& timing) const {
+        return tick >= 0 && known_reactions() > 0 ? std::min(tick, known_reactions() - 1)
+                                                  : std::min(tick, known_early_reactions() - early_ticks(timing) - 1);
+    }
     /// Distance at tick k, of which there is one every `period` steps [m].
     double at_tick(int k, int period) const { return s[std::size_t(k) * period + 1]; }
     /// Positions, then rates, of the free joints where the reaction to a tick begins; ticks before the first count from -1 down.

@@ -45,7 +45,7 @@ inline constexpr int max_early_reactions = 16;
 /// them.
 inline std::vector<int> early_ticks(const CollisionSetup& setup, const LinePath& path) {
     const int lead = LinePath::early_ticks(setup.timing);
-    const int known = int(path.early_state.size() / (2 * std::size_t(setup.motion.free_count)));
+    const int known = path.known_early_reactions();
     const int spacing = std::max(1, (known + max_early_reactions - 1) / max_early_reactions);
     std::vector<int> ticks;
     for (int i = 0; i < known; i += spacing) ticks.push_back(i - lead);
