@@ -75,3 +75,9 @@ def test_what_is_missed_has_one_force(data: dict[str, Any]) -> None:
     scenario = bs.Scenario.from_dict(data)
     assert bs.evaluate(scenario).undetected_probability == pytest.approx(1.0, abs=1e-9)
     assert not list(differences(scenario, 3000))
+
+
+def test_no_mean_is_infinite_for_what_never_happens() -> None:
+    result = bs.evaluate(random_contact(149))
+    assert 0 < result.undetected_probability < 1e-12
+    assert result.peak_force.mean < result.peak_force.quantile(0.99)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from collision.cases import control_group, reference_trace, swinging_forward
+from bumpstop.collision.verdict.two_phase_use import TwoPhaseUse
+from collision.cases import control_group, reference_trace, swinging_forward, ur10e
 
 
 def two_phase(**changes: Any) -> bs.CollisionResult:
@@ -184,3 +185,33 @@ def test_a_lasting_limit_above_the_transient_one_is_refused_where_something_give
     result = two_phase(contact__damping_Ns_m=100.0)
     with pytest.raises(bs.InputError, match="limit for what lasts"):
         result.phase_shares(1 / 100, 1 / 200)
+
+
+SHORT: dict[str, Any] = {"motion__duration_s": 0.1, "contact__offset_law": "half_normal", "contact__offset_sd_s": 0.1}
+MISSED = {
+    "elastic": ur10e(arm__model="elastic", verdict__clamped_limit="two_phase", **SHORT),
+    "rigid": ur10e(verdict__clamped_limit="two_phase", **SHORT),
+    "at a joint limit": control_group(
+        pose_deg=[0, 109.7, 0, -20, 0, -40, 0],
+        motion__velocity_mm_s=[0, 0, -30],
+        detector__noise_sd_Nm=3.0,
+        contact__limits="ts15066",
+        contact__area_cm2=0.5,
+        verdict__clamped_limit="two_phase",
+    ),
+}
+
+
+@pytest.mark.parametrize("scenario", MISSED.values(), ids=MISSED)
+def test_the_use_of_the_limits_agrees_with_what_is_over(scenario: bs.Scenario) -> None:
+    """Missed collisions were judged by the force's limit for the pressure's, and counted twice of an elastic arm."""
+    result = bs.evaluate(scenario)
+    problem = result.problem
+    assert problem.transient_limits is not None
+    assert problem.limits is not None
+    use = TwoPhaseUse.of(result, problem.transient_limits, problem.limits)
+    over = max(p for p in use.over() if p is not None)
+    assert result.undetected_probability > 0.05
+    assert over > 0.05
+    for accepted in (0.001, 0.5 * over, 0.98 * over, 1.02 * over, 2 * over, 0.5):
+        assert (over > accepted) == (use.utilisation(accepted) > 1), accepted

@@ -88,6 +88,7 @@ class ContactOutcomes {
 
   private:
     static constexpr int lanes = Scalar<T>::lanes;
+    static constexpr double negligible_survival = 1e-18;  ///< what interpolation leaves of it, and less
     static constexpr std::size_t quantities = ContactNodes::quantities, of_missed = ContactNodes::of_missed;
     using Outcome = ContactCollision::Outcome;
     using Values = std::vector<double>;  ///< [row][node]: rows by quantity and slot, then those of missed collisions
@@ -158,8 +159,8 @@ class ContactOutcomes {
     /// Do the travels at the nodes tell two between them?
     bool agree(const Interpolation& interpolation, const Likely& likely) {
         // Where the motion's end decides what is missed, nothing is smooth from tick to tick.
-        const bool ends = reactions_.paths().path->end != PathEnd::all_detected;
-        if (ends && likely.missed > (reactions_.peak_only() ? ContactReactions::negligible_chance : 0.0)) return false;
+        const double negligible = reactions_.peak_only() ? ContactReactions::negligible_chance : negligible_survival;
+        if (reactions_.paths().path->end != PathEnd::all_detected && likely.missed > negligible) return false;
         const std::vector<int>& node = interpolation.nodes();
         for (int i : node)
             if (!tells_all(run_[std::size_t(i)], likely) ||
@@ -177,8 +178,8 @@ class ContactOutcomes {
     /// A body that gets away is felt no more: from some travel on at a slot, and nothing between tells from which.
     bool parts_alike(const Travel& one, const Travel& other) const {
         if (!reactions_.dynamics().propagator().gets_away) return true;
-        const auto force = [&](const Travel& travel) {
-            return travel.known.begin() + std::ptrdiff_t(3 * slots_ * order_);
+        const auto force = [&](const Travel& travel) {  // at detection, the last of the quantities
+            return travel.known.begin() + std::ptrdiff_t((quantities - 1) * slots_ * order_);
         };
         return std::equal(force(one), force(one) + std::ptrdiff_t(slots_ * order_), force(other),
                           [](double a, double b) { return (a > 0) == (b > 0); });
