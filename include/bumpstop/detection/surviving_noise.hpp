@@ -13,23 +13,24 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// One joint's first-order noise e(k) = c e(k-1) + s w(k), w white, s = sd sqrt(1 - c^2), so that sd is the stationary
 /// standard deviation and c the correlation from tick to tick. No alarm up to a tick leaves the residual inside its
-/// thresholds; the nodes lie there, and nowhere farther than `reach` standard deviations from where the noise is
-/// centred.
+/// thresholds; the nodes lie there, within `reach` standard deviations of where the noise is centred. Where a threshold
+/// is nearer, their range is moved, and stays as wide.
 struct CorrelatedNoise {
     static constexpr double reach = 9;
 
     double threshold = 0, sd = 0, mean = 0;  ///< Nm or N
     double correlation = 0;                  ///< c
     double innovation = 0;                   ///< s, standard deviation of what a tick adds [Nm or N]
+    double half = 0;                         ///< of the range in which the nodes lie [Nm or N]
     std::vector<double> node, weight;        ///< on [-1, 1]
-    /// exp(-(a_i - c a_l)^2 / 2) with a_i = node_i threshold / s, [i][l]: how noise moves between the thresholds.
+    /// exp(-(a_i - c a_l)^2 / 2) with a_i = node_i half / s, [i][l]: how noise moves where it is centred in the range.
     std::vector<double> spread;
 
     CorrelatedNoise(double limit, double noise_sd, double noise_mean, double noise_correlation)
         : threshold(limit), sd(noise_sd), mean(noise_mean), correlation(noise_correlation) {
         innovation = sd * std::sqrt((1 - correlation) * (1 + correlation));
         // The integrand is a product of two bells as narrow as the innovation; nodes this close leave 1e-13 of it.
-        const double half = std::min(threshold, reach * sd);
+        half = std::min(threshold, reach * sd);
         const int count = std::max(12, int(std::ceil(5.5 * half / innovation)) + 8);
         const int pieces = (count + max_order - 1) / max_order;
         const GaussRule& rule = gauss_rule((count + pieces - 1) / pieces);
@@ -47,8 +48,8 @@ struct CorrelatedNoise {
             }
         }
     }
-    /// Thresholds in innovations.
-    double widest() const { return threshold / innovation; }
+    /// Half of the range in innovations.
+    double widest() const { return half / innovation; }
     /// Shifts times widths from here on would cost digits.
     static constexpr double max_shift = 300;
     int size() const { return int(node.size()); }
@@ -64,8 +65,8 @@ struct SurvivingNoiseDensity {
 
     void reset(const CorrelatedNoise& noise) {
         value.assign(std::size_t(noise.size()), T(0.0));
-        low = -noise.threshold;
-        high = noise.threshold;
+        low = -noise.half;
+        high = noise.half;
         centre = noise.mean;
         known = 0.0;
     }
@@ -80,10 +81,10 @@ T exp_either(T x) {
     return select(x > T(0.0), 1.0 / below, below);
 }
 
-/// The density at the nodes where they lie between the thresholds before and after the tick: with the shift d of the
-/// centre, in innovations, exp(-(a_i - c a_l + d)^2 / 2) is a constant times exp(-d a_i - d^2 / 2) exp(d c a_l).
+/// The density at the nodes where their range is as wide before and after the tick. d is how far the range runs ahead of
+/// the noise, in innovations: exp(-(a_i - c a_l + d)^2 / 2) is a constant times exp(-d a_i - d^2 / 2) exp(d c a_l).
 template <class T>
-void spread_between_thresholds(const CorrelatedNoise& noise, T shift, T* mass, std::vector<T>& value) {
+void spread_as_wide(const CorrelatedNoise& noise, T shift, T* mass, std::vector<T>& value) {
     const int n = noise.size();
     const T away = shift * noise.widest(), constant = 0.5 * shift * shift;
     for (int l = 0; l < n; ++l) mass[l] *= exp_either(T(away * (noise.correlation * noise.node[l])));
@@ -111,15 +112,15 @@ AlarmProbability<T> propagate_tick(const CorrelatedNoise& noise, SurvivingNoiseD
     const int n = noise.size();
     const double s = noise.innovation, root_half = 0.70710678118654752440, per_root = 0.39894228040143267794;
     const T centre = torque + noise.mean;
-    const double furthest = CorrelatedNoise::reach * noise.sd;
+    const double furthest = CorrelatedNoise::reach * noise.sd, inner = noise.threshold - noise.half;
     // Where the residual lies beyond reach of its thresholds the range shrinks to next to nothing, not to less.
     const double least = 1e-3 * std::min(noise.sd, noise.threshold);
-    // There are nodes enough for all that lies between the thresholds, until the centre is well beyond one of them.
-    const double all_within = noise.threshold <= furthest ? noise.threshold + 2 * s : -1.0;
-    const auto whole = abs(centre) <= T(all_within);
-    const T low = select(whole, T(-noise.threshold),
+    // Where the residual is centred well beyond one, what is left lies beside it, too close for nodes of the whole range.
+    const auto whole = abs(centre) <= T(noise.threshold + 2 * s);
+    const T inside = min(max(centre, T(-inner)), T(inner));
+    const T low = select(whole, inside - noise.half,
                          min(max(T(-noise.threshold), centre - furthest), T(noise.threshold - least)));
-    const T high = select(whole, T(noise.threshold), max(min(T(noise.threshold), centre + furthest), low + least));
+    const T high = select(whole, inside + noise.half, max(min(T(noise.threshold), centre + furthest), low + least));
     const T middle = 0.5 * (low + high), half = 0.5 * (high - low);
     const auto known = density.known > T(0.5);
 
@@ -142,16 +143,16 @@ AlarmProbability<T> propagate_tick(const CorrelatedNoise& noise, SurvivingNoiseD
     T no_alarm = 0.0;
     const bool any_known = any(known), all_known = all(known);
     std::vector<T>& value = density.value;
-    const T shift = (noise.correlation * density.centre - centre) * (1 / s);
-    const T limit = noise.threshold;
-    const bool between = any_known && !noise.spread.empty() &&
-                         all((low == -limit) & (high == limit) & (density.low == -limit) & (density.high == limit) &
+    const T shift = ((middle - centre) - noise.correlation * (old_middle - density.centre)) * (1 / s);
+    const T full = (1 - 1e-12) * noise.half;
+    const bool as_wide = any_known && !noise.spread.empty() &&
+                         all((half > full) & (old_half > full) &
                              (abs(shift) * (noise.widest() + abs(shift)) < T(CorrelatedNoise::max_shift)));
-    if (between) detail::spread_between_thresholds(noise, shift, mass, value);
+    if (as_wide) detail::spread_as_wide(noise, shift, mass, value);
     for (int i = 0; i < n; ++i) {
         const T x = middle + half * noise.node[i];
         T sum = 0.0;
-        if (between) {
+        if (as_wide) {
             sum = value[i] * (per_root / s);
         } else if (any_known) {
             for (int l = 0; l < n; ++l) {
