@@ -19,8 +19,8 @@ PROBABILITIES = (0.5, 0.95, 0.99, 0.999)
 FELT_N = 1.0
 # What a batch promises of 99 in 100 poses, of 999 in 1000, and of all.
 PROMISED = {
-    "mean": (1e-5, 2e-4, 1e-2),
-    "sd": (1e-3, 1e-2, 3e-1),
+    "mean": (1e-5, 3e-4, 1e-2),
+    "sd": (1e-3, 2e-2, 3e-1),
     "exceedance": (3e-6, 5e-5, 1e-3),
     "quantile": (1e-4, 2e-3, 1e-1),
 }
