@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision.probability_text import decimal, percent, small_percent
+from bumpstop.collision.probability_text import apart, decimal, percent, small_percent
 from cli.support import EXAMPLE, run
 
 
@@ -35,6 +36,20 @@ def test_what_is_next_to_nothing_has_figures_beside_what_is_accepted() -> None:
     assert small_percent(0.0) == "0 %"
     assert small_percent(0.5) == "50 %"
     assert small_percent(1.0, integrated=True) == "over 99.9999 %"
+
+
+def test_more_than_what_is_accepted_reads_as_more() -> None:
+    assert apart(0.00105, 0.001, percent) == "0.105 %"
+    assert apart(0.0010000004, 0.001, percent) == "0.10000004 %"
+    assert apart(0.00099, 0.001, percent) == "0.099 %"
+    assert apart(0.001, 0.001, percent) == "0.1 %"
+    scenario = bs.load_scenario(EXAMPLE).with_values({"motion.speed_mm_s": 75.0})
+    over = bs.evaluate(scenario).verdict.p_over_force
+    assert over is not None
+    told = scenario.with_values({"contact.area_cm2": 9.0, "verdict.accepted_probability": over / 1.0001})
+    reason = bs.evaluate(told).verdict.reason
+    first, second = (float(number) for number in re.findall(r"([0-9.]+) %", reason)[:2])
+    assert first > second
 
 
 def test_a_result_prints_what_the_terminal_shows() -> None:

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import math
+import re
 from decimal import Decimal
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic import BaseModel
 
 import bumpstop as bs
 from bumpstop.study.range import Range
 from bumpstop.study.variable import ALIASES, Variable, names, per
 from collision.cases import control_group
+
+# Words that the names of keys end with.
+UNITS = {"1", "N", "Ns", "Nm", "kg", "m", "m2", "mm", "cm2", "rad", "deg", "s", "s2", "hz", "percent"}
 
 
 @pytest.mark.parametrize(
@@ -44,6 +50,20 @@ def test_a_value_that_is_set_is_the_value_that_is_there(name: str, control: floa
         assert back.motion.duration_s == pytest.approx(scenario.motion.duration_s * value / control)
         back = back.with_values({"motion.duration_s": scenario.motion.duration_s})
     assert back.motion == scenario.motion
+
+
+def test_every_key_has_the_unit_that_its_name_ends_with() -> None:
+    scenario, told = control_group(), {"hz": "Hz", "percent": "%"}
+    tables = [(f"{name}.", type(table)) for name, table in scenario if isinstance(table, BaseModel)]
+    keys = [prefix + key for prefix, table in [*tables, ("", type(scenario))] for key in table.model_fields]
+    found = {}
+    for key in keys:
+        words = key.rpartition(".")[2].split("_")
+        units = list(takewhile(lambda word: word in UNITS, reversed(words[1:])))[::-1]
+        if units:
+            found[key] = "".join(told.get(unit, unit) for unit in units)
+            assert re.sub("[ /]", "", Variable(key).unit(scenario)) == found[key], key
+    assert {"contact.damping_Ns_m", "arm.gear_stiffness_Nm_rad", "arm.rotor_inertia_kg_m2"} < set(found)
 
 
 SLIDE = """<robot name="scara"><link name="base"/><link name="arm"/><link name="quill"/><link name="flange"/>

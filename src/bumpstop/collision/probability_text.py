@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 # The quadrature leaves out what is less probable: an integrated probability below is no more than this.
 MIN_PRINTED_PROBABILITY = 1e-12
@@ -38,6 +39,14 @@ def small_percent(p: float, *, integrated: bool = False) -> str:
     if not p < MIN_PERCENT or (p <= 0 and not integrated):
         return percent(p, integrated=integrated)
     return f"{100 * p:.2g} %" if p > 0 else f"less than {100 * MIN_PRINTED_PROBABILITY:.0e} %"
+
+
+def apart(p: float, other: float, text: Callable[[float], str]) -> str:
+    """A probability as ``text`` tells it, with as many digits as tell it from another that it is compared with."""
+    told = text(p)
+    if told != text(other) or p == other or not MIN_PERCENT <= p <= 1 - MIN_PERCENT:
+        return told
+    return next(told for digits in range(3, 18) if (told := f"{100 * p:.{digits}g} %") != f"{100 * other:.{digits}g} %")
 
 
 def decimal(p: float, *, integrated: bool = False) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,12 +11,19 @@ from bumpstop.collision.trajectory.trajectory_curve import trajectory_kernel
 from bumpstop.study.speed.onset_shares import onset_shares
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy.typing as npt
+
     from bumpstop.arrays import FloatArray
     from bumpstop.collision import CollisionProblem
 
-# Times looked at along a motion, then about the worst of them. No motion of the control cycle divides their distance:
-# contact begins at all phases of it.
-_TIMES, _BESIDE = 173, 41
+    Cycles = npt.NDArray[np.int64]
+
+# Control cycles looked at along a motion, times in each at the least, and in all at the least.
+_CYCLES, _PHASES, _TIMES = 173, 4, 173
+# So often the distance of these times is halved about the hardest.
+_HALVINGS = 9
 
 
 def worst_onset(problem: CollisionProblem) -> tuple[float, float]:
@@ -23,16 +31,57 @@ def worst_onset(problem: CollisionProblem) -> tuple[float, float]:
 
     That is the peak force that is exceeded with the accepted probability, over the allowed one; zero where the contact
     point never moves toward the body.
+
+    Within a control cycle the force falls as contact comes nearer to the tick that detects it, and rises abruptly where
+    that is the next tick: by a fifth and more. Each cycle has a crest of its own, which is searched for.
     """
     trajectory, accepted = problem.trajectory, problem.scenario.verdict.accepted_probability
     assert trajectory is not None
-    end, kernel = trajectory.duration, trajectory_kernel(problem)
-    width = end / _TIMES
-    times: FloatArray = (np.arange(_TIMES, dtype=np.float64) + 0.5) * width
-    share = onset_shares(problem, times, kernel).exceeded_with(accepted)
-    best = int(share.argmax())
-    beside: FloatArray = np.clip(times[best] + np.linspace(-width, width, _BESIDE), 0.0, np.nextafter(end, 0.0))
-    nearer = onset_shares(problem, beside, kernel).exceeded_with(accepted)
-    if nearer.max() > share[best]:
-        return float(beside[int(nearer.argmax())]), float(nearer.max())
-    return float(times[best]), float(share[best])
+    kernel, period = trajectory_kernel(problem), problem.period_steps * problem.scenario.simulation.step_s
+    last = np.nextafter(trajectory.duration, 0.0)
+
+    def share(times: FloatArray) -> FloatArray:
+        flat = np.clip(times.ravel(), 0.0, last)
+        return onset_shares(problem, flat, kernel).exceeded_with(accepted).reshape(times.shape)
+
+    count = max(1, math.ceil(trajectory.duration / period))
+    cycles = _spread(0, count - 1)
+    cycle, time, hardest = _crest(share, cycles, period)
+    # Those that were left out between this one and its neighbours.
+    place = int(np.searchsorted(cycles, cycle))
+    between = _spread(int(cycles[max(0, place - 1)]), int(cycles[min(cycles.size - 1, place + 1)]))
+    if between.size > 3:
+        _, nearer, harder = _crest(share, between, period)
+        if harder > hardest:
+            time, hardest = nearer, harder
+    return float(np.clip(time, 0.0, last)), hardest
+
+
+def _spread(first: int, last: int) -> Cycles:
+    """Numbers of cycles, all of some or many of more."""
+    return np.unique(np.linspace(first, last, min(last - first + 1, _CYCLES)).round().astype(np.int64))
+
+
+def _crest(share: Callable[[FloatArray], FloatArray], cycles: Cycles, period: float) -> tuple[int, float, float]:
+    """The hardest of some control cycles, the time of its crest and how hard contact is there."""
+    phases = max(_PHASES, math.ceil(_TIMES / cycles.size))
+    width = period / phases
+    times = cycles[:, None] * period + (np.arange(phases) + 0.5) * width
+    shares = share(times)
+    best = shares.argmax(axis=1)
+    rows = np.arange(cycles.size)
+    time, height = times[rows, best], shares[rows, best]
+    for _ in range(_HALVINGS):
+        width /= 2
+        beside = share(np.stack([time - width, time + width], axis=1))
+        fall = height[:, None] - beside
+        harder = fall.min(axis=1) < 0
+        side = beside.argmax(axis=1)
+        time = np.where(harder, time + np.where(side == 0, -width, width), time)
+        height = np.maximum(height, beside.max(axis=1))
+        # On a slope the crest is no higher than as much again, and on a bend by less.
+        most = height + np.abs(fall).min(axis=1) + np.abs(fall).max(axis=1) / 8
+        kept = most >= height.max()
+        cycles, time, height = cycles[kept], time[kept], height[kept]
+    hardest = int(height.argmax())
+    return int(cycles[hardest]), float(time[hardest]), float(height[hardest])

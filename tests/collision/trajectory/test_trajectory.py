@@ -57,6 +57,7 @@ def test_a_straight_trajectory_is_a_line(kind: str, latency: float, tmp_path: Pa
             assert ours.quantile(p) == pytest.approx(theirs.quantile(p), rel=tolerance, abs=1e-9)
     assert found.false_alarm_probability == pytest.approx(expected.false_alarm_probability, rel=1e-9)
     assert found.multi_joint_probability == pytest.approx(expected.multi_joint_probability, rel=1e-9)
+    assert found.left_in_contact_probability == expected.left_in_contact_probability == 0
     np.testing.assert_allclose(found.trigger_joint_probability, expected.trigger_joint_probability, rtol=1e-8)
 
 

@@ -62,6 +62,11 @@ class TrajectoryCollisionResult(CollisionResult):
         """From contact until arm and body separate [s], given that; None where the arm stops in clamped contact."""
         return self.contact_durations
 
+    @property
+    def left_in_contact_probability(self) -> float:
+        """Nothing: on a trajectory a reversing arm goes back the way that it came."""
+        return 0.0
+
     @cached_property
     def impact_bounds(self) -> ImpactBounds | None:
         """Peak force by formula of an undetected impact at the contact of ``curve``; None for clamped contact."""

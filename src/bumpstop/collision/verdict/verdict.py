@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
-from bumpstop.collision.probability_text import MIN_PERCENT, percent, small_percent
+from bumpstop.collision.probability_text import MIN_PERCENT, apart, percent, small_percent
 from bumpstop.collision.verdict.alarm_rate import alarm_rate
 
 if TYPE_CHECKING:
@@ -154,8 +155,8 @@ class _Words:
         tiny = min(settings.accepted_probability, settings.max_false_alarm) < MIN_PERCENT
         self._text = small_percent if tiny else percent
 
-    def _said(self, p: float) -> str:
-        return self._text(p, integrated=self._integrated)
+    def _said(self, p: float, accepted: float) -> str:
+        return apart(p, accepted, partial(self._text, integrated=self._integrated))
 
     def faults(
         self,
@@ -171,7 +172,8 @@ class _Words:
         for judge_of in (limits, transient):
             if judge_of is not None and not judge_of.permitted:
                 return judge_of.reason
-        settings, said = self._settings, self._said
+        settings = self._settings
+        said = partial(self._said, accepted=settings.accepted_probability)
         force, pressure = f"{limits.force_N:g} N", f"{limits.pressure_N_cm2 or 0:g} N/cm²"
         if transient is not None:
             force = f"{transient.force_N:g} N at first or {force} later"
@@ -200,8 +202,9 @@ class _Words:
         if missed > settings.accepted_probability:
             faults.append(f"{said(missed)} of collisions are not detected {because} and count as over every limit")
         if false_alarm > settings.max_false_alarm:
+            told = self._said(false_alarm, settings.max_false_alarm)
             faults.append(
-                f"a false alarm comes before contact with probability {said(false_alarm)} (accepted: "
+                f"a false alarm comes before contact with probability {told} (accepted: "
                 f"{self._text(settings.max_false_alarm)})"
             )
         if not faults:
@@ -215,9 +218,9 @@ class _Words:
         """How far the worst figure is from being too much."""
         if limits is None or p_force is None:
             return ""
-        worst = max(p_force, p_pressure or 0.0)
+        worst, accepted = max(p_force, p_pressure or 0.0), self._settings.accepted_probability
         what = "Peak force or pressure exceeds" if p_pressure is not None else "The peak force exceeds"
         return (
-            f"{what} the limits for {limits.label} with probability {self._said(worst)}, "
-            f"within the accepted {self._text(self._settings.accepted_probability)}."
+            f"{what} the limits for {limits.label} with probability {self._said(worst, accepted)}, "
+            f"within the accepted {self._text(accepted)}."
         )
