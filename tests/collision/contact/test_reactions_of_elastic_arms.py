@@ -16,14 +16,18 @@ DOWN = np.array([0.0, 0.0, -1.0])
 
 def simulated(result: bs.CollisionResult, share: float) -> float:
     """Peak force of the collision that is detected at one tick, along the reference's path and its reaction."""
-    curve, robot = result.curve, bs.Robot.load("ur10e")
+    curve = result.curve
     detected = OFFSET / 0.16 + result.detection_delay.mean
     tick = int(np.argmin(np.abs(curve.tick_time - detected)))
     (reaction,) = curve.kernel.reaction_paths([tick], [0.0])  # type: ignore[union-attr]
     begins = round((curve.tick_time[tick] + 0.004) / STEP)
     assert reaction[0] == pytest.approx(curve.distance[begins], abs=1e-9)
-    standing = np.full(200, reaction[-1])  # the arm swings on
-    path = np.concatenate([curve.distance[:begins], reaction, standing])
+    return follow(np.concatenate([curve.distance[:begins], reaction]), OFFSET, share)
+
+
+def follow(path: np.ndarray, offset: float, share: float) -> float:
+    """Peak force along a path at whose end the arm stands, and swings on."""
+    robot = bs.Robot.load("ur10e")
     q = np.radians([0, -60, 90, -120, -90, 0])
     jacobian, train = robot.jacobian(q), robot.drive_train
     arm = ElasticArm.of_servo(
@@ -38,7 +42,8 @@ def simulated(result: bs.CollisionResult, share: float) -> float:
         feedforward=share,
         feeds_motors=True,
     )
-    return collide(arm, Body(stiffness=STIFFNESS), path, STEP, offset=OFFSET, tiny=5e-5).peak_force
+    path = np.append(path, np.full(300, path[-1]))
+    return collide(arm, Body(stiffness=STIFFNESS), path, STEP, offset=offset, tiny=5e-5).peak_force
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
@@ -55,3 +60,45 @@ def test_what_is_fed_forward_winds_up_the_gears_first(kind: str, share: float) -
     assert result.peak_force.sd < 1e-6
     # The lever of the pose of contact is that of a millimetre further on.
     assert result.peak_force.mean == pytest.approx(simulated(result, share), rel=2e-3)
+
+
+STOP = {"kind": "stop", "joint_acceleration_rad_s2": 20, "latency_s": 0.0}
+
+
+def beyond(offset: float, **changes: object) -> bs.Scenario:
+    """A body at one place."""
+    contact = {"stiffness_N_m": STIFFNESS, "offset_law": "fixed", "offset_mm": 1e3 * offset}
+    return scenario(contact=contact, reaction=STOP, **changes)
+
+
+@pytest.mark.parametrize("further_mm", [-0.3, -1e-4, 1e-4, 0.2, 0.6, 3.0])
+def test_an_arm_swings_into_bodies_beyond_its_path(further_mm: float) -> None:
+    # An alarm at the first tick, long before contact.
+    alarm = {"thresholds_Nm": [3.0] * 6, "noise_sd_Nm": 0.01, "noise_mean_Nm": 30.0}
+    curve = bs.evaluate(beyond(1e-3, detector=alarm)).curve
+    offset = float(curve.max_distance[0]) + 1e-3 * further_mm
+    (reaction,) = curve.kernel.reaction_paths([0], [0.0])  # type: ignore[union-attr]
+    wanted = follow(np.concatenate([curve.distance[: round(curve.tick_time[0] / STEP)], reaction]), offset, 1.0)
+    assert (wanted > 1.0) == (further_mm < 1.0)
+    for samples in (None, 4):
+        found = bs.evaluate(beyond(offset, detector=alarm), samples=samples)
+        assert found.false_alarm_probability == pytest.approx(1.0)
+        assert found.peak_force.mean == pytest.approx(wanted, rel=3e-4)
+
+
+def test_an_arm_swings_into_bodies_beyond_the_end_of_its_motion() -> None:
+    silent = scenario(
+        motion={"velocity_mm_s": [0, 0, -160], "duration_s": 0.03},
+        contact={"offset_law": "half_normal", "offset_sd_s": 0.03, "kind": "free", "body_mass_kg": 4},
+        detector={"thresholds_Nm": [1e5] * 6, "noise_sd_Nm": 1.0},
+    )
+    exact, drawn = bs.evaluate(silent), bs.evaluate(silent, samples=20_000, seed=3)
+    batch = bs.evaluate_batch(silent, exact.problem.q[None], exact.problem.velocity[None], limits_N=[1.0, 10.0])
+    touched = exact.peak_force.exceedance(0.1)
+    assert touched > 1 - exact.no_contact_probability + 0.01, "of those beyond the end, too"
+    for force, told in zip((1.0, 10.0), batch.exceedance[0], strict=True):
+        p = exact.peak_force.exceedance(force)
+        assert told == pytest.approx(p, abs=1e-3)
+        assert drawn.peak_force.exceedance(force) == pytest.approx(p, abs=4.5 * np.sqrt(p * (1 - p) / 20_000))
+    assert batch.mean[0] == pytest.approx(exact.peak_force.mean, rel=1e-3)
+    assert drawn.peak_force.mean == pytest.approx(exact.peak_force.mean, abs=4.5 * exact.peak_force.sd / 20_000**0.5)

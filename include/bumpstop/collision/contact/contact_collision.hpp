@@ -17,11 +17,14 @@ class ContactReactions {
         : paths_(&paths),
           peak_only_(peak_only),
           dynamics_(by),
-          swing_(int(std::min(4 * by.half_oscillation / paths.step, 1e6)) + 2) {}
+          swing_(int(std::min(4 * by.half_oscillation / paths.step, 1e6)) + 2),
+          settles_(int(std::min(2 * by.servo_lag / paths.step, 1e6)) + swing_) {}
 
     const ContactPaths& paths() const { return *paths_; }
     const ContactDynamics& dynamics() const { return dynamics_; }
     bool peak_only() const { return peak_only_; }
+    /// The arm gives way.
+    bool swings() const { return dynamics_.propagator().elastic(); }
 
     struct Outcome {
         double peak, lasting, duration;  ///< greatest force, in all and after the transient phase [N]; in contact [s]
@@ -29,20 +32,46 @@ class ContactReactions {
 
     /// Detection at a tick; `state` is that of the collision `first` steps later, from 0 up to the latency.
     Outcome operator()(ContactState state, int tick, int first, double offset) const {
-        state.ramp = paths_->change(paths_->tick_step(tick));
-        // An arm that stops short of the body need not be followed.
-        if (state.touched || paths_->max_distance[std::size_t(tick)] > offset - separation_tolerance)
+        set_out(state, paths_->tick_step(tick) + first, paths_->tick_step(tick));
+        // A rigid arm that stops short of the body need not be followed. One that gives way swings beyond its path.
+        const double most = paths_->max_distance[std::size_t(tick)];
+        if (state.touched || most > offset - separation_tolerance || (swings() && std::isfinite(most)))
             follow(state, PathAfter(*paths_, tick, first), offset);
         return {state.peak, state.lasting, state.since};
     }
     /// Nothing reacts from `step` on: the motion goes on to its end, where the arm stands.
     Outcome undisturbed(ContactState state, int step, double offset) const {
-        state.ramp = paths_->change(step);
+        set_out(state, step, step);
         follow(state, PathAfter::undisturbed(*paths_, step), offset);
         return {state.peak, state.lasting, state.since};
     }
 
+    /// How far the arm gets after a false alarm at a tick [m].
+    double reach(int tick) const {
+        const double most = paths_->max_distance[std::size_t(tick)];
+        if (!swings() || !std::isfinite(most)) return most;
+        ContactState state;
+        set_out(state, paths_->tick_step(tick), paths_->tick_step(tick));
+        follow(state, PathAfter(*paths_, tick, 0), nowhere);
+        return state.farthest + nowhere;
+    }
+    /// How far it gets where nothing reacts from a step on [m]; of one that gives way.
+    double reach_undisturbed(int step) const {
+        ContactState state;
+        set_out(state, step, step);
+        follow(state, PathAfter::undisturbed(*paths_, step), nowhere);
+        return state.farthest + nowhere;
+    }
+
   private:
+    /// A reaction to what is felt in a step sets out from another: until then the reference has gone on undisturbed.
+    void set_out(ContactState& state, int from, int felt) const {
+        state.ramp = paths_->change(felt);
+        if (!state.begun) state.speed = paths_->speed(from);
+        state.begun = true;
+    }
+
+    static constexpr double nowhere = 1e3;       ///< where a body stands that no arm reaches [m]
     static constexpr int max_retreat = 1 << 15;  ///< steps; an arm that falls back more slowly stands
 
     /// Until arm and body have separated, or the arm has come to rest. A held body that the arm has left is met again only if
@@ -50,29 +79,33 @@ class ContactReactions {
     void follow(ContactState& state, const PathAfter& path, double offset) const {
         const int block = dynamics_.propagator().block_steps, longest = path.length();
         // The reaction itself makes an elastic arm swing, before it touches the body, too.
-        const bool swings = dynamics_.propagator().elastic();
+        const bool swings = this->swings();
         state.reacts = true;
+        int met = state.touched ? 0 : -1;  // step in which it is touched; -1: it is not
         double from = path.at(0);
         int farther = 0;  // the last step known after which the reference goes beyond where it is
         for (int i = 0; !state.separated; ++i) {
             allow_interruption();
+            if (met < 0 && state.touched) met = i;
             if (peak_only_ && path.later(i) > from) farther = i;
             // One whose servo lags is pressed on by a reference that turned back long ago.
-            const bool late = i >= longest + swing_,
-                       turned = peak_only_ && i > farther + swing_ &&
+            const int calm = met < 0 ? longest + settles_ : std::max(longest, met) + swing_;
+            const bool late = i >= calm,
+                       turned = peak_only_ && met >= 0 && i > std::max(farther, met) + swing_ &&
                                 dynamics_.propagator().static_stiffness * (from - offset) <= state.peak;
             if (turned || (late && (!path.retreats() || i >= longest + max_retreat)))
                 return dynamics_.rest(state, from - offset);
             if (!state.contact) {
-                if (i >= longest && (late || !may_return(state))) return;
-                if (path.later(i) <= offset) return;
+                if (i >= longest && (late || !may_meet(state))) return;
+                if (path.later(i) <= offset && (met >= 0 || !swings)) return;
             }
-            const bool ends = i < longest + swing_ && i + block > longest + swing_;
+            const bool ends = i < calm && i + block > calm;
             if (block > 0 && !ends && (swings || state.touched)) {
                 std::array<double, ContactBlock::points + 1> ahead;
                 ahead[0] = from;
                 for (int n = 1; n <= block; ++n) ahead[std::size_t(n)] = path.at(i + n);
-                const int steps = dynamics_.leap(state, ahead.data(), offset, steps_until_left(path, i, block, offset));
+                const int until = met < 0 ? block : steps_until_left(path, i, block, offset);
+                const int steps = dynamics_.leap(state, ahead.data(), offset, until);
                 from = ahead[std::size_t(steps)];
                 i += steps;
                 if (steps == block) {
@@ -91,15 +124,14 @@ class ContactReactions {
         while (n > 1 && path.later(i + n - 1) <= offset) --n;
         return n;
     }
-    /// Whether the arm may come back by itself to a body that is held.
-    bool may_return(const ContactState& state) const {
-        return dynamics_.propagator().elastic() && state.touched && !state.separated;
-    }
+    /// Whether the arm may by itself come to a body that it has not met, or back to one that is held.
+    bool may_meet(const ContactState& state) const { return swings() && !state.separated; }
 
     const ContactPaths* paths_;
     bool peak_only_;
     ContactDynamics dynamics_;
-    int swing_;  // simulation steps until an oscillation at rest has had its peak
+    int swing_;    // simulation steps until an oscillation at rest has had its peak
+    int settles_;  // the same of an arm alone, which its servo brings to its reference
 };
 
 /// One body, whose first tick in contact is `tick`: the contact at every tick of the undetected collision, and what a reaction

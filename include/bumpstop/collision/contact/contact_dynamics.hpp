@@ -12,18 +12,19 @@ inline constexpr double transient_phase = 0.5;
 
 /// One collision.
 struct ContactState {
-    bool touched = false;    ///< since the first touch
-    bool contact = false;    ///< while arm and body push one another
-    bool separated = false;  ///< once arm and body have parted for good: their state is not carried on
-    bool begun = false;      ///< after the first step, before which the reference went on as in it
-    bool reacts = false;     ///< in a reaction
-    double force = 0;        ///< of the contact [N]
-    double peak = 0;         ///< greatest force so far [N]
-    double lasting = 0;      ///< greatest force after the transient phase [N]
-    double elapsed = 0;      ///< since the first touch [s]
-    double since = 0;        ///< time in contact [s]
-    double speed = 0;        ///< of the reference in the step before [m/s]
-    double ramp = 0;         ///< change of its speed in every step before a reaction: gears have wound up for it [m/s]
+    bool touched = false;         ///< since the first touch
+    bool contact = false;         ///< while arm and body push one another
+    bool separated = false;       ///< once arm and body have parted for good: their state is not carried on
+    bool begun = false;           ///< after the first step, before which the reference went on as in it
+    bool reacts = false;          ///< in a reaction
+    double force = 0;             ///< of the contact [N]
+    double peak = 0;              ///< greatest force so far [N]
+    double lasting = 0;           ///< greatest force after the transient phase [N]
+    double farthest = -HUGE_VAL;  ///< beyond the body's place, while arm and body are apart [m]
+    double elapsed = 0;           ///< since the first touch [s]
+    double since = 0;             ///< time in contact [s]
+    double speed = 0;             ///< of the reference in the step before [m/s]
+    double ramp = 0;  ///< change of its speed in every step before a reaction: gears have wound up for it [m/s]
     std::array<double, Transitions::padded> z{};  ///< as of ContactSystem, then zeros
 
     /// Notes a force that is `highest` between two times after what has elapsed, and `last` at the second.
@@ -83,6 +84,8 @@ class ContactDynamics {
         const int count = point < last ? point / pieces : steps;
         if (count == 0) return 0;
         if (at.contact) note_peaks(at, in[states_], speed, out.data(), count * pieces);
+        if (!at.contact)
+            at.farthest = std::max(at.farthest, *std::max_element(out.begin(), out.begin() + count * pieces));
         at.force = at.contact ? out[std::size_t(count * pieces) - 1] : 0.0;
         const double duration = count * by_->step;
         if (at.contact) at.since += duration;
@@ -196,6 +199,7 @@ class ContactDynamics {
                 at.since += share * time;
             } else {
                 changes = after.gap > 0 && after.force > by_->grazing;
+                at.farthest = std::max(at.farthest, after.gap);
                 // A body with damping may be pressed still where its force ended: then the force tells.
                 if (changes && before.gap < 0)
                     share = HermiteCourse(before.gap, before.opening * time, after.gap, after.opening * time).root();

@@ -31,6 +31,8 @@ struct ContactPaths {
     double change(int i) const {
         return i < 2 ? 0.0 : (undisturbed(i) - 2 * undisturbed(i - 1) + undisturbed(i - 2)) / step;
     }
+    /// Undisturbed speed in the step that ends with this one [m/s].
+    double speed(int i) const { return i < 1 ? 0.0 : (undisturbed(i) - undisturbed(i - 1)) / step; }
     int tick_step(int k) const { return k * period + 1; }
     int reaction_step(int k) const { return tick_step(k) + latency; }
 

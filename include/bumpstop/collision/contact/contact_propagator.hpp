@@ -251,7 +251,8 @@ struct ContactPropagator {
           piece(step / pieces),
           grazing(system.body().stiffness * separation_tolerance),
           static_stiffness(system.static_stiffness()),
-          half_oscillation(system.frequency() > 0 ? std::numbers::pi / system.frequency() : 0) {
+          half_oscillation(system.frequency() > 0 ? std::numbers::pi / system.frequency() : 0),
+          servo_lag(system.servo_lag()) {
         const detail::SquareMatrix pressed = system.matrix(true), alone = system.matrix(false);
         in_contact = Transitions(pressed, piece);
         apart = Transitions(alone, piece);
@@ -300,6 +301,7 @@ struct ContactPropagator {
     double grazing;           ///< a force that is none: of a gap within the separation tolerance [N]
     double static_stiffness;  ///< ContactSystem::static_stiffness [N/m]
     double half_oscillation;  ///< of contact [s]
+    double servo_lag;         ///< ContactSystem::servo_lag [s]
     Transitions in_contact, apart;
     std::array<Row, 3> force;  ///< and its rates in contact
     /// What a change of the reference's speed in a reaction does to them, and how much less it is where gears have wound up

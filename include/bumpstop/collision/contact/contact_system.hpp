@@ -290,6 +290,14 @@ class ContactSystem {
         return 1 / compliance;
     }
 
+    /// Time in which the slowest servo brings a rotor back to its reference, but for a third [s]; 0: the arm is rigid.
+    double servo_lag() const {
+        double lag = 0;
+        for (int j = 0; j < arm_.dof; ++j)
+            lag = std::max(lag, arm_.velocity_gain[std::size_t(j)] / arm_.position_gain[std::size_t(j)]);
+        return lag;
+    }
+
   private:
     /// Acceleration of coordinate i by the coordinates, and at last by r.
     Row accelerations(int i, bool in_contact) const {

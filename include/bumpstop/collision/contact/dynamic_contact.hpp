@@ -8,11 +8,11 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// False alarms whose reaction still reaches the body, in pieces of one tick: cells of offset, and the nodes of a
-/// quadrature over the same offsets.
+/// False alarms whose reaction still reaches the body, in pieces of one tick, and arms that reach it only beyond the end of their
+/// motion: cells of offset, and the nodes of a quadrature over the same offsets.
 struct EarlyReactions {
     static constexpr int cells = 16, nodes = 12;
-    std::vector<int> tick;                                        ///< [piece]
+    std::vector<int> tick;                                        ///< [piece]; the number of ticks: of none
     std::vector<double> mass;                                     ///< [piece][cell]: probability
     std::vector<double> edge_force, edge_lasting, edge_duration;  ///< [piece][cell + 1] [N, N, s]
     std::vector<double> node_mass;                                ///< [piece][node]
@@ -91,9 +91,11 @@ inline std::vector<double> turns(const ContactPaths& paths, int k, double low) {
     return found;
 }
 
-/// Some of the false alarms at tick k, against bodies from `low` to `top`.
-inline void add_piece(const ContactReactions& reactions, const OffsetDistribution& offset, int k, double chance,
-                      double low, double top, EarlyReactions& out) {
+/// Collisions of probability `chance` with bodies from `low` to `top`, of which `follow` tells what an offset comes to; after a
+/// false alarm at tick k.
+template <class Follow>
+void add_piece(const Follow& follow, const OffsetDistribution& offset, int k, double chance, double low, double top,
+               EarlyReactions& out) {
     constexpr int cells = EarlyReactions::cells, nodes = EarlyReactions::nodes;
     const bool fixed = offset.kind == OffsetKind::fixed;
     out.tick.push_back(k);
@@ -119,7 +121,7 @@ inline void add_piece(const ContactReactions& reactions, const OffsetDistributio
     // A body that stands at one place is struck once.
     const std::size_t places = fixed ? 1 : place.size();
     for (std::size_t i = 0; i < places; ++i) {
-        const ContactReactions::Outcome outcome = reactions(ContactState(), k, 0, place[i]);
+        const ContactReactions::Outcome outcome = follow(place[i]);
         force[i] = outcome.peak;
         lasting[i] = outcome.lasting;
         duration[i] = outcome.duration;
@@ -134,31 +136,40 @@ inline void add_piece(const ContactReactions& reactions, const OffsetDistributio
     keep(duration, out.edge_duration, out.node_duration);
 }
 
-/// Adds the false alarms at tick k, of probability `chance`, against bodies from `low` on. Where a reaction barely
-/// arrives, contact time grows from nothing like a square root: places crowd there. One that swings forward again and
-/// reaches far has a piece for each swing, and the density of the offset bends little in any. `rough`: pieces are larger.
-inline void add_alarms(const ContactReactions& reactions, const OffsetDistribution& offset, int k, double chance,
-                       double low, bool rough, EarlyReactions& out) {
+/// The same in pieces, as large as the density of the offset bends little in any, or larger where they may be `rough`; they
+/// end at some places on the way, too.
+template <class Follow>
+void add_pieces(const Follow& follow, const OffsetDistribution& offset, int k, double chance, double low, double top,
+                bool rough, std::vector<double> ends, EarlyReactions& out) {
     const double most_sd = rough ? 2 : 0.5;  // in a piece
-    const double top = std::min(reactions.paths().max_distance[std::size_t(k)], offset.largest());
+    top = std::min(top, offset.largest());
     if (offset.kind == OffsetKind::fixed) {
-        if (top >= offset.size && offset.size >= low) add_piece(reactions, offset, k, chance, low, top, out);
+        if (top >= offset.size && offset.size >= low) add_piece(follow, offset, k, chance, low, top, out);
         return;
     }
     if (!(top > low)) return;
     const double widest = offset.kind == OffsetKind::half_normal ? most_sd * offset.size : HUGE_VAL;
-    std::vector<double> ends;
-    if (!rough) ends = turns(reactions.paths(), k, low);
     std::erase_if(ends, [&](double end) { return !(end < top); });
     ends.push_back(top);
     double begin = low;
     for (double end : ends) {
         const int parts = std::max(1, int(std::ceil((end - begin) / widest)));
         for (int i = 0; i < parts; ++i)
-            add_piece(reactions, offset, k, chance, begin + (end - begin) * i / parts,
+            add_piece(follow, offset, k, chance, begin + (end - begin) * i / parts,
                       begin + (end - begin) * (i + 1) / parts, out);
         begin = end;
     }
+}
+
+/// Adds the false alarms at tick k, of probability `chance`, against bodies from `low` on. Where a reaction barely
+/// arrives, contact time grows from nothing like a square root: places crowd there. One that swings forward again and
+/// reaches far has a piece for each swing.
+inline void add_alarms(const ContactReactions& reactions, const OffsetDistribution& offset, int k, double chance,
+                       double low, bool rough, EarlyReactions& out) {
+    std::vector<double> ends;
+    if (!rough && offset.kind != OffsetKind::fixed) ends = turns(reactions.paths(), k, low);
+    add_pieces([&](double place) { return reactions(ContactState(), k, 0, place); }, offset, k, chance, low,
+               reactions.reach(k), rough, std::move(ends), out);
 }
 
 }  // namespace detail
@@ -184,6 +195,13 @@ inline void add_early_reactions(const ContactReactions& reactions, const OffsetD
             detail::add_alarms(reactions, offset, k, chance, edges[std::size_t(k) + 1], rare && reactions.peak_only(),
                                out);
     }
+    // Without an alarm an arm that gives way still swings beyond the end of its motion.
+    const ContactPaths& paths = reactions.paths();
+    const double survival = before.survival_before(ticks);
+    if (!reactions.swings() || paths.path->end == PathEnd::all_detected || !(survival > negligible_chance)) return;
+    const int end = paths.tick_step(ticks - 1);
+    detail::add_pieces([&](double place) { return reactions.undisturbed(ContactState(), end, place); }, offset, ticks,
+                       survival, edges.back(), reactions.reach_undisturbed(end), false, {}, out);
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET
