@@ -33,7 +33,7 @@ def worst_onset(problem: CollisionProblem) -> tuple[float, float]:
     point never moves toward the body.
 
     Within a control cycle the force falls as contact comes nearer to the tick that detects it, and rises abruptly where
-    that is the next tick: by a fifth and more. Each cycle has a crest of its own, which is searched for.
+    that is the next tick, by a fifth in stiff contacts. Each cycle has a crest of its own, which is searched for.
     """
     trajectory, accepted = problem.trajectory, problem.scenario.verdict.accepted_probability
     assert trajectory is not None

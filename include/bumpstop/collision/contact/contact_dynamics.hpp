@@ -83,8 +83,9 @@ class ContactDynamics {
             ++point;
         const int count = point < last ? point / pieces : steps;
         if (count == 0) return 0;
-        if (at.contact) note_peaks(at, in[states_], speed, out.data(), count * pieces);
-        if (!at.contact)
+        if (at.contact)
+            note_peaks(at, in[states_], speed, out.data(), count * pieces);
+        else
             at.farthest = std::max(at.farthest, *std::max_element(out.begin(), out.begin() + count * pieces));
         at.force = at.contact ? out[std::size_t(count * pieces) - 1] : 0.0;
         const double duration = count * by_->step;

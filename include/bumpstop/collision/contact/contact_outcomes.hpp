@@ -55,7 +55,7 @@ class ContactOutcomes {
           out_(out) {}
 
     void operator()() {
-        const bool elastic = out_.kinks = reactions_.dynamics().propagator().elastic();
+        const bool elastic = out_.kinks = reactions_.swings();
         // An arm's path is straight within a simulation step, which leaves kinks of this size in what it does. One that gives
         // way bounces: how long it touches in all is no smooth function of the offset.
         const double of_force = !elastic ? 2e-5 : reactions_.peak_only() ? 3e-4 : 1e-4;

@@ -39,7 +39,7 @@ class DynamicContact {
     }
     /// What the force at the i-th tick in contact, or the arm's oscillation, is in a joint's residual.
     T residual(T force, double torque_per_N, int joint, int i, int r) {
-        if (!reactions_.dynamics().propagator().elastic()) return torque_per_N * force;
+        if (!reactions_.swings()) return torque_per_N * force;
         return by_lane(r, [&](ContactCollision& collision) { return collision.residual(i, joint); });
     }
 
