@@ -10,7 +10,6 @@ from bumpstop.collision.curve import AT_REST, StoppingCurve, stopping_curve
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.trajectory.onset import trajectory_of
 from bumpstop.collision.trajectory.trajectory_curve import trajectory_curve, trajectory_kernel
-from bumpstop.collision.trajectory.trajectory_result import stops_short
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -86,4 +85,4 @@ class TracedMotion:
         part = whole.part(onset - speed * lead * step, min(end, whole.duration), speed)
         traced = replace(checked, period_steps=1, latency_steps=0, trajectory=part, q=whole.at(onset))
         curve = trajectory_curve(traced, trajectory_kernel(traced), lead * step)
-        return cls(traced, checked.period_steps, curve, lead, ended, rests=ended and not stops_short(whole))
+        return cls(traced, checked.period_steps, curve, lead, ended, rests=ended and not whole.stops_short)

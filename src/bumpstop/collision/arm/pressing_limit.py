@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
+from bumpstop.arrays import FloatArray
 from bumpstop.collision.curve import AT_REST, StoppingCurve, states_at_reactions, stopping_curve
 from bumpstop.model import gravity_torque, mass_matrix
 
@@ -36,6 +38,14 @@ class PressingLimit:
         """The object that ``bumpstop evaluate --json`` prints."""
         return {"static_force_N": self.static_force, "peak_force_N": self.peak_force, "joint": self.joint}
 
+    @classmethod
+    def greatest(cls, static: FloatArray, joint: npt.NDArray[np.int64], peak: FloatArray) -> PressingLimit | None:
+        """Of what :meth:`Drives.press` tells of poses, one or more; None where a pose has no bound."""
+        if not np.isfinite(static).all():
+            return None
+        worst = int(peak.argmax())
+        return cls(static_force=float(static.max()), peak_force=float(peak[worst]), joint=int(joint[worst]) + 1)
+
 
 def pressing_limit(problem: CollisionProblem, curve: StoppingCurve) -> PressingLimit | None:
     """The pressing limit of a line, the greatest of the poses of contact; None where there is none.
@@ -50,23 +60,59 @@ def pressing_limit(problem: CollisionProblem, curve: StoppingCurve) -> PressingL
     """
     if not knows_torque_limits(problem) or problem.trajectory is not None or not curve.ticks:
         return None
-    robot, limit = problem.robot, problem.drive_train.torque_limit
     largest = problem.offset_size * (_REACH_SD if problem.scenario.contact.offset_law == "half_normal" else 1.0)
     # Undetected there is no reaction, and no latency before one: the arm is met as it moves at the ticks themselves.
     own = stopping_curve(replace(problem, latency_steps=0)) if problem.latency_steps else curve
     q, qd = states_at_reactions(problem, own)
     touches = max(1, int((own.tick_distance <= largest).sum()))
-    q, qd, lever = q[:touches], qd[:touches], np.abs(own.torque_per_newton[:touches])
-    with np.errstate(divide="ignore"):
-        holds = (limit + np.abs(gravity_torque(robot, q))) / lever
-    static, joint = holds.min(axis=1), holds.argmin(axis=1)
-    if not np.isfinite(static).all():
-        return None
-    inertia = mass_matrix(robot, q) + np.diag(problem.drive_train.rotor_inertia)
-    doubled_energy = np.einsum("ki,kij,kj->k", qd, inertia, qd)
-    peak = static + np.sqrt(static**2 + doubled_energy * problem.stiffness)
-    worst = int(peak.argmax())
-    return PressingLimit(static_force=float(static.max()), peak_force=float(peak[worst]), joint=int(joint[worst]) + 1)
+    drives = Drives.at(problem, q[:touches], qd[:touches])
+    static, joint, peak = drives.press(own.torque_per_newton[:touches])
+    return PressingLimit.greatest(static, joint, peak)
+
+
+@dataclass(frozen=True)
+class Drives:
+    """What the drives give at some poses.
+
+    Attributes:
+        holding: torque that each holds against a contact force (N, dof) [Nm]; infinite: unknown.
+        doubled_energy: twice the kinetic energy of links and rotors (N,) [J].
+        stiffness: of the body [N/m].
+    """
+
+    holding: FloatArray
+    doubled_energy: FloatArray
+    stiffness: float
+
+    @classmethod
+    def at(cls, problem: CollisionProblem, q: FloatArray, qd: FloatArray) -> Drives:
+        """At joint positions and rates (N, dof).
+
+        Raises:
+            InputError: the inertia of a link is not known.
+        """
+        robot, train = problem.robot, problem.drive_train
+        inertia = mass_matrix(robot, q) + np.diag(train.rotor_inertia)
+        return cls(
+            holding=train.torque_limit + np.abs(gravity_torque(robot, q)),
+            doubled_energy=np.einsum("ki,kij,kj->k", qd, inertia, qd),
+            stiffness=problem.stiffness,
+        )
+
+    def press(
+        self, torque_per_newton: FloatArray, rows: slice | npt.NDArray[Any] = slice(None)
+    ) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray]:
+        """Static force [N], the number from 0 of the joint that bounds it, and the greatest force [N], by pose.
+
+        Args:
+            torque_per_newton: a = J^T n (rows, dof) [Nm/N].
+            rows: the poses that these are of.
+        """
+        with np.errstate(divide="ignore"):
+            holds = self.holding[rows] / np.abs(torque_per_newton)
+        static = holds.min(axis=1)
+        peak = static + np.sqrt(static**2 + self.doubled_energy[rows] * self.stiffness)
+        return static, holds.argmin(axis=1), peak
 
 
 def knows_torque_limits(problem: CollisionProblem) -> bool:

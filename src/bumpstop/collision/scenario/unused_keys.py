@@ -23,9 +23,7 @@ def keys_without_effect(scenario: ScenarioTables) -> dict[str, str]:
         found["detector.observer_gain_1_s"] = 'with detector.residual = "direct"'
     if detector.residuals is not None:
         found["detector.noise_sd_Nm"] = "with detector.residuals, whose noise counts"
-    if scenario.motion.kind == "trajectory":
-        found["arm.torque_limit_Nm"] = "on trajectories, whose undetected collisions count with the force of the path"
-    elif contact.kind == "free":
+    if contact.kind == "free":
         found["arm.torque_limit_Nm"] = "on a body that gets away"
     if not scenario.uncertainty:
         found["verdict.confidence"] = "without [uncertainty]"

@@ -51,6 +51,15 @@ class Trajectory:
         return float(self.time[-1])
 
     @cached_property
+    def stops_short(self) -> bool:
+        """Whether it ends while the arm still moves.
+
+        The last row is no place of rest: a joint is faster there than a hundredth of the greatest speed of all.
+        """
+        rates = np.abs(self.at(np.linspace(0, self.duration, 500), 1))
+        return bool((rates[-1] > 0.01 * rates.max()).any())
+
+    @cached_property
     def _spline(self) -> PiecewiseCubic:
         if self.velocity is not None:
             return PiecewiseCubic.hermite(self.time, self.position, self.velocity)

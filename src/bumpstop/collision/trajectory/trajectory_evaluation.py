@@ -14,10 +14,11 @@ from bumpstop.arrays import FloatArray
 from bumpstop.collision.distribution.distribution import Distribution, SampledDistribution
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.sampled_figures import kept_runs, sampled_figures
-from bumpstop.collision.trajectory.onset import approach, onset_quadrature, sample_onsets, trajectory_of
+from bumpstop.collision.trajectory.onset import approach, onset_quadrature, sample_onsets
 from bumpstop.collision.trajectory.onset_mixture import DetectedCollisions, OnsetMixture
 from bumpstop.collision.trajectory.trajectory_curve import trajectory_curve, trajectory_kernel
-from bumpstop.collision.trajectory.trajectory_result import PhaseShares, TrajectoryCollisionResult, stops_short
+from bumpstop.collision.trajectory.trajectory_result import PhaseShares, TrajectoryCollisionResult
+from bumpstop.collision.trajectory.undetected import undetected_forces
 from bumpstop.collision.verdict.two_phase import greater_share
 from bumpstop.errors import InputError
 
@@ -53,6 +54,10 @@ def integrate_trajectory(
     )
     after = out["distance"] >= 0
     never = weight * out["undetected"]
+    missed = np.flatnonzero(never > 0)
+    undetected = undetected_forces(problem, begin[missed], normal[missed])
+    undetected_peak[missed] = undetected.of(undetected_peak[missed])
+    out["undetected_lasting"][missed] = undetected.of(out["undetected_lasting"][missed])
     mixer = OnsetMixture(times, used[contact], tick)
     late = (tick * problem.period_steps + 1) * problem.scenario.simulation.step_s - begin[contact]
     false_alarm = float(weight @ out["false_alarm"])
@@ -60,8 +65,6 @@ def integrate_trajectory(
     zero = float(weight @ out["zero_force"])
     contact_durations: Distribution | None = None
     undetected_force: Distribution | None = None
-    rests = not stops_short(trajectory_of(problem))
-    missed = np.flatnonzero(never > 0)
     # What goes undetected is like what one more tick detects.
     everything = OnsetMixture(
         times,
@@ -71,10 +74,13 @@ def integrate_trajectory(
     all_mass = np.append(mass, never[missed])
 
     def of_all(value: FloatArray, of_undetected: FloatArray) -> Distribution:
-        if problem.gets_away or rests:
+        if problem.gets_away or undetected.bounded:
             return everything.distribution(np.append(value, of_undetected[missed]), all_mass, zero=zero)
         return mixer.distribution(value, mass, zero=zero, end=(of_undetected[missed], never[missed]))
 
+    if undetected.bounded and missed.size:
+        alone = OnsetMixture(times, used[missed], np.full(missed.size, kernel.ticks, dtype=tick.dtype))
+        undetected_force = alone.distribution(undetected_peak[missed], never[missed])
     if free:
         if problem.gets_away:
             lasts = np.append(out["duration"], out["undetected_duration"][missed])
@@ -84,9 +90,6 @@ def integrate_trajectory(
             contact_durations = mixer.distribution(np.where(lasts > 0, lasts, math.nan), mass)
         force = out["force"]
     else:
-        if rests and missed.size:
-            alone = OnsetMixture(times, used[missed], np.full(missed.size, kernel.ticks, dtype=tick.dtype))
-            undetected_force = alone.distribution(undetected_peak[missed], never[missed])
         if problem.scenario.reaction.kind == "reverse":
             contact_durations = mixer.distribution(kernel.contact_durations(tick.tolist(), begin[contact]), mass)
         force = K * out["distance"]
@@ -114,6 +117,7 @@ def integrate_trajectory(
         detections=DetectedCollisions(tick, begin[contact], np.ascontiguousarray(normal[contact]), mass, mixer),
         max_undetected_force=float(undetected_peak.max(where=never > 0, initial=0.0)),
         undetected_force=undetected_force,
+        pressing=undetected.limit,
         shares=_shares_of_nodes(out, of_all) if free else None,
     )
 
@@ -189,12 +193,21 @@ def monte_carlo_trajectory(
     if problem.scenario.reaction.kind == "reverse" and not free:
         lasts = kernel.contact_durations(tick[detected].tolist(), begin[detected])
         contact_durations = SampledDistribution(lasts[np.isfinite(lasts)])
+    near = (times.weight > 0) & undetected.any()
+    missed = undetected_forces(problem, times.begin[near], times.normal[near]).at(times.begin[near], begin[undetected])
+
+    def with_missed(path: FloatArray) -> FloatArray:
+        out = np.array(path)
+        out[undetected] = missed.of(path[undetected])
+        return out
+
+    peak = with_missed(peak)
     worst_onset = float(begin[int(np.argmax(peak))])
-    # Of an arm that moves on at the end of its trajectory no force is the greatest.
-    unbounded = undetected if not problem.gets_away and stops_short(trajectory_of(problem)) else None
+    # Of an arm that moves on at the end of its trajectory no force is the greatest, but for what its drives allow.
+    unbounded = undetected if not (problem.gets_away or missed.bounded) else None
 
     def shares(first: float, later: float) -> Distribution:
-        return SampledDistribution(greater_share(peak, runs.lasting_force, (first, later)), unbounded)
+        return SampledDistribution(greater_share(peak, with_missed(runs.lasting_force), (first, later)), unbounded)
 
     return TrajectoryCollisionResult(
         problem=problem,
@@ -222,5 +235,6 @@ def monte_carlo_trajectory(
             tick[detected].astype(np.int64), begin[detected], np.ascontiguousarray(normal[detected])
         ),
         max_undetected_force=float(peak.max(where=undetected, initial=0.0)),
+        pressing=missed.limit,
         shares=shares if free else None,
     )

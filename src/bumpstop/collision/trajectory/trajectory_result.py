@@ -11,6 +11,7 @@ import numpy as np
 
 from bumpstop import _native
 from bumpstop.collision.arm.arm_mass import arm_mass_at
+from bumpstop.collision.arm.pressing_limit import PressingLimit
 from bumpstop.collision.curve import StoppingCurve
 from bumpstop.collision.distribution.distribution import NEGLIGIBLE, Distribution
 from bumpstop.collision.distribution.transient_contact import ImpactBounds, bounds_at
@@ -21,7 +22,7 @@ from bumpstop.collision.trajectory.onset import (
     trajectory_of,
 )
 from bumpstop.collision.trajectory.onset_mixture import DetectedCollisions
-from bumpstop.collision.trajectory.trajectory import Trajectory, point_motion
+from bumpstop.collision.trajectory.trajectory import point_motion
 from bumpstop.collision.trajectory.trajectory_curve import trajectory_curve
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
 
@@ -43,8 +44,9 @@ class TrajectoryCollisionResult(CollisionResult):
             contact.
         detections: the detected collisions one by one.
         max_undetected_force: the greatest force of a collision never detected [N].
-        undetected_force: force of such collisions, given one [N]; of the integrated distribution of clamped contact,
-            where there are any.
+        undetected_force: force of such collisions, given one [N]; of the integrated distribution, where there are any
+            and their forces have a bound.
+        pressing: the most that the drives press a held body with; None where torque limits are not known.
         shares: where arm or body give way, what :meth:`phase_shares` tells.
     """
 
@@ -55,12 +57,18 @@ class TrajectoryCollisionResult(CollisionResult):
     detections: DetectedCollisions = field(kw_only=True)
     max_undetected_force: float = field(kw_only=True)
     undetected_force: Distribution | None = field(kw_only=True, default=None)
+    pressing: PressingLimit | None = field(kw_only=True, default=None)
     shares: PhaseShares | None = field(kw_only=True, default=None)
 
     @cached_property
     def contact_duration(self) -> Distribution | None:
         """From contact until arm and body separate [s], given that; None where the arm stops in clamped contact."""
         return self.contact_durations
+
+    @cached_property
+    def pressing_limit(self) -> PressingLimit | None:
+        """Greatest force of the drives where collisions are never detected; None where torque limits are unknown."""
+        return self.pressing
 
     @property
     def left_in_contact_probability(self) -> float:
@@ -122,7 +130,7 @@ class TrajectoryCollisionResult(CollisionResult):
                 f"{self.kernel.acceleration_overload:.3g} times those of the "
                 "reaction: there the arm brakes as far as it can with the least excess."
             )
-        if stops_short(trajectory_of(self.problem)):
+        if trajectory_of(self.problem).stops_short:
             notes.append(
                 "The trajectory ends while the arm still moves. It is taken to stand still there at once, so contact "
                 "near the end is harder than it says."
@@ -131,8 +139,15 @@ class TrajectoryCollisionResult(CollisionResult):
             share = percent(self.no_contact_probability, integrated=self.kind == "exact")
             notes.append(f"In {share} of cases the point turns back within a simulation step, and nothing is touched.")
         if self.undetected_probability > NEGLIGIBLE and self.problem.body_mass is None:
-            because = self.unbounded_because
+            because, drives = self.unbounded_because, self.pressing
             count = "They count with their force"
+            if drives is not None:
+                count = (
+                    "They count with the most that the drives press with"
+                    + (", or with the force of the path, where it is less" if self._rests else "")
+                    + f": {drives.static_force:.4g} N at the torque limit of joint {drives.joint}, "
+                    f"{drives.peak_force:.4g} N with the blow"
+                )
             if because is not None:
                 count = f"They are not detected {because} and count as over every limit, whatever their force"
             share = percent(self.undetected_probability, integrated=self.kind == "exact")
@@ -162,23 +177,20 @@ class TrajectoryCollisionResult(CollisionResult):
     @property
     def unbounded_because(self) -> str | None:
         """See :attr:`CollisionResult.unbounded_because`."""
-        if self.problem.body_mass is not None or not stops_short(trajectory_of(self.problem)):
+        if self.problem.body_mass is not None or self._rests or self.pressing is not None:
             return None
         return "before the trajectory (motion.file) ends while the arm still moves"
 
+    @property
+    def _rests(self) -> bool:
+        return not trajectory_of(self.problem).stops_short
+
     def undetected_over(self, force: float) -> float:
         """See :meth:`CollisionResult.undetected_over`."""
-        if self.samples is not None or self.unbounded_because is not None:
-            return super().undetected_over(force)
+        if self.unbounded_because is not None:
+            return self.undetected_probability
+        if self.runs is not None:
+            return float(((self.runs["tick"] < 0) & (self.runs["peak_force"] > force)).mean())
         if self.undetected_force is None:
             return 0.0
         return self.undetected_force.exceedance(force) * self.undetected_probability
-
-
-def stops_short(trajectory: Trajectory) -> bool:
-    """Whether a trajectory ends while the arm still moves.
-
-    The last row is no place of rest: a joint is faster there than a hundredth of the greatest speed of all.
-    """
-    rates = np.abs(trajectory.at(np.linspace(0, trajectory.duration, 500), 1))
-    return bool((rates[-1] > 0.01 * rates.max()).any())

@@ -132,8 +132,9 @@ class VerdictSection(Section):
         if self.result.problem.body_mass is None:
             because, pressing = self.result.unbounded_because, self.result.pressing_limit
             if pressing is not None:
+                at_most = "at most " if self.result.problem.trajectory is not None else ""
                 meaning += (
-                    "Collisions that are never detected count with the most that the drives press with, "
+                    f"Collisions that are never detected count {at_most}with the most that the drives press with, "
                     f"{pressing.peak_force:.4g} N ({pressing.static_force:.4g} N without the blow)."
                 )
             elif because is None:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from bumpstop.collision.trajectory.onset import approach
 from bumpstop.collision.trajectory.trajectory_curve import trajectory_kernel
+from bumpstop.collision.trajectory.undetected import undetected_forces
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S, greater_share
 from bumpstop.study.requirement.risk import allowed_force
 
@@ -73,6 +74,10 @@ def onset_shares(problem: CollisionProblem, begin: FloatArray, kernel: _native.T
     kernel = kernel or trajectory_kernel(problem)
     own = np.ascontiguousarray(normal[moving])
     out = kernel.integrate(problem.detector, problem.contact, begin[moving], own)
+    missed = np.flatnonzero(out.undetected > 0)
+    undetected = undetected_forces(problem, begin[moving[missed]], own[missed])
+    for force in (out.undetected_peak, out.undetected_lasting):
+        force[missed] = undetected.of(force[missed])
     onset = moving[np.append(out.onset, np.arange(moving.size))]
     probability = np.append(out.probability, out.undetected)
     stiffness, lasting, transient = problem.stiffness, allowed_force(problem), problem.transient_limits
