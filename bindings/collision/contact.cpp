@@ -69,14 +69,16 @@ void bind_contact(nb::module_& module) {
         .def_ro("duration", &ContactCourse::duration);
     module.def(
         "contact_course",
-        [](const ElasticArm& arm, const ContactBody& body, double step, Vector path, double offset) {
+        [](const ElasticArm& arm, const ContactBody& body, double step, Vector path, double offset,
+           std::size_t reaction) {
             return unlocked([&] {
                 const ContactPropagator by(ContactSystem(arm, body), step);
-                return contact_course(by, {path.data(), path.shape(0)}, offset);
+                return contact_course(by, {path.data(), path.shape(0)}, offset, reaction);
             });
         },
-        nb::arg("arm"), nb::arg("body"), nb::arg("step"), nb::arg("path"), nb::arg("offset"),
-        "A collision along a path: distances after every step [m], the body standing at an offset [m].");
+        nb::arg("arm"), nb::arg("body"), nb::arg("step"), nb::arg("path"), nb::arg("offset"), nb::arg("reaction"),
+        "A collision along a path: distances after every step [m], the body standing at an offset [m]; after a step it "
+        "is a reaction.");
     nb::enum_<ContactQuantity>(module, "ContactQuantity")
         .value("peak_force", ContactQuantity::peak_force)
         .value("duration", ContactQuantity::duration)

@@ -136,6 +136,23 @@ def test_single_runs_in_the_report_are_those_of_the_kernels(name: str) -> None:
             assert rollout.residual[-1] == pytest.approx(residual, abs=1e-9)
 
 
+@pytest.mark.parametrize("latency", [0.0, 0.03, 0.06])
+def test_single_runs_of_an_elastic_arm_along_a_trajectory(latency: float) -> None:
+    """The kernels end a path where detection is certain; here it is known to the end of the motion."""
+    changes = {"arm.model": "elastic", "reaction.latency_s": latency, "arm.acceleration_feedforward": 0.5}
+    result = bs.evaluate(
+        bs.load_scenario(REPOSITORY / "examples" / "06_pick_and_place_trajectory.toml", changes), samples=60, seed=3
+    )
+    assert result.runs is not None
+    rollouts = Rollouts(result)
+    for run in range(0, 60, 3):
+        rollout, tick = rollouts.rollout(run), int(result.runs["tick"][run])
+        assert rollout.force.max() == pytest.approx(result.runs["peak_force"][run], rel=2e-3)
+        # The lever of the tick after the contact, not that of contact itself.
+        if tick >= 0:
+            assert rollout.residual[-1] == pytest.approx(result.runs["residual"][run][rollout.joint], abs=0.02)
+
+
 @pytest.mark.parametrize("name", list(OUTLASTING))
 def test_single_runs_in_the_report_end_when_the_body_has_got_away(name: str) -> None:
     result = bs.evaluate(OUTLASTING[name], samples=60, seed=3)

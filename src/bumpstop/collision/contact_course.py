@@ -31,7 +31,7 @@ def arm_in_contact(problem: CollisionProblem, curve: StoppingCurve, distance: fl
 
 
 def contact_course(
-    problem: CollisionProblem, curve: StoppingCurve, path: FloatArray, offset: float
+    problem: CollisionProblem, curve: StoppingCurve, path: FloatArray, offset: float, reaction: int
 ) -> _native.ContactCourse:
     """Force [N] and noiseless residuals [Nm] after every simulation step.
 
@@ -40,7 +40,8 @@ def contact_course(
         curve: of its motion.
         path: distance of the reference along the normal at every simulation step (steps,) [m].
         offset: where the body stands at rest [m].
+        reaction: the step with which the reaction begins, the last one of ``path`` that is undisturbed.
     """
     arm = arm_in_contact(problem, curve, offset)
     step = problem.scenario.simulation.step_s
-    return _native.contact_course(arm, problem.contact.body, step, np.ascontiguousarray(path), offset)
+    return _native.contact_course(arm, problem.contact.body, step, np.ascontiguousarray(path), offset, reaction)

@@ -117,11 +117,11 @@ class TracedCollision:
         self.undetected_counts = self.problem.gets_away or motion.rests
         self.arm = arm_in_contact(self.problem, self.curve, self.offset)
         self.path = self.curve.distance[: motion.contact_step + math.ceil(window / self.step) + 1]
-        self.undisturbed = self._course(self.path)
+        self.undisturbed = self._course(self.path, self.path.size)
 
-    def _course(self, path: FloatArray) -> _native.ContactCourse:
+    def _course(self, path: FloatArray, reaction: int) -> _native.ContactCourse:
         return _native.contact_course(
-            self.arm, self.problem.contact.body, self.step, np.ascontiguousarray(path), self.offset
+            self.arm, self.problem.contact.body, self.step, np.ascontiguousarray(path), self.offset, reaction
         )
 
     def _torque(self) -> FloatArray:
@@ -184,7 +184,7 @@ class TracedCollision:
             path = np.concatenate([self.path[: int(begin)], reaction])
             if stand:
                 path = np.append(path, np.full(stand, path[-1]))
-            peaks[i] = self._course(path).peak
+            peaks[i] = self._course(path, int(begin)).peak
             if stops and not self.problem.gets_away:
                 peaks[i] = max(peaks[i], self._static_stiffness * max(0.0, float(path[-1]) - self.offset))
         return peaks

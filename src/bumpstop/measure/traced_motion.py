@@ -54,7 +54,7 @@ class TracedMotion:
             speed: of a trajectory, as a share of its own.
 
         Raises:
-            InputError: a trajectory has no time of contact, or its arm is elastic.
+            InputError: a trajectory has no time of contact.
         """
         if scenario.motion.kind == "trajectory":
             return cls._of_trajectory(scenario, window, speed)
@@ -74,10 +74,6 @@ class TracedMotion:
             found = "'uniform' is not available: a gauge is hit at one place of the trajectory"
             raise InputError("motion.contact_onset_s", found, "give the time at which the motion meets the gauge")
         checked = CollisionProblem.from_scenario(scenario)
-        if checked.elastic:
-            # The gears have wound up for what the trajectory does before the reaction; a traced course does not know.
-            found = "'elastic' is not available with a trajectory that is measured"
-            raise InputError("arm.model", found, "give the line at that place")
         whole, step = trajectory_of(checked), scenario.simulation.step_s
         lead = min(_LEAD, int(onset / (speed * step)))
         end = onset + speed * window

@@ -54,7 +54,7 @@ def test_rigid_gears_and_servos_press_as_the_clamped_spring(rigid: float) -> Non
     # With P = w_p D and D = w_v (B + M_jj), w_p w_v = rigid: both compliances fall with it.
     stiff = arm(gear_stiffness=rigid, gear_damping=1.0, servo_bandwidth=1e6, servo_position_gain=rigid / 1e6)
     path = out_and_back()
-    course = _native.contact_course(stiff, body(), STEP, path, 0.0)
+    course = _native.contact_course(stiff, body(), STEP, path, 0.0, 0)
     left = 2e5 / rigid  # what K a'(1/Kg + 1/P) a is, and the damping of the servo
     assert course.peak == pytest.approx(STIFFNESS * path.max(), rel=left)
     np.testing.assert_allclose(course.force, STIFFNESS * np.maximum(path, 0.0), atol=2 * left * course.peak)
@@ -66,7 +66,7 @@ def test_rigid_gears_and_servos_press_as_the_clamped_spring(rigid: float) -> Non
 def test_an_arm_that_nothing_holds_strikes_with_v_root_mk(rotors: bool) -> None:
     held = arm(gear_stiffness=1e13 if rotors else 1e-9)
     speed = 0.25
-    course = _native.contact_course(held, body(), STEP, speed * STEP * np.arange(200.0), 0.0)
+    course = _native.contact_course(held, body(), STEP, speed * STEP * np.arange(200.0), 0.0, 0)
     mass = float(effective_mass(with_rotors(ROBOT, ROTOR) if rotors else ROBOT, Q, np.array([0.0, 0.0, -1.0])))
     assert course.peak == pytest.approx(speed * math.sqrt(mass * STIFFNESS), rel=1e-6)
 
@@ -116,7 +116,7 @@ def test_force_follows_the_exponential_of_the_stated_system_and_nothing_that_is_
     held, hit = arm(gear_damping=0.05, servo_bandwidth=200.0, servo_position_gain=20.0), body(damping=100.0)
     t = STEP * np.arange(60)
     path = 0.2 * t - 1.5 * t**2
-    course = _native.contact_course(held, hit, STEP, path, 0.0)
+    course = _native.contact_course(held, hit, STEP, path, 0.0, 0)
     a = np.asarray(held.matrix(hit, True))
     m = len(a) // 2
     rate = a[0, m]
@@ -135,6 +135,6 @@ def test_force_follows_the_exponential_of_the_stated_system_and_nothing_that_is_
     assert course.force[31] == 0
     changed = path.copy()
     changed[20:] += 0.01
-    other = _native.contact_course(held, hit, STEP, changed, 0.0)
+    other = _native.contact_course(held, hit, STEP, changed, 0.0, 0)
     np.testing.assert_array_equal(course.force[:20], other.force[:20])
     assert other.force[20] > course.force[20] + 1

@@ -32,7 +32,7 @@ class ContactReactions {
 
     /// Detection at a tick; `state` is that of the collision `first` steps later, from 0 up to the latency.
     Outcome operator()(ContactState state, int tick, int first, double offset) const {
-        set_out(state, paths_->tick_step(tick) + first, paths_->tick_step(tick));
+        set_out(state, paths_->tick_step(tick) + first);
         // A rigid arm that stops short of the body need not be followed. One that gives way swings beyond its path.
         const double most = paths_->max_distance[std::size_t(tick)];
         if (state.touched || most > offset - separation_tolerance || (swings() && std::isfinite(most)))
@@ -41,7 +41,7 @@ class ContactReactions {
     }
     /// Nothing reacts from `step` on: the motion goes on to its end, where the arm stands.
     Outcome undisturbed(ContactState state, int step, double offset) const {
-        set_out(state, step, step);
+        set_out(state, step);
         follow(state, PathAfter::undisturbed(*paths_, step), offset);
         return {state.peak, state.lasting, state.since};
     }
@@ -51,22 +51,22 @@ class ContactReactions {
         const double most = paths_->max_distance[std::size_t(tick)];
         if (!swings() || !std::isfinite(most)) return most;
         ContactState state;
-        set_out(state, paths_->tick_step(tick), paths_->tick_step(tick));
+        set_out(state, paths_->tick_step(tick));
         follow(state, PathAfter(*paths_, tick, 0), nowhere);
         return state.farthest + nowhere;
     }
     /// How far it gets where nothing reacts from a step on [m]; of one that gives way.
     double reach_undisturbed(int step) const {
         ContactState state;
-        set_out(state, step, step);
+        set_out(state, step);
         follow(state, PathAfter::undisturbed(*paths_, step), nowhere);
         return state.farthest + nowhere;
     }
 
   private:
-    /// A reaction to what is felt in a step sets out from another: until then the reference has gone on undisturbed.
-    void set_out(ContactState& state, int from, int felt) const {
-        state.ramp = paths_->change(felt);
+    /// A reaction sets out from a step: until then the reference has gone on undisturbed.
+    void set_out(ContactState& state, int from) const {
+        state.ramp = paths_->change(from);
         if (!state.begun) state.speed = paths_->speed(from);
         state.begun = true;
     }

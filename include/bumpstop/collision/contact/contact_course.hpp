@@ -16,14 +16,20 @@ struct ContactCourse {
 };
 
 /// `path`: distances of the reference after every simulation step, the start first; the body stands at `offset` [m].
-inline ContactCourse contact_course(const ContactPropagator& by, std::span<const double> path, double offset) {
+/// After step `reaction` what the path does is sudden. Until then gears have wound up for it, and an arm that has not met
+/// the body is where its reference is.
+inline ContactCourse contact_course(const ContactPropagator& by, std::span<const double> path, double offset,
+                                    std::size_t reaction) {
     const ContactDynamics dynamics(by);
     ContactState state;
-    state.reacts = true;  // whatever the path does is sudden
     ContactCourse course;
     for (std::size_t i = 0; i < path.size(); ++i) {
         allow_interruption();
-        if (i > 0) dynamics.step(state, path[i - 1], path[i], offset);
+        if (i > reaction && !state.reacts) {
+            state.reacts = true;
+            if (i > 2) state.ramp = (path[i - 1] - 2 * path[i - 2] + path[i - 3]) / by.step;
+        }
+        if (i > 0 && (state.reacts || state.meets(path[i], offset))) dynamics.step(state, path[i - 1], path[i], offset);
         course.force.push_back(state.force);
         if (by.dof == 0) continue;
         course.residual.resize(course.residual.size() + std::size_t(by.dof));

@@ -133,9 +133,9 @@ class ArmTrajectory {
     }
 
     /// The stopping curve of a contact that begins at time `begin` on a plane across `normal`, from the trajectory's start
-    /// on. Distances are those along the normal from the place of contact; none is above zero before it. With a detector
-    /// the curve ends where contact has been detected for certain, or a tick after a body of a mass above zero [kg] has
-    /// got away.
+    /// on, and for a latency beyond its end. Distances are those along the normal from the place of contact; none is above
+    /// zero before it. With a detector the curve ends where contact has been detected for certain, or a tick after a body of
+    /// a mass above zero [kg] has got away.
     StoppingCurve curve(double begin, const Point3<double>& normal, const GaussianThresholds* detector,
                         const Contact& contact, const ContactPropagator* by = nullptr) const {
         StoppingCurve curve;
@@ -155,11 +155,14 @@ class ArmTrajectory {
         const std::size_t n = std::size_t(setup_.chain.dof);
         double greatest = 0;  // distance since contact began
         std::vector<double> torque(n);
-        for (int i = 0; i <= steps_; ++i) {
-            const double s = dot(point_[std::size_t(i)] - origin, normal);
-            const bool touched = i * step() > begin;
+        const auto go_on_to = [&](int i, bool touched) {
+            const double s = dot(point_[std::size_t(std::min(i, steps_))] - origin, normal);
             path.s.push_back(touched ? s : std::min(s, not_yet));
-            if (touched) greatest = std::max(greatest, s);
+        };
+        for (int i = 0; i <= steps_; ++i) {
+            const bool touched = i * step() > begin;
+            go_on_to(i, touched);
+            if (touched) greatest = std::max(greatest, path.s.back());
             if (dynamics && touched && i > 0) dynamics->step(body, path.s[std::size_t(i) - 1], path.s.back(), 0.0);
             if (i < 1 || (i - 1) % setup_.timing.period != 0) continue;
             allow_interruption();
@@ -180,6 +183,8 @@ class ArmTrajectory {
             }
             away = body.separated > 0.5;
         }
+        // For the reactions.
+        for (int n = 0; n < setup_.timing.latency; ++n) go_on_to(int(path.s.size()), true);
         return curve;
     }
 
@@ -206,11 +211,10 @@ class ArmTrajectory {
     /// What a body that can get away meets on such a curve: the reactions to all ticks whose path arrives, or to one.
     ContactPaths contact_paths(const StoppingCurve& curve, double begin, const Point3<double>& normal,
                                int only_tick = -1) const {
-        const int end = int(std::min(curve.path.s.size() - 1, std::size_t(steps_)));
         ContactPaths paths{&curve.path,
                            setup_.timing.period,
                            setup_.timing.latency,
-                           end,
+                           int(curve.path.end_step(setup_.timing)),
                            step(),
                            setup_.reaction == ReactionKind::reverse,
                            {},

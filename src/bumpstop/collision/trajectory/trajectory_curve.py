@@ -32,8 +32,7 @@ def trajectory_curve(problem: CollisionProblem, kernel: _native.Trajectory, begi
         tick_distance=distance[index],
         max_distance=traced.max_distance,
         torque_per_newton=traced.torque_per_newton,
-        # A reaction may begin a latency after the end, where the arm stands.
-        distance=np.append(distance, np.full(problem.latency_steps, distance[-1])),
+        distance=distance,
         start=traced.start,
         normal=normal[0],
         approach_speed=float(speed[0]),

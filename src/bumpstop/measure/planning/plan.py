@@ -144,7 +144,7 @@ def plan_measurements(
     """Plan the measurement of contact situations.
 
     Args:
-        named: names and scenarios, of one robot. Beside others, trajectories of elastic arms are left out, with a note.
+        named: names and scenarios, of one robot.
         device: gauge for all of them; None: that of each body region.
         speed_shares: speeds that are measured, as shares of the situation's.
         shots: how many; None: 30, and at least one for each situation.
@@ -167,9 +167,7 @@ def plan_measurements(
             raise InputError("speeds", f"{share:g} cannot be used", "wanted shares of the speed, 0.01 to 1")
     if device is not None:
         check_device(device)
-    given = list(named)
-    measurable = [(name, scenario) for name, scenario in given if not _unplanned(scenario)]
-    situations = situations_of(measurable or given, device)
+    situations = situations_of(list(named), device)
     parameters = Parameters.of([each.measured for each in situations], spread, fixed=fixed)
     wanted = max(SHOTS, len(situations)) if shots is None else as_whole_number(shots, "shots", 1, 10_000)
     conditions = conditions_of(situations, parameters, speed_shares)
@@ -187,12 +185,6 @@ def plan_measurements(
     design = greedy_design(
         belief, wanted, repeats=repeats, own_speed=np.array([each.own_speed for each in ensemble.conditions])
     )
-    notes += [
-        f"{name} is left out: its motion is a trajectory and its arm is elastic, and shots of that cannot be computed. "
-        "Give the line at that place."
-        for name, scenario in given
-        if _unplanned(scenario)
-    ]
     missing = {each.name for each in situations} - {
         ensemble.conditions[c].situation.name for c in design.condition if ensemble.conditions[c].own_speed
     }
@@ -227,10 +219,6 @@ def plan_measurements(
         fixed=tuple(fixed),
         notes=tuple(notes),
     )
-
-
-def _unplanned(scenario: Scenario) -> bool:
-    return scenario.motion.kind == "trajectory" and scenario.arm.model == "elastic"
 
 
 def conditions_of(

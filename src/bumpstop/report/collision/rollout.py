@@ -124,15 +124,16 @@ class Rollouts:
             # An arm that cannot follow its line as far brakes where it ends.
             begin = min(tick * period + 1 + problem.latency_steps, distance.size - 1)
             # The reaction's path starts with the step in which it begins.
-            reaction = curve.kernel.reaction_paths([tick], [offset])[0]
-            distance = np.concatenate([distance[:begin], reaction])
+            distance = np.concatenate([distance[:begin], curve.kernel.reaction_paths([tick], [offset])[0]])
         displacement = np.zeros_like(distance)
         course = None
         if problem.gives_way and not problem.gets_away:
             if problem.elastic and tick >= 0 and problem.scenario.reaction.kind == "stop":
                 # The arm goes on oscillating where its reference stands.
                 distance = np.append(distance, np.full(math.ceil(_OSCILLATES_S / step), distance[-1]))
-            course = contact_course(problem, curve, distance, offset)
+            # Undetected the arm reacts to nothing before the last tick, not even to the end of its motion.
+            reaction = max(0, curve.ticks - 1) * period + 1 if begin is None else begin
+            course = contact_course(problem, curve, distance, offset, reaction)
             displacement = np.maximum(0.0, distance - offset) - course.force / problem.stiffness
         elif problem.gets_away:
             distance, displacement = _until_separated(problem, distance, offset)
