@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -137,9 +138,10 @@ def test_single_runs_in_the_report_are_those_of_the_kernels(name: str) -> None:
 
 
 @pytest.mark.parametrize("latency", [0.0, 0.03, 0.06])
-def test_single_runs_of_an_elastic_arm_along_a_trajectory(latency: float) -> None:
+@pytest.mark.parametrize("free", [{}, {"contact.kind": "free", "contact.body_mass_kg": 8.0}], ids=["clamped", "free"])
+def test_single_runs_of_an_elastic_arm_along_a_trajectory(latency: float, free: dict[str, Any]) -> None:
     """The kernels end a path where detection is certain; here it is known to the end of the motion."""
-    changes = {"arm.model": "elastic", "reaction.latency_s": latency, "arm.acceleration_feedforward": 0.5}
+    changes = {"arm.model": "elastic", "reaction.latency_s": latency, "arm.acceleration_feedforward": 0.5, **free}
     result = bs.evaluate(
         bs.load_scenario(REPOSITORY / "examples" / "06_pick_and_place_trajectory.toml", changes), samples=60, seed=3
     )

@@ -1,65 +1,14 @@
-"""Free contact: single runs, and bounds by formula."""
+"""Free contact: bounds by formula."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from bumpstop.arrays import FloatArray
 from bumpstop.collision.arm.arm_mass import reduced_mass
 
 if TYPE_CHECKING:
     from bumpstop.collision.problem import CollisionProblem
-
-
-def body_displacement(path: FloatArray, offset: float, stiffness: float, mass: float, step: float) -> FloatArray:
-    """How far a free body has been pushed from its place, along a path that is straight between steps.
-
-    The single run that the compiled code solves for many: contact from the first touch until arm and body part, after
-    which the body goes on as fast as it then is.
-
-    Args:
-        path: distance of the contact point along the normal at every simulation step (steps,) [m].
-        offset: where the body stands at rest [m].
-        stiffness: of its spring [N/m].
-        mass: behind it [kg].
-        step: between two entries of ``path`` [s].
-
-    Returns:
-        (steps,) [m]; the force is ``stiffness max(0, path - offset - displacement)``.
-    """
-    frequency = math.sqrt(stiffness / mass)
-    pieces = max(1, math.ceil(frequency * step / 0.5))
-    short = step / pieces
-    displaced, body_speed, compression = np.zeros(path.size), 0.0, 0.0
-    touching = separated = False
-    pushed = 0.0
-    for i in range(path.size - 1):
-        speed = float(path[i + 1] - path[i]) / step
-        for piece in range(pieces):
-            begin = float(path[i]) + speed * short * piece
-            if separated:
-                pushed += body_speed * short
-                continue
-            left = short
-            if not touching:
-                gap = offset - begin
-                if not (speed > 0 and speed * short > gap):
-                    continue
-                touching, compression = True, max(-gap, 0.0)
-                left = short - max(gap, 0.0) / speed
-            c, s = math.cos(frequency * left), math.sin(frequency * left)
-            closing = speed - body_speed
-            body_speed = speed - (closing * c - compression * frequency * s)
-            compression = compression * c + closing / frequency * s
-            # A body first touched where a piece ends is still being approached.
-            separated = compression <= 0 and speed <= body_speed
-            pushed = begin + speed * short - offset - max(compression, 0.0)
-        displaced[i + 1] = pushed
-    return displaced
 
 
 @dataclass(frozen=True, kw_only=True)

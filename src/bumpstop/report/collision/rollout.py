@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from bumpstop import _native
 from bumpstop.arrays import FloatArray
 from bumpstop.collision import monte_carlo
 from bumpstop.collision.contact_course import contact_course
 from bumpstop.collision.distribution.noise import contact_residual, noise_of_run
-from bumpstop.collision.distribution.transient_contact import body_displacement
 from bumpstop.collision.trajectory.trajectory_evaluation import monte_carlo_trajectory
 from bumpstop.collision.trajectory.trajectory_result import TrajectoryCollisionResult
 
@@ -127,16 +127,16 @@ class Rollouts:
             distance = np.concatenate([distance[:begin], curve.kernel.reaction_paths([tick], [offset])[0]])
         displacement = np.zeros_like(distance)
         course = None
-        if problem.gives_way and not problem.gets_away:
-            if problem.elastic and tick >= 0 and problem.scenario.reaction.kind == "stop":
-                # The arm goes on oscillating where its reference stands.
-                distance = np.append(distance, np.full(math.ceil(_OSCILLATES_S / step), distance[-1]))
+        if problem.gives_way:
+            path = distance.size
+            distance = np.append(distance, np.full(_settling_steps(problem, tick), distance[-1]))
             # Undetected the arm reacts to nothing before the last tick, not even to the end of its motion.
             reaction = max(0, curve.ticks - 1) * period + 1 if begin is None else begin
             course = contact_course(problem, curve, distance, offset, reaction)
             displacement = np.maximum(0.0, distance - offset) - course.force / problem.stiffness
-        elif problem.gets_away:
-            distance, displacement = _until_separated(problem, distance, offset)
+            if problem.gets_away:
+                end = max(path, int(np.flatnonzero(course.force > 0).max(initial=-2)) + 2)
+                distance, displacement = distance[:end], displacement[:end]
         time: FloatArray = np.arange(distance.size, dtype=np.float64) * step
         touch = _first_passage(distance, time, offset)
         detection = None if tick < 0 else float(curve.tick_time[tick])
@@ -155,7 +155,7 @@ class Rollouts:
         over = np.abs(residual[-1:]) / problem.thresholds
         joint = int(np.argmax(over if over.any() else np.abs(torque[-1:]))) if ticks else 0
         peak = float(_force(problem.stiffness, distance, offset, displacement).max())
-        if problem.gets_away:
+        if problem.gets_away and not problem.elastic:
             time, distance, displacement = _between_steps(problem, time, distance, displacement, offset)
         if problem.gets_away or (problem.gives_way and tick >= 0):
             peak = float(self._runs["peak_force"][run])
@@ -193,27 +193,20 @@ def _motion_steps(result: CollisionResult, distance: FloatArray) -> int:
     return round(problem.scenario.motion.duration_s / problem.scenario.simulation.step_s)
 
 
-def _until_separated(problem: CollisionProblem, distance: FloatArray, offset: float) -> tuple[FloatArray, FloatArray]:
-    """A path of the arm, prolonged until a free body has got away, and how far that has been pushed [m].
-
-    Where the path ends in contact, the arm stands; the body swings away in a quarter of an oscillation at most.
-    """
-    step, stiffness, mass = problem.scenario.simulation.step_s, problem.stiffness, problem.moving_mass
-    pushed = body_displacement(distance, offset, stiffness, mass, step)
-    size = distance.size
-    if not distance[-1] - offset > pushed[-1]:
-        return distance, pushed
-    swing = math.ceil(math.pi / 2 * math.sqrt(mass / stiffness) / step) + 1
-    distance = np.append(distance, np.full(swing, distance[-1]))
-    pushed = body_displacement(distance, offset, stiffness, mass, step)
-    separated = size + int(np.argmax(distance[size:] - offset <= pushed[size:]))
-    return distance[: separated + 1], pushed[: separated + 1]
+def _settling_steps(problem: CollisionProblem, tick: int) -> int:
+    """Simulation steps in which an arm that stands still goes on oscillating, or a body gets away from it."""
+    seconds = 0.0
+    if problem.elastic and tick >= 0 and problem.scenario.reaction.kind == "stop":
+        seconds += _OSCILLATES_S
+    if problem.gets_away:
+        seconds += math.pi * math.sqrt(problem.moving_mass / problem.stiffness)
+    return math.ceil(seconds / problem.scenario.simulation.step_s)
 
 
 def _between_steps(
     problem: CollisionProblem, time: FloatArray, distance: FloatArray, pushed: FloatArray, offset: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The same at times between the steps, too, while the body is touched: a light one rings faster than they come."""
+    """Of a rigid arm at times between the steps, too, while it touches: a light body rings faster than they come."""
     touched = np.flatnonzero(distance - offset > pushed)
     if not touched.size:
         return time, distance, pushed
@@ -222,7 +215,8 @@ def _between_steps(
     parts = max(4, math.ceil(frequency * step / _TURN))
     fine = np.linspace(time[first], time[last], (last - first) * parts + 1)
     path = np.interp(fine, time, distance)
-    moved = body_displacement(path, offset, problem.stiffness, problem.moving_mass, step / parts)
+    course = _native.contact_course(_native.ElasticArm(), problem.contact.body, step / parts, path, offset, 0)
+    moved = np.maximum(0.0, path - offset) - course.force / problem.stiffness
 
     def joined(steps: FloatArray, between: FloatArray) -> FloatArray:
         return np.concatenate([steps[:first], between, steps[last + 1 :]])
