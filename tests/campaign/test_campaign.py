@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 import random
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +69,12 @@ def test_shards_cut_the_distributions_without_gap_or_overlap() -> None:
         for shard in range(numbering.shards):
             cost = sum(costs[setup] * len(motions) for setup, motions in numbering.slices(shard))
             assert cost < numbering.shard_cost + max(costs)
+
+
+def test_a_shard_has_one_distribution_at_least(campaign: Campaign) -> None:
+    numbering = replace(campaign, shard_s=1e-3).numbering
+    assert numbering.shards <= numbering.distributions
+    assert all(any(len(motions) for _, motions in numbering.slices(shard)) for shard in range(numbering.shards))
 
 
 def test_every_row_is_the_distribution_of_its_own_scenario(campaign: Campaign, whole: Path) -> None:

@@ -89,6 +89,37 @@ def test_poses_with_large_undetectable_forces(pushed: Path, capsys: pytest.Captu
     assert (status, err.startswith("error: --undetectable-force: is 0")) == (2, True)
 
 
+def test_forces_count_what_thresholds_have_at_rest(
+    pushed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot, q = Robot.load("ur5e"), [0.0, -60, 90, -120, -90, 0]
+    pose = ",".join(str(x) for x in q)
+    file = tmp_path / "thresholds.toml"
+    file.write_text("thresholds_Nm = [20, 20, 20, 20, 20, 20]\nat_rest_Nm = [40, 30, 40, 10, 10, 10]\n")
+    given = ("sensitivity", "ur5e", "--pose-deg", pose, "--thresholds", file, "--json")
+    _, text, _ = run(capsys, *given)
+    found = json.loads(text)
+    wide = undetectable_forces(robot, np.radians(q), [60, 50, 60, 30, 30, 30]).largest
+    assert found["standing"]["largest_force_N"] == pytest.approx(float(wide))
+    assert found["standing"]["dead_zone_Nm"] == [0.0] * 6
+    assert found["notes"] == []
+    file.write_text("thresholds_Nm = [20, 20, 20, 20, 20, 20]\nper_speed_Nm_s = [5, 5, 5, 5, 5, 5]\n")
+    _, text, _ = run(capsys, *given)
+    assert "grow with speed" in json.loads(text)["notes"][0]
+    # An arm that stands still through a recording.
+    log = Recording.load(pushed)
+    still = replace(log, q=np.tile(log.q[:1], (len(log.t), 1)), qd=None)
+    still.save(tmp_path / "still.parquet")
+    file.write_text("thresholds_Nm = [20, 20, 20, 20, 20, 20]\nat_rest_Nm = [40, 30, 40, 10, 10, 10]\n")
+    _, text, _ = run(
+        capsys, "detect", tmp_path / "still.parquet", "--robot", "ur5e", "--thresholds", file,
+        "--undetectable-force", 10, "--json",
+    )  # fmt: skip
+    (stretch,) = json.loads(text)["undetectable_poses"]
+    wide = undetectable_forces(robot, log.q[:1], [60, 50, 60, 30, 30, 30]).largest
+    assert stretch["largest_N"] == pytest.approx(float(wide.max()))
+
+
 def test_the_force_where_and_along_what_is_asked_for(pushed: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """30 Nm at joint 2 alone: what the columns of the Jacobian there make of it by weighted least squares."""
     robot, at = Robot.load("ur5e"), (0.1, 0.0, 0.0)

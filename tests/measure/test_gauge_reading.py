@@ -231,6 +231,27 @@ def test_whole_curves_are_not_called_resampled(tmp_path: Path, noise: float, dig
         assert "resampled" not in {fault.name for fault in reading.faults}, reading.faults
 
 
+@pytest.mark.parametrize("digit", [1.0, 0.1])
+@pytest.mark.parametrize("noise", [0.0, 0.2])
+@pytest.mark.parametrize("slow", [15.0, 150.0])
+@pytest.mark.parametrize("lasting", [0.0, 45.0, 100.0])
+def test_a_cut_peak_is_told_from_a_smooth_one(
+    digit: float, noise: float, slow: float, lasting: float, tmp_path: Path
+) -> None:
+    """A plateau after the impact has equal samples, too: it says nothing of the peak."""
+    time = np.arange(-0.1, 1.5, 5e-4)
+    fall = lasting + (1 - lasting / 320) * 320 * np.exp(-((np.maximum(time * slow - np.pi / 2, 0)) ** 2) / 2)
+    force = np.where(time < 0, 0.0, np.where(time < np.pi / 2 / slow, 320 * np.sin(slow * time), fall))
+    force = np.round((force + noise * np.random.default_rng(1).standard_normal(time.size)) / digit) * digit
+    for curve, form, expected in (
+        (force, GaugeFormat(), False),
+        (np.minimum(force, 200.0), GaugeFormat(), True),
+        (np.minimum(force, 310.0), GaugeFormat(full_scale_N=310.0), True),
+    ):
+        names = {fault.name for fault in read_gauge(write(tmp_path / "x.csv", time + 0.1, curve), form).faults}
+        assert ("saturated" in names) == expected, (names, form)
+
+
 def test_a_saturated_plateau_is_not_called_cut_off_below(tmp_path: Path) -> None:
     """The median of a contact that lasts is the plateau itself."""
     time, force = pressed()

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
@@ -16,10 +18,17 @@ from bumpstop.register import RegisterResult
 from bumpstop.register.shots import load_shots
 from bumpstop.report.register.dossier import DossierHead, write_dossier
 from bumpstop.report.register.page import write_register
+from bumpstop.report.register.situations import use_text
 from register.cases import EXAMPLES
 from register.cases import write_register as register_of
 
 HEAD = DossierHead(cell='Press 4 </style> "x"', author="A. <b> Smith", revision="C\\2")
+
+
+@pytest.mark.parametrize(("permitted", "text"), [(True, "unbounded"), (False, "no contact permitted")])
+def test_an_infinite_use_says_why(permitted: bool, text: str) -> None:
+    verdict = SimpleNamespace(limits=SimpleNamespace(permitted=permitted))
+    assert use_text(cast("Any", SimpleNamespace(use=math.inf, verdict=verdict))) == text
 
 
 class Text(HTMLParser):

@@ -117,7 +117,8 @@ class Campaign(ShardedJob):
     def numbering(self) -> Numbering:
         """Which distributions a shard computes."""
         costs = [_RIGID_US if self._is_rigid(number) else _GIVING_US for number in range(len(self.setups))]
-        return Numbering(self._motions, costs, max(1, round(1e6 * self.shard_s)))
+        # A shard of less than one distribution would have none.
+        return Numbering(self._motions, costs, max(*costs, round(1e6 * self.shard_s)))
 
     @property
     def _motions(self) -> int:

@@ -195,8 +195,15 @@ class DetectionRun(Displayed):
 
     def no_data_intervals(self) -> list[tuple[float, float]]:
         """Times from and to when it had no data: from the last row that was not to the last that was [s]."""
+        return self._intervals(self.no_data)
+
+    def arming_intervals(self) -> list[tuple[float, float]]:
+        """Times from and to when it was arming, likewise [s]."""
+        return self._intervals(self.state == STATES.index("arming"))
+
+    def _intervals(self, rows: npt.NDArray[np.bool_]) -> list[tuple[float, float]]:
         clock = self._clock
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], self.no_data, [False]]).astype(np.int8)))
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]]).astype(np.int8)))
         return [
             (float(clock[max(0, first - 1)]), float(clock[end - 1]))
             for first, end in zip(edges[::2], edges[1::2], strict=True)
@@ -217,6 +224,7 @@ class DetectionRun(Displayed):
             "no_data": [list(interval) for interval in self.no_data_intervals()],
             "no_data_s": self.no_data_s,
             "no_data_rows": self.no_data_rows(),
+            "arming": [list(interval) for interval in self.arming_intervals()],
             "arming_s": self.arming_s,
             "late_rows": int(self.late.sum()),
             "masked_rows": int(self.masked_while_arming.sum()),

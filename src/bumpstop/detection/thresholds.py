@@ -116,6 +116,27 @@ class Thresholds:
         """Settings that they were found with, as far as they say: arguments of ``DetectorSettings``."""
         return {name: value for name in _SETTINGS if (value := getattr(self, name)) is not None}
 
+    @property
+    def motion_note(self) -> str:
+        """A sentence where forces told by what is constant are too small for a moving arm; empty: they are not."""
+        assert self.speed is not None
+        assert self.acceleration is not None
+        grows = [
+            name
+            for name, some in (
+                ("speed", self.speed.any()),
+                ("acceleration", self.acceleration.any()),
+                ("model errors", self.model_errors > 0),
+            )
+            if some
+        ]
+        if not grows:
+            return ""
+        return (
+            f"These thresholds grow with {', '.join(grows)}, which undetectable forces leave out: while the arm moves, "
+            "more stays undetected."
+        )
+
     def differences(self, settings: DetectorSettings) -> list[str]:
         """Settings that are others than those they were found with: sentences for a reader."""
         found = []

@@ -37,8 +37,8 @@ class SituationResult:
         reason: one sentence.
         verdict: of the collision, by its limits.
         use: share of its limit that the quantile of the accepted probability takes, the larger of force and pressure
-            [1]; above 1 the limit is exceeded too often. Infinite where no contact is permitted, NaN without limits and
-            in two phases of contact.
+            [1]; above 1 the limit is exceeded too often. Infinite where no contact is permitted or the force is
+            unbounded, NaN without limits and in two phases of contact.
         peak_force, pressure: quantiles by name [N, N/cm²]; NaN: none, infinite: without bound.
         hit: the body region and its table, or the spring.
         motion: how the arm moves, in words.

@@ -162,6 +162,7 @@ def test_of_several_stop_categories_one_must_be_chosen(tmp_path: Path) -> None:
         (PLAIN.replace("8.0,4.0", "-8.0,4.0"), "row 2, column 'distance_1_deg'", "-8 cannot be used"),
         (PLAIN.replace("8.0,4.0", "oops,4.0"), "row 2, column 'distance_1_deg'", "is not a number"),
         (PLAIN.replace("50,100,66", "50,100,"), "row 2, column 'speed_percent'", "is empty"),
+        ("payload_kg,speed_deg_s,distance_1_deg\n0,10,1\n,20,9\n", "row 2, column 'payload_kg'", "is empty"),
         (PLAIN.replace("50,100,66", "50,100,166"), "row 2, column 'speed_percent'", "166 cannot be used"),
         (PLAIN.replace("8.0,4.0", "0.1396,4.0"), "row 2", "one unit for all rows"),
         (PLAIN.replace(",8.0,4.0", ",8.0"), "row 2", "has 4 values"),

@@ -50,6 +50,27 @@ def overtravel(scenario: bs.Scenario) -> float:
     return float(u.max() - u[0])
 
 
+def test_a_joint_that_stands_but_for_rounding_does_not_brake(tmp_path: Path) -> None:
+    """By symmetry: its rate is 1e-17, and its rows are ten times as long."""
+    rows = "speed_deg_s,distance_1_deg,distance_2_deg,distance_3_deg\n10,40,4,4\n20,160,16,16\n"
+    scenario = one_joint(tmp_path, 2, 0.2, rows, STRETCHED)
+    problem = bs.CollisionProblem.from_scenario(scenario)
+    law, limits = problem.deceleration, problem.joint_acceleration
+    still, rounding = (
+        law.profile(problem.robot, np.zeros(6), np.array([rate, 0.2, 0.0, 0.0, 0.0, 0.0]), limits)[1]
+        for rate in (0.0, 1e-17)
+    )
+    assert still == rounding
+    q_limits = scenario.with_values({"reaction.kind": "stop"})
+    without = overtravel(q_limits)
+    path = tmp_path / "turn.csv"
+    head, *lines = path.read_text().splitlines()
+    moved = [line.split(",") for line in lines]
+    trembling = [",".join((t, f"{1e-17 * float(t):.3e}", *rest)) for t, _, *rest in moved]
+    path.write_text("\n".join([head, *trembling]) + "\n")
+    assert overtravel(q_limits) == pytest.approx(without, rel=1e-9)
+
+
 STRETCHED = [0, 0, 0, 0, 0, 0]  # the arm lies: its tip is near its reach
 
 

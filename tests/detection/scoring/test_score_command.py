@@ -60,6 +60,19 @@ def test_a_recording_scores_as_its_events_do_also_where_the_detector_had_no_data
         assert any("elbow_joint: at 10.2, beyond its limits" in note for note in found["notes"])
 
 
+def test_no_event_is_false_while_the_detector_arms(tmp_path: Path) -> None:
+    log, events = pushed(tmp_path / "log.parquet"), tmp_path / "events.json"
+    given = ("--arming-delay", "0.5")
+    events.write_text(run("detect", log, *ARM, *given, "--json").out)
+    assert strict_json(events.read_text())["arming_s"] == pytest.approx(0.5, abs=0.02)
+    found, wanted, always = (scored(tmp_path, *each) for each in ((log, *ARM, *given), (events,), (log, *ARM)))
+    assert found["hours"] == wanted["hours"]
+    # Up to the first label and its tolerance, but for the first rows, which have no rates yet.
+    assert 3600 * (always["hours"] - found["hours"]) == pytest.approx(0.35 - always["no_data_s"], abs=0.02)
+    (here,) = (row for row in found["roc"] if row["factor"] == 1)
+    assert here["false_alarms_per_hour"] == found["false_alarms_per_hour"]
+
+
 def test_a_score_shows_itself_as_the_terminal_does(tmp_path: Path) -> None:
     log, labels, events = pushed(tmp_path / "log.parquet"), tmp_path / "labels.csv", tmp_path / "events.json"
     labels.write_text("start_s,end_s\n0.4,0.6\n1.5,1.6\n")

@@ -88,6 +88,15 @@ def test_time_without_data_costs_misses_and_hours() -> None:
     assert scored([21.9], no_data=[(20.0, 21.8)])["missed_without_data"] == 0
 
 
+def test_arming_costs_hours_but_no_label_its_data() -> None:
+    found = scored([10.1], arming=[(19.5, 23.0), (22.5, 24.0)])
+    assert (found["detected"], found["missed"], found["missed_without_data"], found["no_data_s"]) == (1, 2, 0, 0.0)
+    always = scored([10.1])
+    labels = scored([10.1], no_data=[(19.5, 24.0)])
+    assert found["hours"] == pytest.approx(labels["hours"])
+    assert found["hours"] < always["hours"]
+
+
 def test_labels_outside_are_left_out_with_their_events() -> None:
     found = scored([10.1, 20.1], monitored=(10.05, 25.0))
     assert (found["detected"], found["missed"], found["labels_outside"], found["false_alarms"]) == (1, 0, 2, 0)

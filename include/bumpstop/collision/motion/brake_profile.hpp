@@ -19,6 +19,9 @@ struct BrakeProfile {
     }
 };
 
+/// A joint whose stop at its limit is shorter than that of the slowest by so much stands: its rate is rounding.
+inline constexpr double standing = 1e-9;
+
 /// How far the tip is from the axis of joint 1, or from its place where it slides, as a share of `reach` [m].
 inline double extension_at(const Chain& chain, const LinkPoint& tip, const double* q, double reach) {
     JointAngles<double> angle;
@@ -48,12 +51,13 @@ inline BrakeProfile brake_profile(const Chain& chain, const MotionSettings& moti
         own{};  // times that the joints would take, at their limits and by the law
     double limit_time = 0, longest = 0;
     for (int f = 0; f < n; ++f) {
-        const int j = motion.free_joint[f];
-        const double speed = std::fabs(rate[f]);
-        at_limit[f] = speed / motion.acceleration_limit[j];
+        at_limit[f] = std::fabs(rate[f]) / motion.acceleration_limit[motion.free_joint[f]];
         limit_time = std::max(limit_time, at_limit[f]);
-        if (speed == 0) continue;
-        own[f] = from_table ? deceleration.times.at(j, extended, speed) : deceleration.stopping_time;
+    }
+    for (int f = 0; f < n; ++f) {
+        if (at_limit[f] <= standing * limit_time) continue;
+        own[f] = from_table ? deceleration.times.at(motion.free_joint[f], extended, std::fabs(rate[f]))
+                            : deceleration.stopping_time;
         longest = std::max(longest, own[f]);
     }
     BrakeProfile profile;
@@ -63,7 +67,7 @@ inline BrakeProfile brake_profile(const Chain& chain, const MotionSettings& moti
     if ((from_table || deceleration.law == DecelerationLaw::constant_time) && limit_time > 0) {
         for (int f = 0; f < n; ++f) {
             profile.scale[f] = !deceleration.independent ? limit_time / longest
-                               : at_limit[f] > 0         ? at_limit[f] / own[f]
+                               : own[f] > 0              ? at_limit[f] / own[f]
                                                          : 1.0;
         }
         if (reverses) profile.slowing = profile.stop_time / motion.substep();

@@ -92,7 +92,10 @@ def detect(
     if undetectable_force is not None:
         if not 0 < undetectable_force < math.inf:
             raise InputError("--undetectable-force", f"is {undetectable_force}", "wanted more than zero")
-        hidden = hidden_torques(arm, given, settings.stiction)
+        assert law.rest is not None
+        hidden = hidden_torques(arm, given, settings.stiction) + law.rest
+        if law.motion_note:
+            run = replace(run, notes=(*run.notes, law.motion_note))
         stretches = undetectable_stretches(
             arm, log.t, log.q, law.constant, undetectable_force, link=link, point=settings.point, dead_zone=hidden
         )

@@ -114,13 +114,20 @@ def _forces(scenario: Scenario, thresholds: FloatArray) -> dict[str, Any]:
     }
 
 
-def notes(points: Sequence[OperatingPoint], scenarios: Mapping[str, Scenario], noise: ScenarioNoise) -> list[str]:
-    """Whose noise it is that a scenario's forces and alarms are told with, and what of it is left out."""
+def notes(
+    points: Sequence[OperatingPoint], scenarios: Mapping[str, Scenario], noise: ScenarioNoise, *, terms: bool
+) -> list[str]:
+    """Whose noise it is that a scenario's forces and alarms are told with, and what of it is left out.
+
+    ``terms``: thresholds were tuned that grow with the motion.
+    """
     from bumpstop.collision.verdict.as_given import as_given
 
     found = []
     for path, scenario in scenarios.items():
         name = Path(path).stem
+        if terms:
+            found.append(f"{name}: its forces are those of the constant thresholds alone; motion adds to them.")
         found += [f"{name}: {note}" for note in as_given(scenario)]
         why = noise.why_not(scenario)
         if why is None:

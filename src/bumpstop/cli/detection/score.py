@@ -25,7 +25,6 @@ from bumpstop.text_files import read_text
 
 if TYPE_CHECKING:
     from bumpstop.detection import Label, ResidualSeries, Roc, Score, Tolerance
-    from bumpstop.detection.scoring.score import Interval
     from bumpstop.recording import Recording
 
 _MAX_BYTES = 100_000_000  # of events
@@ -128,13 +127,15 @@ def _of_events(file: Path, labels: tuple[Label, ...], tolerance: Tolerance) -> t
         data: Any = json.loads(text)
         events = [float(event["t"]) for event in data["events"]]
         monitored = (float(data["start_s"]), float(data["end_s"]))
-        no_data: list[Interval] = [(float(a), float(b)) for a, b in data["no_data"]]
+        no_data, arming = (
+            [(float(a), float(b)) for a, b in intervals] for intervals in (data["no_data"], data.get("arming", []))
+        )
     except KeyError as error:
         raise InputError(str(file), f"has no {error.args[0]!r}", wanted) from None
     except (ValueError, TypeError, OverflowError, RecursionError):
         raise InputError(str(file), "holds no events", wanted) from None
     inactive = "as the file of events says" if data.get("active") is False else ""
-    return score(events, labels, monitored, no_data=no_data, tolerance=tolerance), inactive
+    return score(events, labels, monitored, no_data=no_data, arming=arming, tolerance=tolerance), inactive
 
 
 def _print(found: Score, roc: Roc | None) -> None:
@@ -187,15 +188,16 @@ def _of_residuals(
         given = thresholds_of(thresholds, series.dof)
         period_of(series.t, DetectorSettings(), given)
         times = event_times(series, scaled_residual(series, given.constant), 1.0, apart_s)
-        monitored, no_data = (float(series.t[0]), float(series.t[-1])), gaps(series)
+        monitored, no_data, arming = (float(series.t[0]), float(series.t[-1])), gaps(series), []
     else:
         given = thresholds_of(thresholds, residual_source.parts[1])
         log = residual_source.recording(file)
         series, run, notes = load_run(file, given, residual_source, arming_delay_s, rearm_s, log)
         inactive = run.inactive
         times = np.array([event.t for event in run.events])
-        monitored, no_data = (float(run.t[0]), float(run.t[-1])), run.no_data_intervals()
-    whole = score(times, labels, monitored, no_data=no_data, tolerance=tolerance)
+        monitored = (float(run.t[0]), float(run.t[-1]))
+        no_data, arming = run.no_data_intervals(), run.arming_intervals()
+    whole = score(times, labels, monitored, no_data=no_data, arming=arming, tolerance=tolerance)
     if log is not None and log.wrench is not None:
         whole = replace(whole, forces=contact_forces(whole.labels, whole.delay_s, log.t, log.wrench))
     if series is None:
@@ -209,5 +211,6 @@ def _of_residuals(
         tolerance=tolerance,
         monitored=monitored,
         no_data=no_data,
+        arming=arming,
     )
     return whole, factors, inactive, notes

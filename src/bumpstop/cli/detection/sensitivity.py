@@ -72,8 +72,11 @@ def command(
     pose = numbers(pose_deg, "--pose-deg", arm.dof)
     q = [math.radians(x) if joint.kind == "revolute" else x for x, joint in zip(pose, arm.joints, strict=True)]
     check_pose(arm, np.array(q), "--pose-deg", in_degrees=True)
-    limits, along = thresholds_of(thresholds, arm).constant, unit(direction, "--direction")
-    hidden = _hidden(arm, model, stiction)
+    law, along = thresholds_of(thresholds, arm), unit(direction, "--direction")
+    limits, rest, hidden = law.constant, law.rest, _hidden(arm, model, stiction)
+    assert rest is not None
+    if hidden is None and rest.any():
+        hidden = np.zeros(arm.dof)
     found = _found(
         arm,
         q,
@@ -89,7 +92,10 @@ def command(
         stiffness * speed_mm_s / 1e3,
         period,
     )
-    found |= {"standing": None if hidden is None else _standing(arm, q, limits, hidden, along, about)}
+    found |= {
+        "standing": None if hidden is None else _standing(arm, q, limits + rest, hidden, along, about),
+        "notes": [law.motion_note] if law.motion_note else [],
+    }
     if as_json:
         typer.echo(json.dumps(to_jsonable(found), allow_nan=False, indent=2))
     else:
@@ -136,7 +142,7 @@ def _hidden(arm: Robot, model: str | None, stiction: str | None) -> FloatArray |
 def _standing(
     arm: Robot, q: list[float], limits: FloatArray, hidden: FloatArray, along: Vector, about: dict[str, Any]
 ) -> dict[str, Any]:
-    """What stays undetected while all joints stand still: thresholds and what friction holds."""
+    """What stays undetected while all joints stand still: thresholds at rest and what friction holds."""
     from bumpstop.detection import undetectable_force_along, undetectable_forces
 
     wide = limits + hidden
@@ -271,6 +277,8 @@ def _print(found: dict[str, Any], arm: Robot) -> None:
             f"standing still, where friction holds {hidden} {unit_of(*arm.joints)}: largest "
             f"{_newtons(standing['largest_force_N'])}; along the direction {_newtons(standing['force_along_N'])}"
         )
+    for note in found["notes"]:
+        console.print(f"note: {note}")
     table = Table(box=None, pad_edge=False)
     torque = unit_of(*arm.joints)
     for heading in ("joint", "threshold", f"{torque} per N", f"undetected {torque}", "as force, N"):

@@ -95,7 +95,9 @@ def command(
     names = residual_source.names if recorded else []
     with ScenarioNoise(series, residual_source.settings.residual if recorded else None) as noise:
         points = operating_curve(tuning, scenarios, noise)
-    tuning = replace(tuning, notes=(*tuning.notes, *notes(points, scenarios, noise)))
+    tuning = replace(
+        tuning, notes=(*tuning.notes, *notes(points, scenarios, noise, terms=bool(set(wanted) - {"fast"})))
+    )
     if save is not None:
         _save(tuning, series, save, residual_source if recorded else None)
     page = None

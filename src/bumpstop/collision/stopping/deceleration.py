@@ -10,7 +10,7 @@ import numpy as np
 
 from bumpstop import _native
 from bumpstop.arrays import FloatArray
-from bumpstop.collision.stopping.stopping_times import StoppingTimes, stopping_times
+from bumpstop.collision.stopping.stopping_times import STANDING, StoppingTimes, stopping_times
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -102,9 +102,12 @@ class Deceleration:
         own = np.full_like(limits, self.stopping_time)
         if self.times is not None:
             own = self.times.by_joint(robot, q[None], rates[None])[0]
-        longest = float(own[times > 0].max())
+        moving = times > STANDING * times.max()
+        longest = float(own[moving].max())
         scale = (
-            np.where(times > 0, times / own, 1.0) if self.independent else np.full_like(limits, times.max() / longest)
+            np.where(moving, times / np.where(moving, own, 1.0), 1.0)
+            if self.independent
+            else np.full_like(limits, times.max() / longest)
         )
         return scale, longest
 

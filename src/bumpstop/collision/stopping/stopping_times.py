@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
 
 _FIELD = "reaction.stopping_table"
+# A joint slower than the fastest by so much stands: its rate is rounding.
+STANDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -59,11 +61,12 @@ class StoppingTimes:
         extended = np.ones(len(q))
         if len(self.extension) > 1:
             extended = distance_from_axis(robot.joints[0], robot.pose(q)[:, :3, 3]) / self.reach
-        at = self.native.at
+        at, size = self.native.at, np.abs(np.nan_to_num(rates))
+        moving = size > STANDING * size.max(axis=1, keepdims=True)
         return np.array(
             [
-                [at(j, float(e), abs(float(r))) if r else 0.0 for j, r in enumerate(row)]
-                for e, row in zip(extended, np.nan_to_num(rates), strict=True)
+                [at(j, float(e), float(r)) if moves else 0.0 for j, (r, moves) in enumerate(zip(*row, strict=True))]
+                for e, row in zip(extended, zip(size, moving, strict=True), strict=True)
             ]
         )
 

@@ -246,7 +246,7 @@ class TableReader:
             return np.full(len(keep), np.nan), ""
         (column,) = self._single("payload")
         if column.unit == "kg":
-            return self._in_si(column)[keep], "kg"
+            return self._filled(column, self._in_si(column)[keep], keep), "kg"
         return self._share(column, keep), "share"
 
     def _extension(self, keep: np.ndarray) -> FloatArray:
@@ -254,8 +254,15 @@ class TableReader:
             return np.full(len(keep), np.nan)
         (column,) = self._single("extension")
         if column.unit in LENGTHS:
-            return np.asarray(self._in_si(column)[keep] / (1e-3 * self._stated_number("reach_mm")))
+            lengths = self._filled(column, self._in_si(column)[keep], keep)
+            return np.asarray(lengths / (1e-3 * self._stated_number("reach_mm")))
         return self._share(column, keep)
+
+    def _filled(self, column: Column, values: FloatArray, keep: np.ndarray) -> FloatArray:
+        """The values of the rows kept, where none is missing."""
+        for i in np.flatnonzero(np.isnan(values)):
+            raise InputError(f"{self.name}, row {keep[i] + 1}, column {column.name!r}", "is empty", "wanted a number")
+        return values
 
     def _share(self, column: Column, keep: np.ndarray) -> FloatArray:
         """Values of a column in percent, or as shares, checked to be at most 1."""
@@ -265,11 +272,9 @@ class TableReader:
         if factor != 1 and np.nanmax(values, initial=0.0) <= 1 and column.quantity != "payload":
             self.notes.append(f"Column {column.name!r} has no value above 1: read as shares, not percent.")
             factor = 1.0
-        shares = np.asarray(values * factor)
-        for i in np.flatnonzero(~(shares <= 1 + 1e-9)):
+        shares = self._filled(column, np.asarray(values * factor), keep)
+        for i in np.flatnonzero(shares > 1 + 1e-9):
             field = f"{self.name}, row {keep[i] + 1}, column {column.name!r}"
-            if math.isnan(shares[i]):
-                raise InputError(field, "is empty", "wanted a number")
             raise InputError(field, f"{values[i]:g} cannot be used", f"wanted at most {1 / factor:g}")
         return shares
 

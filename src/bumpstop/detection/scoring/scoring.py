@@ -75,6 +75,7 @@ def score(
     monitored: Interval,
     *,
     no_data: Sequence[Interval] = (),
+    arming: Sequence[Interval] = (),
     tolerance: Tolerance | None = None,
 ) -> Score:
     """Compare the times of events with labels.
@@ -85,13 +86,15 @@ def score(
     - The first event of a label is its detection; more of them count as nothing. Events of no label are false alarms.
     - A label without an event is missed, also where the detector had no data meanwhile: that is what missing data cost.
     - Labels not wholly inside the time monitored are left out, and so are the events that belong to them.
-    - Hours are the time monitored without labels, their tolerance, and time without data.
+    - Hours are the time monitored without labels, their tolerance, time without data, and arming: no event is false
+      there.
 
     Args:
         events: (K,) times, any order [s].
         labels: contacts.
         monitored: first and last time of the recording [s].
         no_data: times from and to when the detector had no data, any order; may overlap [s].
+        arming: the same of times when it was not armed yet.
         tolerance: default: 0.05 s early, 0.25 s late.
 
     Raises:
@@ -123,6 +126,7 @@ def score(
             delay[number] = time - ordered[number].start_s
     covered = [any(a <= label.start_s and label.end_s <= b for a, b in dark) for label in ordered]
     excluded = [(label.start_s - edges.early_s, label.end_s + edges.late_s) for label in ordered] + dark
+    excluded += _merged(arming, begin, end)
     contact = sum(b - a for a, b in _merged(excluded, begin, end))
     kept = tuple(label for label, keep in zip(ordered, inside, strict=True) if keep)
     return Score(
@@ -147,10 +151,11 @@ def roc(
     tolerance: Tolerance | None = None,
     monitored: Interval | None = None,
     no_data: Sequence[Interval] | None = None,
+    arming: Sequence[Interval] = (),
 ) -> Roc:
     """Score the residuals of a recording at thresholds times each of several factors.
 
-    Events are those of :func:`event_times`.
+    Events are those of :func:`event_times`, but for those while the detector was arming.
 
     Args:
         series: residuals.
@@ -161,6 +166,7 @@ def roc(
         tolerance: as of :func:`score`.
         monitored: first and last time of the recording, where not all its rows are residuals; default: theirs [s].
         no_data: times from and to when there are no residuals; default: the gaps between them [s].
+        arming: times from and to when the detector was not armed yet [s].
 
     Raises:
         InputError: no factor, one that is not positive, or thresholds of another number of joints.
@@ -169,12 +175,17 @@ def roc(
     steps = np.sort(as_float_array(factors, "factors", (None,)))
     if not steps.size or not steps[0] > 0:
         raise InputError("factors", f"{steps[:1].tolist()}", "wanted at least one, all more than 0")
+    armed = np.ones(scaled.size, dtype=bool)
+    for a, b in arming:
+        armed &= (series.t <= a) | (series.t > b)
+    scaled = np.where(armed, scaled, 0.0)
     scores = [
         score(
             event_times(series, scaled, float(factor), rearm_s),
             labels,
             monitored or (float(series.t[0]), float(series.t[-1])),
             no_data=gaps(series) if no_data is None else no_data,
+            arming=arming,
             tolerance=tolerance,
         )
         for factor in steps

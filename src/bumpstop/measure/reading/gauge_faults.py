@@ -20,8 +20,9 @@ NAMES = (
 )
 """Every fault there is."""
 
-# Equal samples at the top that no smooth curve has.
-_MIN_FLAT = 3
+# Equal samples at the top; of a smooth peak there are at least such a share beside them in the next digits.
+_MIN_FLAT, _NEAR_DIGITS, _SMOOTH = 3, 8, 0.25
+_AT_END = 0.999  # of the device's range
 # From the begin of contact to the peak.
 _MIN_RISE_SAMPLES = 5
 _MIN_RATE_HZ = 500.0
@@ -127,8 +128,8 @@ def curve_faults(
             "wrong, or nothing was hit."
         )
         found.append(GaugeFault("wrong_unit", 1, text, spoils=True))
-    found += _flat(curve, raw, at)
     stairs = _repeats(force, first, at)
+    found += _flat(curve, raw, at, stairs)
     lines = _straight(force, first, at)
     if stairs or lines:
         every = max(stairs, lines)
@@ -162,12 +163,11 @@ def _wrong_column(curve: GaugeCurve) -> GaugeFault | None:
     return None
 
 
-def _flat(curve: GaugeCurve, raw: FloatArray, at: int) -> list[GaugeFault]:
+def _flat(curve: GaugeCurve, raw: FloatArray, at: int, held: int) -> list[GaugeFault]:
     found = []
-    top = _run_at(curve.force, at)
-    if top >= _MIN_FLAT and not _holds(curve.force, at, top):
-        level = float(np.abs(raw[at]))
-        scale = curve.full_scale_N
+    level, scale = float(np.abs(raw[at])), curve.full_scale_N
+    top = _cut_at_top(curve.force, at, held, at_end=level >= _AT_END * scale)
+    if top:
         known = math.isfinite(scale)
         name = "clipped" if known and level < 0.98 * scale else "saturated"
         where = f"the device's range of {scale:.4g} N" if name == "saturated" and known else f"{level:.4g} N"
@@ -181,21 +181,32 @@ def _flat(curve: GaugeCurve, raw: FloatArray, at: int) -> list[GaugeFault]:
     return found
 
 
-def _run_at(force: FloatArray, at: int) -> int:
-    """How many neighbouring samples are equal to the one at an index."""
-    same = force == force[at]
-    left = int(np.argmin(same[at::-1])) if not same[: at + 1].all() else at + 1
-    right = int(np.argmin(same[at:])) if not same[at:].all() else force.size - at
-    return left + right - 1
+def _cut_at_top(force: FloatArray, at: int, held: int, *, at_end: bool) -> int:
+    """How many samples stand at the top where the curve breaks off on both sides of them; 0: it does not.
 
+    A smooth peak of n samples in its highest digit has n more on either side in the next eight digits.
 
-def _holds(force: FloatArray, at: int, run: int) -> bool:
-    """Whether equal neighbours are met elsewhere on the curve as well: then it is held, not cut at the top."""
+    Args:
+        force: pressing positive (samples,) [N].
+        at: its highest sample.
+        held: for how many samples the device holds each value.
+        at_end: the highest sample is at the end of the device's range: there no peak is smooth.
+    """
     height = float(force[at])
-    flank = force[(force > 0.1 * height) & (force < 0.9 * height)]
-    if flank.size < 2 * run:
-        return False
-    return float((np.diff(flank) == 0).mean()) > 0.5
+    low = np.flatnonzero(force < 0.5 * height)
+    before, after = low[low < at].max(initial=-1), low[low > at].min(initial=force.size)
+    part = force[before + 1 : after]
+    top = np.flatnonzero(part == height)
+    if top.size < max(_MIN_FLAT, 2 * held + 1):
+        return 0
+    if at_end:
+        return int(top.size)
+    digit = max(float(np.diff(np.unique(part)).min(initial=height)), _MIN_DIGIT * height)
+    near = part > height - (_NEAR_DIGITS + 0.5) * digit
+    sides = (near[: top[0]][::-1], near[top[-1] + 1 :])
+    # Up to the first sample that is lower.
+    beside = [int(np.argmin(np.append(side, False))) for side in sides]
+    return int(top.size) if max(beside) < _SMOOTH * top.size else 0
 
 
 def _one_sided(force: FloatArray, lowest: FloatArray) -> bool:

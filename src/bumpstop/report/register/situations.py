@@ -85,7 +85,7 @@ class SituationsPart(Part):
             (
                 r.situation.name,
                 element("strong", OUTCOME_WORDS[r.outcome], class_="whole"),
-                use_text(r.use),
+                use_text(r),
                 _p_over(r),
                 r.reason,
             )
@@ -132,11 +132,14 @@ class SituationsPart(Part):
         ]
 
 
-def use_text(use: float) -> str:
+def use_text(result: SituationResult) -> str:
     """The use of a limit in percent."""
-    if math.isnan(use):
+    if math.isnan(result.use):
         return "not judged"
-    return "no contact permitted" if math.isinf(use) else f"{100 * use:.3g} %"
+    if math.isinf(result.use):
+        limits = result.verdict.limits
+        return "unbounded" if limits is not None and limits.permitted else "no contact permitted"
+    return f"{100 * result.use:.3g} %"
 
 
 def _count(count: int) -> str:
