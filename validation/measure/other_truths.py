@@ -34,7 +34,8 @@ class _Course:
 class _ReferenceCollision(TracedCollision):
     """Courses of the reference simulator's arm, on the same paths."""
 
-    def _course(self, path: Array) -> _Course:  # type: ignore[override]
+    def _course(self, path: Array, reaction: int) -> _Course:  # type: ignore[override]
+        del reaction  # of a line, whose speed is even until then
         problem = self.problem
         train = problem.drive_train
         lever = self.curve.torque_per_newton[self.contact_step - 1]
