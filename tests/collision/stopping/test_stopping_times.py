@@ -61,14 +61,13 @@ def test_a_joint_that_stands_but_for_rounding_does_not_brake(tmp_path: Path) -> 
         for rate in (0.0, 1e-17)
     )
     assert still == rounding
-    q_limits = scenario.with_values({"reaction.kind": "stop"})
-    without = overtravel(q_limits)
+    without = overtravel(scenario)
     path = tmp_path / "turn.csv"
     head, *lines = path.read_text().splitlines()
     moved = [line.split(",") for line in lines]
     trembling = [",".join((t, f"{1e-17 * float(t):.3e}", *rest)) for t, _, *rest in moved]
     path.write_text("\n".join([head, *trembling]) + "\n")
-    assert overtravel(q_limits) == pytest.approx(without, rel=1e-9)
+    assert overtravel(scenario) == pytest.approx(without, rel=1e-9)
 
 
 STRETCHED = [0, 0, 0, 0, 0, 0]  # the arm lies: its tip is near its reach

@@ -127,8 +127,13 @@ def test_it_is_the_greatest_of_the_poses_in_contact(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("rows", [31, 18])
 def test_speed_limits_count_it(rows: int, tmp_path: Path) -> None:
-    begin = 0.6
+    begin, found = 0.6, []
     for torque in (1.0, 200.0):
         case = forth(tmp_path, rows=rows, onset=begin, arm={"torque_limit_Nm": torque})
-        over = onset_shares(bs.CollisionProblem.from_scenario(case), np.array([begin])).over_limit()[0]
-        assert over == pytest.approx(bs.evaluate(case).verdict.p_over_force, abs=1e-9)
+        problem = bs.CollisionProblem.from_scenario(case)
+        assert problem.limits is not None
+        share = onset_shares(problem, np.array([begin])).exceeded_with(0.5)[0]
+        expected = bs.evaluate(case).peak_force.quantile(0.5) / problem.limits.allowed_force_N(10.0)
+        assert share == pytest.approx(expected, rel=1e-6)
+        found.append(share)
+    assert found[0] < 0.9 * found[1]

@@ -76,7 +76,9 @@ def onset_shares(problem: CollisionProblem, begin: FloatArray, kernel: _native.T
     out = kernel.integrate(problem.detector, problem.contact, begin[moving], own)
     missed = np.flatnonzero(out.undetected > 0)
     undetected = undetected_forces(problem, begin[moving[missed]], own[missed])
-    for force in (out.undetected_peak, out.undetected_lasting):
+    # The kernel gives a new array each time it is asked.
+    undetected_peak, undetected_lasting = out.undetected_peak, out.undetected_lasting
+    for force in (undetected_peak, undetected_lasting):
         force[missed] = undetected.of(force[missed])
     onset = moving[np.append(out.onset, np.arange(moving.size))]
     probability = np.append(out.probability, out.undetected)
@@ -84,10 +86,10 @@ def onset_shares(problem: CollisionProblem, begin: FloatArray, kernel: _native.T
     contact = problem.scenario.contact
     first = None if transient is None else transient.allowed_force_N(contact.area_cm2, contact.peak_factor)
     if problem.gives_way:
-        peak = np.append(out.peak, out.undetected_peak)
+        peak = np.append(out.peak, undetected_peak)
         share = peak / lasting
         if first is not None:
-            share = greater_share(peak, np.append(out.lasting, out.undetected_lasting), (1 / first, 1 / lasting))
+            share = greater_share(peak, np.append(out.lasting, undetected_lasting), (1 / first, 1 / lasting))
     elif first is not None:
         at = moving[out.onset]
         phases = kernel.phases(out.tick.tolist(), begin[at], np.ascontiguousarray(normal[at]), FIRST_PHASE_S)
