@@ -22,11 +22,10 @@ pytest.importorskip("cyclonedds", reason="cyclonedds is not installed: pip insta
 from cyclonedds.core import DDSException, Policy, Qos
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
-from cyclonedds.topic import Topic
 from rosbags.typesys import Stores, get_typestore
 
 from bumpstop.live.dds import DdsOutput, DdsSource, types
-from bumpstop.live.dds.participant import domain_of, participant, topic_name
+from bumpstop.live.dds.participant import domain_of, make_topic, participant, topic_name
 
 # Runs of the tests side by side must not hear each other.
 DOMAIN = 100 + os.getpid() % 100
@@ -40,7 +39,7 @@ class Publisher:
 
     def __init__(self, topic: str, kind: Any = types.JointState, qos: Qos = RELIABLE) -> None:
         self.participant = participant(DOMAIN, loopback=True)
-        self.writer: Any = DataWriter(self.participant, Topic(self.participant, f"rt/{topic}", kind), qos=qos)
+        self.writer: Any = DataWriter(self.participant, make_topic(self.participant, f"rt/{topic}", kind), qos=qos)
 
     def close(self) -> None:
         self.writer = self.participant = None
@@ -258,12 +257,35 @@ def same(theirs: Any, ours: Any) -> bool:
     return list(theirs) == ours if isinstance(ours, list) else bool(theirs == ours)
 
 
+def test_topics_of_two_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A class of messages is prepared by one thread at a time: cyclonedds refuses one that comes meanwhile."""
+    inside, met = threading.Semaphore(1), []
+    prepare = types.Bool.__idl__.fill_type_data
+
+    def slowly() -> None:
+        alone = inside.acquire(blocking=False)
+        met.append(alone)
+        time.sleep(0.05)
+        prepare()
+        if alone:
+            inside.release()
+
+    monkeypatch.setattr(types.Bool.__idl__, "fill_type_data", slowly)
+    joined = participant(DOMAIN, loopback=True)
+    makers = [threading.Thread(target=make_topic, args=(joined, f"rt/together_{k}", types.Bool)) for k in range(3)]
+    for maker in makers:
+        maker.start()
+    for maker in makers:
+        maker.join()
+    assert met == [True] * 3
+
+
 def test_output() -> None:
     joined = participant(DOMAIN, loopback=True)
     kinds = {"residual": types.JointState, "state": types.String, "alarm": types.Bool, "wrench": types.WrenchStamped}
     keep = Qos(Policy.Reliability.Reliable(0), Policy.History.KeepAll)
     readers: dict[str, Any] = {
-        name: DataReader(joined, Topic(joined, f"rt/cell/{name}", kind), qos=keep) for name, kind in kinds.items()
+        name: DataReader(joined, make_topic(joined, f"rt/cell/{name}", kind), qos=keep) for name, kind in kinds.items()
     }
     output = DdsOutput(JOINTS, frame="base_link", prefix="/cell", domain=DOMAIN, loopback=True)
     time.sleep(0.3)

@@ -6,7 +6,7 @@ import time
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 from bumpstop.live.bench.link import LinkAnswer
-from bumpstop.live.dds.participant import domain_of, participant, topic_name
+from bumpstop.live.dds.participant import domain_of, make_topic, participant, topic_name
 from bumpstop.live.dds.publishers import ANSWER_TOPIC, writer
 
 if TYPE_CHECKING:
@@ -35,7 +35,6 @@ class DdsLink:
         self._participant: Any = participant(domain_of(domain), loopback=loopback)
         from cyclonedds.core import Policy, Qos
         from cyclonedds.sub import DataReader
-        from cyclonedds.topic import Topic
 
         from bumpstop.live.dds.types import JointState, String
 
@@ -43,7 +42,7 @@ class DdsLink:
         self._names = [joint.name for joint in plant.robot.joints]
         self._writer: Any = writer(self._participant, self._topic, JointState)
         qos = Qos(Policy.Reliability.Reliable(0), Policy.History.KeepLast(16))
-        self._reader: Any = DataReader(self._participant, Topic(self._participant, ANSWER_TOPIC, String), qos=qos)
+        self._reader: Any = DataReader(self._participant, make_topic(self._participant, ANSWER_TOPIC, String), qos=qos)
 
     @property
     def address(self) -> str:

@@ -74,6 +74,22 @@ def participant(domain: int, *, loopback: bool) -> Any:
         raise InputError("dds", f"cannot join domain {domain}: {error.msg or error}", "is the network up?") from None
 
 
+def make_topic(joined: Any, name: str, kind: Any) -> Any:
+    """A topic of a participant, made by one thread at a time.
+
+    cyclonedds prepares a class of messages at its first topic, and a second thread that comes meanwhile is refused.
+
+    Args:
+        joined: the participant.
+        name: DDS name.
+        kind: class of its messages.
+    """
+    from cyclonedds.topic import Topic
+
+    with _lock:
+        return Topic(joined, name, kind)
+
+
 def topic_name(name: str) -> str:
     """DDS name of a ROS 2 topic: ``/joint_states``, ``joint_states`` and ``rt/joint_states`` are one.
 

@@ -10,7 +10,14 @@ from typing import Any, get_args
 from bumpstop.errors import InputError
 from bumpstop.live.answer import Answer
 from bumpstop.live.dds.joint_states import DamagedStateError, Effort, ForeignStateError, JointStateReader
-from bumpstop.live.dds.participant import domain_of, import_cyclonedds, on_loopback_only, participant, topic_name
+from bumpstop.live.dds.participant import (
+    domain_of,
+    import_cyclonedds,
+    make_topic,
+    on_loopback_only,
+    participant,
+    topic_name,
+)
 from bumpstop.live.event_limiter import EventLimiter
 from bumpstop.live.sample import JointSample
 from bumpstop.live.source import Source, SourceEvent, SourceEventKind
@@ -85,16 +92,15 @@ class DdsSource(Source):
         import_cyclonedds()
         from cyclonedds.core import InstanceState, Policy, Qos, ReadCondition, SampleState, ViewState, WaitSet
         from cyclonedds.sub import DataReader
-        from cyclonedds.topic import Topic
 
         from bumpstop.live.dds.publishers import ANSWER_TOPIC, writer
         from bumpstop.live.dds.types import JointState, String
 
         self._participant = participant(self._domain, loopback=self._loopback)
-        topic = Topic(self._participant, self._topic, JointState)
+        states = make_topic(self._participant, self._topic, JointState)
         every = Policy.History.KeepLast(_MAX_WAITING)
         qos = Qos(Policy.Reliability.BestEffort, Policy.Durability.Volatile, every)
-        self._reader = DataReader(self._participant, topic, qos=qos)
+        self._reader = DataReader(self._participant, states, qos=qos)
         self._waiting = WaitSet(self._participant)
         self._waiting.attach(ReadCondition(self._reader, SampleState.Any | ViewState.Any | InstanceState.Any))
         if self._will_answer:
