@@ -40,6 +40,7 @@ _SETTINGS = (
     "causal",
 )
 _ONE_FOR_ALL = ("model_errors", "period_s", "per_hour", *_SETTINGS)
+_GROWING = ("speed", "acceleration", "model errors")
 _SAME_GAIN = 0.01
 _SAME = 1e-6  # of numbers that are written with all their digits
 _WANTED = "wanted one number above 0 for each joint; inf: not monitored"
@@ -117,19 +118,21 @@ class Thresholds:
         return {name: value for name in _SETTINGS if (value := getattr(self, name)) is not None}
 
     @property
+    def beyond_constant(self) -> list[str]:
+        """Names of what these thresholds have beside ``constant``."""
+        parts = {
+            "speed": self.speed,
+            "acceleration": self.acceleration,
+            "model errors": self.model_errors,
+            "standstill": self.rest,
+        }
+        fast = np.isfinite(np.asarray(self.fast)).any()
+        return [*(name for name, part in parts.items() if np.any(part)), *(["fast"] if fast else [])]
+
+    @property
     def motion_note(self) -> str:
         """A sentence where forces told by what is constant are too small for a moving arm; empty: they are not."""
-        assert self.speed is not None
-        assert self.acceleration is not None
-        grows = [
-            name
-            for name, some in (
-                ("speed", self.speed.any()),
-                ("acceleration", self.acceleration.any()),
-                ("model errors", self.model_errors > 0),
-            )
-            if some
-        ]
+        grows = [name for name in self.beyond_constant if name in _GROWING]
         if not grows:
             return ""
         return (

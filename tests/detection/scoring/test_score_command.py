@@ -149,3 +149,21 @@ def test_the_page_has_the_settings_in_full(tmp_path: Path) -> None:
     page = (tmp_path / "page" / "report.html").read_text()
     for said in ("late, s", ">0.4<", "window_s", ">0.05<", "observer_gain_1_s", "20,20,20,9,9,9", "Made by"):
         assert said in page, said
+
+
+def test_residuals_alone_say_what_of_the_thresholds_they_leave_out(tmp_path: Path) -> None:
+    """They hold no motion and no band-passed channel, so only what is constant can be compared."""
+    log = pushed(tmp_path / "log.parquet")
+    assert run("detect", log, *ARM, "--out", tmp_path).status == 0
+    files = {}
+    for name, more in (("constant", ""), ("whole", f"per_speed_Nm_s = {[90] * 6}\nfast_Nm = {[5] * 6}\n")):
+        files[name] = tmp_path / f"{name}.toml"
+        files[name].write_text(f"thresholds_Nm = [20, 20, 20, 9, 9, 9]\n{more}")
+    residuals = (tmp_path / "residuals.parquet", "--thresholds")
+    constant, whole = (scored(tmp_path, *residuals, files[name]) for name in ("constant", "whole"))
+    assert constant["notes"] == []
+    (note,) = whole.pop("notes")
+    assert "left out: speed, fast." in note
+    assert whole == {key: value for key, value in constant.items() if key != "notes"}
+    recorded = scored(tmp_path, log, "--robot", "ur5e", "--thresholds", files["whole"])
+    assert recorded["detected"] != constant["detected"] or recorded["events"] != constant["events"]

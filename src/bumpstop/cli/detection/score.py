@@ -187,6 +187,12 @@ def _of_residuals(
             raise InputError("--arming-delay", f"has no meaning with the residuals of {str(file)!r}", "leave it out")
         given = thresholds_of(thresholds, series.dof)
         period_of(series.t, DetectorSettings(), given)
+        if given.beyond_constant:
+            left = ", ".join(given.beyond_constant)
+            notes.append(
+                f"Residuals without the recording are compared with thresholds_Nm alone; left out: {left}. "
+                "Score the recording to count them."
+            )
         times = event_times(series, scaled_residual(series, given.constant), 1.0, apart_s)
         monitored, no_data, arming = (float(series.t[0]), float(series.t[-1])), gaps(series), []
     else:
