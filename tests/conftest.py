@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import signal
 from pathlib import Path
 
 import pytest
@@ -41,6 +42,11 @@ LONGEST = [
     "identification/test_dynamics_fit.py",
     "uncertainty/test_dependence.py",
 ]
+
+
+def pytest_configure() -> None:
+    """Let commands be interrupted: where a shell started the tests with ``&``, they would ignore it, as the tests do."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
