@@ -45,7 +45,7 @@ LONGEST = [
 
 
 def pytest_configure() -> None:
-    """Let commands be interrupted: where a shell started the tests with ``&``, they would ignore it, as the tests do."""
+    """Let commands be interrupted: behind a shell's ``&`` they ignore it, as what started them does."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 

@@ -175,7 +175,8 @@ class CollisionOutcome:
             return (
                 f"{share} of collisions are not detected within {self.scenario.motion.duration_s:g} s "
                 f"(motion.duration_s). They count with the most that the drives press with: {limit.static_force:.4g} N "
-                f"at the torque limit of joint {limit.joint}, {limit.peak_force:.4g} N with the blow."
+                f"at the torque limit of joint {limit.joint} with the base upright, {limit.peak_force:.4g} N with the "
+                "blow."
             )
         if self.unbounded_because is None:
             return (

@@ -18,18 +18,20 @@ _PLACEHOLDER_KG = (0.0, 1.0, 2.0)
 _MIN_KG_PER_M2 = 4.0
 
 
-def inertia_doubts(name: str, joints: Sequence[Joint], reach: float) -> tuple[str, ...]:
+def inertia_doubts(name: str, joints: Sequence[Joint], reach: float, turning_reach: float) -> tuple[str, ...]:
     """Why the masses and tensors of a robot are probably placeholders.
 
     Args:
         name: of the robot, to speak of it.
         joints: with the inertia of some of their links.
         reach: how far the tip gets from the axis of joint 1 [m].
+        turning_reach: likewise, with joints that slide held [m].
 
     Returns:
         One sentence that names what was found: equal masses or moments of inertia in three or more links (in all, of
         two), masses of 0, 1 or 2 kg in half of the links or more, no mass at all in a link, or a sum below 4 kg per
-        square metre of reach, or a link that turns as if its mass lay farther away than the arm reaches. Masses and
+        square metre of reach, or a link whose centre lies farther from its frame than the arm reaches, or
+        that turns as if its mass did. Masses and
         moments that agree to four digits are equal. Empty: none of that.
     """
     links = [(joint.link, joint.inertia) for joint in joints if joint.inertia is not None]
@@ -54,12 +56,16 @@ def inertia_doubts(name: str, joints: Sequence[Joint], reach: float) -> tuple[st
     if 2 * round_ones >= len(links) >= 2 and round_ones > len(without):
         found.append(f"{round_ones} of {len(links)} links weigh exactly 0, 1 or 2 kg")
     total = sum(masses)
-    if len(links) == len(joints) and math.isfinite(reach) and total < _MIN_KG_PER_M2 * reach**2:
+    if len(links) == len(joints) and total < _MIN_KG_PER_M2 * turning_reach**2:
         found.append(
-            f"all links together weigh {total:.3g} kg, less than any known arm that reaches {reach:.3g} m "
-            f"({_MIN_KG_PER_M2 * reach**2:.3g} kg)"
+            f"all links together weigh {total:.3g} kg, less than any known arm that reaches {turning_reach:.3g} m "
+            f"({_MIN_KG_PER_M2 * turning_reach**2:.3g} kg)"
         )
     for (link, inertia), principal in zip(links, moments_of, strict=True):
+        off = float(np.linalg.norm(inertia.center))
+        if off > reach:
+            found.append(f"link {link!r} has its centre {off:.3g} m off its frame, the arm reaches {reach:.3g} m")
+            break
         away = math.sqrt(max(float(principal[2]), 0.0) / inertia.mass) if inertia.mass > 0 else 0.0
         if away > reach:
             found.append(f"link {link!r} turns as if its {inertia.mass:.3g} kg were {away:.3g} m off its centre")

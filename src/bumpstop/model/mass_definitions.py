@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 EffectiveMassDefinition = Literal["mass_matrix", "links", "links_and_rotors", "composite_rigid_body", "ts15066"]
 
+# Of m |c|^2: a moment of inertia below it is what rounding leaves of masses in one line.
+_ROUNDING = 1e-13
+
 
 def with_rotors(robot: Robot, inertia: npt.ArrayLike) -> Robot:
     """The robot with other rotors in its joints.
@@ -67,27 +70,32 @@ def composite_rigid_body_mass(
         (N,) [kg].
     """
     count = len(q)
-    mass, first = 0.0, np.zeros((count, 3))
-    second = np.zeros((count, 3, 3))
-    eye = np.eye(3)
+    masses, centers, tensors = [], [], []
     for joint in robot.joints:
         inertia = joint.inertia
         if inertia is None:
             raise InputError("robot", f"{robot.name}: no inertia of link {joint.link!r} is known", "dynamics needs it")
         pose = robot.pose(q, joint.link, inertia.center)
-        center, turn = pose[:, :3, 3], pose[:, :3, :3]
-        square = np.einsum("ni,ni->n", center, center)[:, None, None] * eye - center[:, :, None] * center[:, None, :]
-        second += turn @ np.asarray(inertia.tensor) @ np.swapaxes(turn, 1, 2) + inertia.mass * square
-        first += inertia.mass * center
-        mass += inertia.mass
+        turn = pose[:, :3, :3]
+        masses.append(inertia.mass)
+        centers.append(pose[:, :3, 3])
+        tensors.append(turn @ np.asarray(inertia.tensor) @ np.swapaxes(turn, 1, 2))
+    mass = sum(masses)
     if mass == 0:
         raise InputError("robot", f"{robot.name} weighs nothing", "wanted inertia")
-    center = first / mass
-    square = np.einsum("ni,ni->n", center, center)[:, None, None] * eye - center[:, :, None] * center[:, None, :]
-    tensor = second - mass * square
+    center = sum((m * at for m, at in zip(masses, centers, strict=True)), np.zeros((count, 3))) / mass
+    tensor, size = np.zeros((count, 3, 3)), np.zeros(count)
+    for m, at, own in zip(masses, centers, tensors, strict=True):
+        away = at - center
+        square = np.einsum("ni,ni->n", away, away)[:, None, None] * np.eye(3) - away[:, :, None] * away[:, None, :]
+        tensor += own + m * square
+        size += m * np.einsum("ni,ni->n", at, at)
     moment = np.cross(robot.pose(q, link, point)[:, :3, 3] - center, direction)
     # Of masses in one line the tensor has no inverse: a push that turns it about that line turns nothing.
-    turned = np.einsum("ni,nij,nj->n", moment, np.linalg.pinv(tensor, hermitian=True), moment)
+    principal, axes = np.linalg.eigh(tensor)
+    about = np.einsum("nij,ni->nj", axes, moment)
+    turns = principal > _ROUNDING * size[:, None]
+    turned = np.divide(about**2, principal, out=np.zeros_like(about), where=turns).sum(axis=1)
     return np.asarray(1.0 / (1.0 / mass + turned))
 
 

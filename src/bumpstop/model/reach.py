@@ -13,7 +13,7 @@ from bumpstop.model.joint import Joint
 _POSES, _BEST, _ROUNDS, _TRIALS = 4000, 6, 40, 48
 
 
-def reach(joints: Sequence[Joint], tip: Callable[[FloatArray], FloatArray]) -> float:
+def reach(joints: Sequence[Joint], tip: Callable[[FloatArray], FloatArray], *, slides: bool = True) -> float:
     """Farthest the tip gets from the axis of joint 1 within the limits; see :attr:`bumpstop.model.Robot.reach`.
 
     Random poses, then ever smaller random steps from the best of them. The generator's seed is fixed.
@@ -21,6 +21,7 @@ def reach(joints: Sequence[Joint], tip: Callable[[FloatArray], FloatArray]) -> f
     Args:
         joints: of the arm.
         tip: gives where it is in poses (N, dof), base frame (N, 3) [m].
+        slides: joints that slide move, too; else they stay at 0, or where it is beyond their limits at the nearer one.
     """
 
     def distance_at(q: FloatArray) -> FloatArray:
@@ -31,6 +32,9 @@ def reach(joints: Sequence[Joint], tip: Callable[[FloatArray], FloatArray]) -> f
     lower, upper = np.array([joint.lower for joint in joints]), np.array([joint.upper for joint in joints])
     lower = np.where(turns, np.maximum(lower, -math.pi), lower)
     upper = np.where(turns, np.minimum(upper, lower + 2 * math.pi), upper)
+    if not slides:
+        held = np.clip(0.0, lower, upper)
+        lower, upper = np.where(turns, lower, held), np.where(turns, upper, held)
     if not np.isfinite(upper - lower).all():
         return math.inf
     rng = np.random.default_rng(1)

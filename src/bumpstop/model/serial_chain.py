@@ -141,6 +141,13 @@ class SerialChain:
         return reach(self.joints, lambda q: self.pose(q)[:, :3, 3])
 
     @cached_property
+    def turning_reach(self) -> float:
+        """As :attr:`reach`, with joints that slide held: how large the arm is on whatever rail [m]."""
+        if all(joint.kind == "revolute" for joint in self.joints):
+            return self.reach
+        return reach(self.joints, lambda q: self.pose(q)[:, :3, 3], slides=False)
+
+    @cached_property
     def inertia_doubts(self) -> tuple[str, ...]:
         """Why the inertia is probably a placeholder; empty where it is published, or plausible for an arm.
 
@@ -148,7 +155,7 @@ class SerialChain:
         """
         if self.inertia_status == "published" or all(joint.inertia is None for joint in self.joints):
             return ()
-        return inertia_doubts(self.name, self.joints, self.reach)
+        return inertia_doubts(self.name, self.joints, self.reach, self.turning_reach)
 
     @property
     def inertia_objection(self) -> str:

@@ -96,6 +96,10 @@ def test_what_slides() -> None:
     assert found.rotor_inertia[0] == pytest.approx(90.0)
     assert found.gear_stiffness[0] == pytest.approx(90.0 * 9.80665 / 2e-4)
     assert found.rotor_inertia[1] == two_links().drive_train.rotor_inertia[1]
+    limit = DriveTrainEntry(quantity="torque_limit", values=(4000.0, 20.0), status="published", source="sheet")
+    limited = replace(robot, drive_train_entries=(limit,)).drive_train
+    assert limited.rotor_inertia[0] == pytest.approx(90.0), "it moves as much as before"
+    assert limited.gear_stiffness[0] == pytest.approx(4000.0 / 2e-4)
 
 
 def test_the_class_of_an_arm_whose_inertia_is_not_believed() -> None:

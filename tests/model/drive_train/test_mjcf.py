@@ -55,6 +55,28 @@ def test_armatures_are_what_mujoco_reads(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.gear_stiffness, PANDA.drive_train.gear_stiffness)
 
 
+@pytest.mark.parametrize(
+    "sections",
+    [
+        '<default><joint armature="0.2"/></default><default><joint armature="2.5"/></default>',
+        '<default><joint armature="0.2"/></default><default><joint damping="1"/></default>',
+        '<default><joint damping="1"/></default><default><joint armature="2.5"/></default>',
+        '<default><joint armature="0.2"/><default class="a"><joint damping="1"/></default></default>'
+        '<default><joint armature="2.5"/><default class="b"><joint damping="1"/></default></default>',
+        '<default><default class="a"><joint armature="0.4"/></default></default>'
+        '<default><joint armature="2.5"/><default class="b"/></default>',
+    ],
+)
+def test_sections_of_defaults_go_on_with_those_before(sections: str, tmp_path: Path) -> None:
+    classes = [name for name in ("a", "b") if f'class="{name}"' in sections] + ["main"]
+    body = '<body name="b{0}"><geom size="0.1"/><joint name="joint{0}" class="{1}" {2}/>'
+    parts = [body.format(j, classes[j % len(classes)], 'armature="0.9"' if j > 4 else "") for j in range(1, 8)]
+    text = f"<mujoco>{sections}<worldbody>{''.join(parts)}{'</body>' * 7}</worldbody></mujoco>"
+    truth = mujoco.MjModel.from_xml_string(text).dof_armature
+    found = load(tmp_path, text).rotor_inertia
+    np.testing.assert_array_equal(found, np.where(truth > 0, truth, PANDA.drive_train.rotor_inertia))
+
+
 def test_joints_without_armature_keep_the_robot_s(tmp_path: Path) -> None:
     found = load(tmp_path, MODEL.replace('armature="0.7"', 'armature="0"'))
     assert found.rotor_inertia[4] == PANDA.drive_train.rotor_inertia[4]

@@ -32,7 +32,8 @@ def with_inertia(robot: Robot, mass: list[float], scale: list[float] | None = No
 @pytest.mark.parametrize("name", robots())
 def test_built_in_arms_are_believed(name: str) -> None:
     robot = Robot.load(name)
-    assert inertia_doubts(robot.name, robot.joints, robot.reach) == ()
+    assert inertia_doubts(robot.name, robot.joints, robot.reach, robot.turning_reach) == ()
+    assert robot.turning_reach == robot.reach
     assert robot.inertia_doubts == ()
 
 
@@ -155,3 +156,28 @@ def test_no_pose_reaches_farther(name: str) -> None:
 def test_a_slide_without_limits_reaches_everywhere() -> None:
     rail = Joint(name="x", link="carriage", kind="prismatic", axis=(1, 0, 0))
     assert Robot(name="rail", joints=(rail,)).reach == math.inf
+
+
+def test_a_rail_makes_no_arm_larger() -> None:
+    arm = Robot.load("ur10e")
+    carriage = LinkInertia(mass=120.0, tensor=((9, 0, 0), (0, 8, 0), (0, 0, 7)))
+    rail = Joint(name="rail", link="carriage", kind="prismatic", axis=(1, 0, 0), lower=-3, upper=3, inertia=carriage)
+    first = replace(arm.joints[0], rotation=((1, 0, 0), (0, 1, 0), (0, 0, 1)))
+    moved = replace(
+        arm, joints=(rail, first, *arm.joints[1:]), frames=(), drive_train_entries=(), inertia_status="unverified"
+    )
+    assert moved.reach > 4
+    assert moved.turning_reach == pytest.approx(arm.reach, rel=0.2)
+    assert moved.inertia_doubts == ()
+    unknown = tuple(replace(joint, inertia=None) for joint in moved.joints)
+    bare = replace(moved, joints=unknown, inertia_status="unknown")
+    assert bare.drive_train.rotor_inertia[0] < 150, "the mass of an arm of that reach, not of that travel"
+
+
+def test_a_centre_beyond_the_reach_is_named() -> None:
+    arm = Robot.load("ur5e")
+    joints = list(arm.joints)
+    assert joints[2].inertia is not None
+    joints[2] = replace(joints[2], inertia=replace(joints[2].inertia, center=(200.0, 0.0, 10.0)))
+    [said] = replace(arm, joints=tuple(joints), inertia_status="unverified").inertia_doubts
+    assert f"link {joints[2].link!r} has its centre 200 m off its frame" in said

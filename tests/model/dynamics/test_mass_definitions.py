@@ -169,3 +169,26 @@ def test_definitions_that_are_none() -> None:
         effective_mass(robot, q, Z, payload_kg=2.0)
     with pytest.raises(InputError, match=r"^payload_kg: is -1; wanted zero or more$"):
         effective_mass(robot, q, Z, definition="ts15066", payload_kg=-1.0)
+
+
+def test_point_masses() -> None:
+    """One weighs what it weighs to any push; two in one line turn nothing about that line."""
+    one = Robot(
+        name="one",
+        joints=(Joint(name="a", link="upper", inertia=LinkInertia(mass=6.0, center=(0.3, 0.2, 0.1))),),
+        tip_origin=(0.3, 0.2, 0.1),
+    )
+    two = replace(
+        planar(),
+        joints=tuple(
+            replace(joint, inertia=LinkInertia(mass=m, center=(0.4, 0, 0)))
+            for joint, m in zip(planar().joints, (6.0, 3.0), strict=True)
+        ),
+    )
+    n = np.array([0.6, 0.8, 0.0])
+    for angle in np.linspace(-3, 3, 61):
+        assert effective_mass(one, [angle], n, definition="composite_rigid_body") == pytest.approx(6.0)
+        # Masses at 0.4 and 1.4 m, so 2 kg m2 about their centre at 0.733 m; the tip at 1.8 m.
+        across = -np.sin(angle) * n[0] + np.cos(angle) * n[1]
+        wanted = 1 / (1 / 9 + ((1.8 - 6.6 / 9) * across) ** 2 / 2.0)
+        assert effective_mass(two, [angle, 0.0], n, definition="composite_rigid_body") == pytest.approx(wanted)

@@ -53,6 +53,23 @@ def test_fixed_links_give_their_mass_and_keep_their_name(tmp_path: Path) -> None
     np.testing.assert_array_equal(arm.jacobian(q, "camera"), arm.jacobian(q, "slide", (0, 0.05, 0)))
 
 
+@pytest.mark.parametrize(
+    ("rpy", "said"), [("0 0 2", False), ("1e-5 0 1", False), ("0.1 0 0", True), ("3.14 0 0", True)]
+)
+def test_a_base_that_is_not_upright_is_told(rpy: str, said: bool, tmp_path: Path) -> None:
+    mount = f'<joint name="bolt" type="fixed"><origin rpy="{rpy}"/><parent link="world"/><child link="base"/></joint>'
+    text = changed(('<link name="base"/>', f'<link name="world"/><link name="base"/>{mount}'))
+    sentence = "Gravity is taken along -z of 'base', which the file turns against 'world'; base='world' keeps it."
+    assert (sentence in read(text, tmp_path, "base").warnings) is said
+    assert not any("Gravity" in warning for warning in read(text, tmp_path).warnings)
+
+
+def test_limits_that_are_degrees_are_told(tmp_path: Path) -> None:
+    text = changed(('lower="-2"', 'lower="-170"'))
+    assert "Joints 'turn' (-170 to" in "".join(read(text, tmp_path).warnings)
+    assert not any("degrees" in warning for warning in read(ARM, tmp_path).warnings)
+
+
 def test_the_tip_keeps_its_orientation(tmp_path: Path) -> None:
     arm = read(ARM, tmp_path)
     model = pin.buildModelFromXML(ARM)

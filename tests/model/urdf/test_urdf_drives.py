@@ -78,6 +78,14 @@ def test_rotors_of_transmissions(tmp_path: Path) -> None:
     assert with_rotors(robot, 0.0) == robot
 
 
+@pytest.mark.parametrize("ratio", ["1:100", "${ratio}", "", "inf"])
+def test_a_ratio_that_cannot_be_read_is_not_1(ratio: str, tmp_path: Path) -> None:
+    text = f"<rotorInertia>2e-4</rotorInertia><mechanicalReduction>{ratio}</mechanicalReduction>"
+    robot = read(tmp_path, extra=transmission("turn", text))
+    assert robot.drive_train.rotor_inertia[0] == assumed_drive_train(robot).rotor_inertia[0]
+    assert robot.drive_train.status["rotor_inertia"] == "assumed"
+
+
 def test_rotors_of_some_joints(tmp_path: Path) -> None:
     robot = read(tmp_path, ('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><dynamics armature="0.7" damping="1"/>'))
     assumed = assumed_drive_train(robot).rotor_inertia

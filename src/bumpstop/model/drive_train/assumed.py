@@ -64,12 +64,13 @@ def assumed_drive_train(robot: SerialChain) -> DriveTrain:
     """
     known = {entry.quantity: np.asarray(entry.values) for entry in robot.drive_train_entries}
     limit = known.get("torque_limit", np.full(robot.dof, math.inf))
-    torque = np.where(np.isfinite(limit), limit, holding_torque(robot))
+    held = holding_torque(robot)
+    torque = np.where(np.isfinite(limit), limit, held)
     turns = np.array([joint.kind == "revolute" for joint in robot.joints])
     how = "a class of arms, by the rated torque of each joint"
     fixed = "a class of arms, the same for every joint"
     return DriveTrain(
-        rotor_inertia=np.where(turns, ROTOR_INERTIA_PER_TORQUE * torque, torque / _GRAVITY),
+        rotor_inertia=np.where(turns, ROTOR_INERTIA_PER_TORQUE * torque, held / _GRAVITY),
         gear_stiffness=np.where(turns, torque / TWIST_AT_TORQUE, torque / _YIELD_AT_FORCE),
         gear_damping=np.full(robot.dof, GEAR_DAMPING),
         servo_bandwidth=np.full(robot.dof, SERVO_BANDWIDTH),
@@ -118,7 +119,9 @@ def _masses(robot: SerialChain) -> tuple[FloatArray, FloatArray]:
     links = [joint.inertia for joint in robot.joints if joint.inertia is not None]
     if len(links) == robot.dof and not robot.inertia_doubts:
         return np.array([link.mass for link in links]), np.array([float(np.linalg.norm(link.center)) for link in links])
-    reach = robot.reach if math.isfinite(robot.reach) else 1.0
+    # Of an arm that only slides, its travel is all that tells its size.
+    known = robot.turning_reach or robot.reach
+    reach = known if math.isfinite(known) else 1.0
     offsets = [joint.origin for joint in robot.joints[1:]] + [robot.tip_origin]
     halves = np.array([float(np.linalg.norm(offset)) / 2 for offset in offsets])
     return np.full(robot.dof, _KG_PER_M2 * reach**2 / robot.dof), halves

@@ -58,16 +58,20 @@ def rotors_of_mjcf(path: Path, robot: Robot) -> DriveTrainEntry:
 
 
 def _classes(root: Element, file: str) -> dict[str, float]:
-    """The armature of every class of defaults; a class inherits from the one around it."""
+    """The armature of every class of defaults; a class begins with what the one around it has by then.
+
+    Sections count in the order of the file: one that comes later goes on with the classes of those before it.
+    """
     classes = {_MAIN: 0.0}
-    waiting = [(default, 0.0, _MAIN) for default in children(root, "default")]
+    waiting = [(default, _MAIN, _MAIN) for default in children(root, "default")]
     while waiting:
-        default, value, name = waiting.pop()
-        name = default.get("class", name)
+        default, unnamed, around = waiting.pop(0)
+        name = default.get("class", unnamed)
+        value = classes.get(name, classes[around])
         for joint in children(default, "joint"):
             value = _armature(joint, value, f"{file}, class {cut(name)!r}")
         classes[name] = value
-        waiting += [(child, value, "") for child in children(default, "default")]
+        waiting[:0] = [(child, "", name) for child in children(default, "default")]
     return classes
 
 

@@ -21,6 +21,8 @@ from bumpstop.model.urdf.reader import OTHER_KINDS, UrdfJoint, UrdfTree, read_ur
 Chain = TypeVar("Chain", bound=SerialChain)
 
 _GRIPPER_WORDS = ("finger", "gripper", "knuckle", "jaw")
+_UPRIGHT = 1e-6  # of the cosine between two directions that are both up
+_TURNS = 2  # beyond so many to a side, limits are more likely degrees
 _MAX_FINGER_TRAVEL = 0.15  # [m]: no axis of an arm is as short
 
 
@@ -67,8 +69,10 @@ def chain_from_urdf(
     warnings += _faults(tree, bodies, _path(tree, base, tip))
     warnings += _doubts(tree, bodies, strict=strict_inertia)
     warnings += _moving_base(tree, base)
+    warnings += _limits_in_degrees(chain)
     warnings += _left_out(tree, bodies, chain)
     warnings += _gripper_joints(tree, chain)
+    warnings += _turned_base(tree, base)
     joints, frames = [], []
     for number, (joint, before, body) in enumerate(zip(chain, bodies, bodies[1:], strict=False)):
         origin, rotation = before.placed[joint.parent]
@@ -273,6 +277,29 @@ def _moving_base(tree: UrdfTree, base: str) -> list[str]:
             moving.insert(0, repr(joint.name))
         link = joint.parent
     return [f"Moves {base!r} itself and is taken to stand still: {', '.join(moving)}."] if moving else []
+
+
+def _turned_base(tree: UrdfTree, base: str) -> list[str]:
+    """A warning where z of the base is not that of the root, which is up by the custom of such files."""
+    link, turn = base, np.eye(3)
+    while link in tree.above:
+        joint = tree.above[link]
+        turn, link = np.asarray(joint.rotation) @ turn, joint.parent
+    if turn[2, 2] > 1 - _UPRIGHT:
+        return []
+    return [f"Gravity is taken along -z of {base!r}, which the file turns against {link!r}; base={link!r} keeps it."]
+
+
+def _limits_in_degrees(chain: list[UrdfJoint]) -> list[str]:
+    most = _TURNS * 2 * np.pi
+    wide = [
+        f"{joint.name!r} ({joint.lower:.4g} to {joint.upper:.4g})"
+        for joint in chain
+        if joint.kind == "revolute" and max(-joint.lower, joint.upper) > most
+    ]
+    if not wide:
+        return []
+    return [f"Limits of more than {_TURNS} turns to a side, taken as radians; degrees? Joints {', '.join(wide)}."]
 
 
 def _left_out(tree: UrdfTree, bodies: list[_Body], chain: list[UrdfJoint]) -> list[str]:

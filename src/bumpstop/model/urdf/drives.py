@@ -46,16 +46,17 @@ def transmission_rotors(robot: Element) -> dict[str, float]:
 
     The inertia of the rotor is an element of the ``<actuator>`` (``<drake:rotor_inertia value=>``, or
     ``<rotorInertia>`` and ``<motorInertia>`` with the number as text), the gear ratio one of the actuator, of the joint
-    or of the transmission. Transmissions that couple joints are passed over.
+    or of the transmission, and 1 where none has it. Transmissions that couple joints are passed over, and those
+    with a number that cannot be read.
     """
     found = {}
     for transmission in children(robot, "transmission"):
         joints, actuators = children(transmission, "joint"), children(transmission, "actuator")
         if len(joints) != 1 or len(actuators) != 1:
             continue
-        inertia = _value(actuators, _ROTOR)
-        ratio = _value([actuators[0], joints[0], transmission], _RATIO)
-        reflected = _rotor(inertia * (1.0 if math.isnan(ratio) else ratio) ** 2)
+        inertia = _value(actuators, _ROTOR, math.nan)
+        ratio = _value([actuators[0], joints[0], transmission], _RATIO, 1.0)
+        reflected = _rotor(inertia * ratio**2)
         if not math.isnan(reflected):
             found[joints[0].get("name", "")] = reflected
     return found
@@ -93,12 +94,13 @@ def _placeholder(values: np.ndarray) -> bool:
     return len(values) >= _MIN_EQUAL and bool((values == values[0]).all())
 
 
-def _value(parents: Sequence[Element], tags: Sequence[str]) -> float:
+def _value(parents: Sequence[Element], tags: Sequence[str], absent: float) -> float:
+    """The number of the first element of such a name, nan where it is none; ``absent`` where there is no element."""
     for parent in parents:
         for element in parent:
             if local(element) in tags:
                 return _number(element.get("value", element.text))
-    return math.nan
+    return absent
 
 
 def _rotor(value: float) -> float:
