@@ -92,6 +92,7 @@ def test_every_row_is_the_distribution_of_its_own_scenario(campaign: Campaign, w
         assert row["p50_N"] == pytest.approx(alone.peak_force.quantile(0.5), rel=1e-6)
         assert row["p_over_force"] == pytest.approx(alone.verdict.p_over_force, rel=1e-5, abs=1e-9)
         assert row["p_over_pressure"] == pytest.approx(alone.verdict.p_over_pressure, rel=1e-5, abs=1e-9)
+        assert row["acceptable"] is alone.verdict.acceptable
     assert set(rows["robot"]) == {"sia5d", "ur10e"}
     names = [choice.name for choice in campaign.setups[rows["setup"][50]]]
     assert names == [rows[axis][50] for axis in ("robot", "tool", "body", "detector", "arm")]
@@ -240,3 +241,32 @@ def test_options_that_cannot_be_used(case: str, tmp_path: Path) -> None:
     refused = run("campaign", "run", small(tmp_path), *where, *options)
     assert (refused.status, refused.out) == (2, "")
     assert message in refused.err
+
+
+def test_acceptable_is_what_a_verdict_says(tmp_path: Path) -> None:
+    """Also where false alarms are too many, and where they keep the arm from the body in most cases."""
+    noisy = '\n[[detectors]]\nname = "noisy"\nkeys = { "detector.noise_sd_Nm" = [14, 14, 10, 4, 4, 4] }\n'
+    off = '\n[[detectors]]\nname = "wrist off"\nkeys = { "detector.thresholds_Nm" = [40, 40, 30, 12, inf, inf] }\n'
+    text = small(tmp_path).read_text().replace('name = "sia5d"', 'name = "ur10"', 1)
+    text = text.replace("01_hand_downward", "05_ur10e") + noisy + off
+    file = tmp_path / "noisy.toml"
+    file.write_text(text.replace("poses = 3", "poses = 2"))
+    done = computed(load_campaign(file), tmp_path / "out")
+    rows = pl.read_parquet(done / "rows" / "00000.parquet").filter(pl.col("end") != "singular_start")
+    found = load_campaign(file)
+    said = set()
+    for row in rows.filter(pl.col("detector") == "noisy").iter_rows(named=True):
+        velocity = found.direction_vectors[row["direction"]] * row["speed_mm_s"]
+        pose = found.joint_positions(row["setup"], [row["pose"]])[0]
+        keys = {"pose_rad": pose.tolist(), "motion.velocity_mm_s": velocity.tolist()}
+        verdict = bs.evaluate(found.scenario_of(row["setup"]).with_values(keys)).verdict
+        assert row["acceptable"] is verdict.acceptable
+        said.add((verdict.conclusion, verdict.fails_by == ("false_alarm",)))
+    assert ("not_acceptable", True) in said
+    # What it wrote can be read again, infinite thresholds too.
+    assert run("campaign", "status", done, "--check").status == 0
+    shares = json.loads((done / "summary.json").read_text())["groups"]
+    limited = rows.filter(pl.col("p_over_force").is_not_nan())
+    assert sum(g["acceptable_share"] * g["distributions"] for g in shares) == pytest.approx(
+        limited["acceptable"].fill_null(value=False).sum()
+    )

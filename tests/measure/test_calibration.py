@@ -196,6 +196,46 @@ def test_calibrated_scenario() -> None:
     assert "assumed" not in spread[THRESHOLDS]
 
 
+@pytest.mark.parametrize("size", [-1.2, 1.2])
+def test_a_calibrated_scenario_gives_the_measured_forces(size: float) -> None:
+    """Also by what no shot tells alone: many parameters that moved a little move the force by a lot."""
+    made = calibrate(ensemble(), shots_at(np.full(len(ensemble().parameters), size), [0, 1, 2, 3] * 3), refine=0)
+    assert made.assumed
+    hand = max((each for each in made.forces if each.situation == "hand"), key=lambda each: each.speed_mm_s)
+    carried = bs.Scenario.from_dict(tomllib.loads(calibrated_toml(made, rigid())))
+    # The pad is the gauge's, and no key of the scenario.
+    pad = made.parameters.index(CONTACT)
+    z = np.zeros(len(made.parameters))
+    z[pad] = np.median(made.posterior.z[:, pad])
+    (situation,) = situations_of([("hand", carried)])
+    found = float(np.exp(shot_force(made.parameters.at(situation.measured, z)).log_mean))
+    low, high = hand.expected_N[1:]
+    assert found == pytest.approx(hand.expected_N[0], rel=0.05)
+    assert low < found < high
+    assert abs(hand.expected_N[0] / hand.before_N[0] - 1) > 0.15
+
+
+def test_shots_over_the_limit_and_beyond_belief_are_named() -> None:
+    shots = shots_at(np.zeros(len(ensemble().parameters)), [0, 1] * 3)
+    limit = 140.0
+    over = [MeasuredShot(shot.situation, shot.speed_mm_s, 1.01 * limit, shot.number) for shot in shots]
+    (hand,) = {force.limit_N for force in calibrate(ensemble(), over, refine=0).forces if force.situation == "hand"}
+    assert hand == limit
+    said = calibrate(ensemble(), over, refine=0).notes
+    assert sum("3 of 3 shots exceed the limit of 140 N, up to 141.4 N" in note for note in said) == 2
+    wild = [
+        MeasuredShot(s.situation, s.speed_mm_s, s.force_N * factor, s.number)
+        for s, factor in zip(shots, (1, 1, 4, 4, 9, 9), strict=True)
+    ]
+    assert any(
+        "outside what single shots should show even now" in note for note in calibrate(ensemble(), wild, refine=0).notes
+    )
+    assert not any(
+        "shots" in note and "limit" in note
+        for note in calibrate(ensemble(), shots_at(np.zeros(len(ensemble().parameters)), [0]), refine=0).notes
+    )
+
+
 def test_bad_input() -> None:
     with pytest.raises(InputError, match="measured_peak_force_N: no shot is measured; fill in one row"):
         calibrate(ensemble(), [])

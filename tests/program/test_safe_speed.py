@@ -33,6 +33,10 @@ def test_what_is_written_is_acceptable_and_a_little_more_is_not(
 ) -> None:
     text = f"movej({SHORT}, v=0.4)  # too fast\nmovel(p[-0.63, -0.25, 0.6, 3.1, 0, 0.1], v=0.01)\n"
     (tmp_path / "p.script").write_text(text)
+    mine, stale = (tmp_path / "out" / "segments" / name for name in ("2024_log.csv", "7.toml"))
+    mine.parent.mkdir(parents=True)
+    mine.write_text("mine")
+    stale.write_text("of another run")
     with pytest.raises(SystemExit) as ended:
         main(
             [
@@ -46,6 +50,7 @@ def test_what_is_written_is_acceptable_and_a_little_more_is_not(
             ]
         )
     assert ended.value.code == 3
+    assert (mine.read_text(), stale.exists()) == ("mine", False)
     printed = json.loads(capsys.readouterr().out)
     assert (printed["present"], printed["written"]) == ("FAIL", "PASS")
     down, up = printed["segments"]

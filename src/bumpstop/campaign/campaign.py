@@ -18,6 +18,7 @@ from bumpstop.campaign.numbering import Numbering
 from bumpstop.collision import CollisionProblem, Scenario, evaluate_batch
 from bumpstop.collision.scenario.settings_file import files_of, scenario_data
 from bumpstop.collision.verdict.as_given import as_given
+from bumpstop.collision.verdict.verdict_notes import MAX_UNTOUCHED
 from bumpstop.errors import InputError
 from bumpstop.shards import ShardedJob, code_digest, digest, to_jsonable, versions
 from bumpstop.study.directions import spread_directions
@@ -189,7 +190,7 @@ class Campaign(ShardedJob):
         """Rows of some motions of a setup, numbered poses first, then directions, then speeds."""
         import polars as pl
 
-        problem, accepted = self._problem(setup), self.scenario_of(setup).verdict.accepted_probability
+        problem, verdict = self._problem(setup), self.scenario_of(setup).verdict
         rest, speed = np.divmod(np.arange(motions.start, motions.stop), len(self.speeds_mm_s))
         pose, direction = np.divmod(rest, len(self.direction_vectors))
         speeds = np.array(self.speeds_mm_s)[speed]
@@ -200,12 +201,14 @@ class Campaign(ShardedJob):
             self.joint_positions(setup, pose),
             velocity,
             probabilities=list(QUANTILES.values()),
-            limits_N=limits,
+            limits_N=[*limits, 0.0],
         )
         over = np.full((len(pose), 2), np.nan)
-        over[:, : len(limits)] = found.exceedance
+        over[:, : len(limits)] = found.exceedance[:, :-1]
         worst = np.fmax(over[:, 0], over[:, 1])
-        judged = np.isfinite(worst)
+        fails = (worst > verdict.accepted_probability) | (found.false_alarm_probability > verdict.max_false_alarm)
+        # As in a verdict: what is hit too rarely has not been put to the test.
+        judged = np.isfinite(worst) & (fails | (1 - found.exceedance[:, -1] <= MAX_UNTOUCHED))
         columns: dict[str, Any] = {"setup": np.full(len(pose), setup, dtype=np.uint32)}
         columns |= {
             axis: pl.Series([choice.name], dtype=pl.String).new_from_index(0, len(pose))
@@ -215,7 +218,7 @@ class Campaign(ShardedJob):
         columns |= {"mean_N": found.mean, "sd_N": found.sd}
         columns |= {name: np.ascontiguousarray(found.quantile[:, i]) for i, name in enumerate(QUANTILES)}
         columns |= {"p_over_force": over[:, 0].copy(), "p_over_pressure": over[:, 1].copy()}
-        columns["acceptable"] = pl.Series(np.where(judged, worst <= accepted, False)).set(pl.Series(~judged), None)
+        columns["acceptable"] = pl.Series(judged & ~fails).set(pl.Series(~judged), None)
         columns |= {"false_alarm": found.false_alarm_probability, "undetected": found.undetected_probability}
         columns |= {"no_contact": found.no_contact_probability}
         columns["end"] = pl.Series(values=found.end.tolist(), dtype=pl.String)
@@ -260,7 +263,7 @@ class Campaign(ShardedJob):
 
 
 def _choice_table(choice: Choice) -> dict[str, Any]:
-    table: dict[str, Any] = {"name": choice.name, "keys": to_jsonable(dict(choice.keys))}
+    table: dict[str, Any] = {"name": choice.name, "keys": dict(choice.keys)}
     return table if choice.scenario is None else table | {"scenario": scenario_data(choice.scenario)}
 
 

@@ -40,9 +40,10 @@ def summarise(
         known = rows["end"].to_numpy() != "singular_start"
         count += np.bincount(group[known], minlength=groups)
         singular += np.bincount(group[~known], minlength=groups)
-        decided = known & rows["acceptable"].is_not_null().to_numpy()
-        judged += np.bincount(group[decided], minlength=groups)
-        good = decided & rows["acceptable"].fill_null(value=False).to_numpy()
+        # Where nothing is hit in most cases there are limits but no verdict: not acceptable, either.
+        limited = known & rows["p_over_force"].is_finite().fill_null(value=False).to_numpy()
+        judged += np.bincount(group[limited], minlength=groups)
+        good = limited & rows["acceptable"].fill_null(value=False).to_numpy()
         acceptable += np.bincount(group[good], minlength=groups)
         for name, total in sums.items():
             # One row after the other, on top of what was there: volumes leave no trace in the sums.

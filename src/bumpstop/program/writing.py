@@ -42,7 +42,8 @@ def write_program(result: ProgramResult, path: Path, folder: Path) -> list[Path]
         segments = folder / "segments"
         segments.mkdir(parents=True, exist_ok=True)
         for old in (*segments.glob("[0-9]*.toml"), *segments.glob("[0-9]*.csv")):
-            old.unlink()  # of another run, they would be taken for this program's
+            if old.stem.isdecimal():
+                old.unlink()  # of another run, they would be taken for this program's
         result.source.write(result.factors, target)
         for number, one in enumerate(result.segments, start=1):
             if one.written.cell is None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from bumpstop.collision.scenario.keys import set_key
 from bumpstop.collision.scenario.settings_file import scenario_data
-from bumpstop.measure.parameters import CONTACT, LATENCY, nominal
+from bumpstop.measure.parameters import CONTACT, nominal
 from bumpstop.text_files import to_toml
 
 if TYPE_CHECKING:
@@ -21,11 +21,14 @@ _CLEAR_OF_ZERO = 2.0
 
 
 def calibrated_values(calibration: Calibration, scenario: Scenario) -> dict[str, Any]:
-    """Dotted keys of a scenario with their medians after the shots; those that the shots do not tell stay away."""
+    """Dotted keys of a scenario with their medians after the shots.
+
+    Also those that the shots do not tell by themselves: only together do the medians give the measured forces.
+    """
     parameters = calibration.parameters
     z = np.median(calibration.posterior.z, axis=0)
     values: dict[str, Any] = {}
-    for found in calibration.shown:
+    for found in calibration.found:
         if not _carried(found, scenario):
             continue
         index = parameters.index(found.key)
@@ -48,7 +51,7 @@ def uncertainty(calibration: Calibration, scenario: Scenario) -> dict[str, dict[
             entry = {"distribution": "lognormal", "sigma": _rounded(found.sd)}
         else:
             given = float(nominal(scenario, found.key))
-            middle = max(0.0, given + (found.median if found.shown else 0.0))
+            middle = max(0.0, given + found.median)
             if middle > _CLEAR_OF_ZERO * found.sd:
                 entry = {"distribution": "normal", "mean": _rounded(middle), "sd": _rounded(found.sd)}
             else:
@@ -74,13 +77,9 @@ def calibrated_toml(calibration: Calibration, scenario: Scenario) -> str:
         elif found.shown:
             lines.append(f"# {found.key}: measured, {sure}")
         else:
-            lines.append(f"# {found.key}: not told by the shots, as assumed")
+            lines.append(f"# {found.key}: still assumed, moved with the others, {sure}")
     for key, value in values.items():
         set_key(data, key, value)
-    for found in calibration.found:
-        # What varies must stand in the file to be varied about.
-        if _carried(found, scenario) and found.key not in values and found.key != LATENCY:
-            set_key(data, found.key, _rounded(nominal(scenario, found.key)))
     return "\n".join(lines) + "\n" + to_toml(data) + "\n[uncertainty]\n" + _inline(spread)
 
 

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from bumpstop.arrays import FloatArray
 
+_STRANGE = 0.34  # share of shots outside their central 95 %, of few shots
 # A parameter is shown by the shots where they narrow it by at least this.
 _SHOWN = 0.7
 # Shots that count less than this are named.
@@ -69,7 +70,7 @@ class FoundParameter:
         median, low, high: of the factor [1] or the shift [unit of the key], with the central 95 %.
         sd: of the logarithm of the factor, or of the shift.
         sd_before: the same before anything was measured.
-        shown: whether the shots tell it; else it stays as assumed.
+        shown: whether the shots tell it by itself; else it stays assumed, and moves with the others only.
     """
 
     key: str
@@ -235,6 +236,7 @@ def calibrate(
         for shot, weight, left in zip(shots, posterior.shot_weight, posterior.shot_residual, strict=True)
         if weight < _BAD_WEIGHT
     }
+    forces = _forces(ensemble, prior, surfaces, posterior, columns, after, errors, seed)
     return Calibration(
         parameters=ensemble.parameters,
         found=found,
@@ -243,9 +245,9 @@ def calibrate(
         surfaces=surfaces,
         shots=tuple(shots),
         bad_shots=bad,
-        forces=_forces(ensemble, prior, surfaces, posterior, columns, after, errors, seed),
+        forces=forces,
         next_shot=_next_shot(ensemble, surfaces, posterior, after, errors),
-        notes=tuple(_notes(found, bad, posterior, surfaces, columns)),
+        notes=(*_notes(found, bad, posterior, surfaces, columns), *_force_notes(forces, shots)),
     )
 
 
@@ -253,11 +255,13 @@ def _part(progress: Callable[[float], None] | None, number: int) -> Callable[[fl
     return None if progress is None else lambda share: progress((number + share) / _ROUNDS)
 
 
+def _is_of(situation: str, speed_mm_s: float, shot: MeasuredShot) -> bool:
+    return situation == shot.situation and math.isclose(speed_mm_s, shot.speed_mm_s, rel_tol=1e-3)
+
+
 def _column(ensemble: PeakForceEnsemble, shot: MeasuredShot) -> int:
     for c, condition in enumerate(ensemble.conditions):
-        if condition.situation.name == shot.situation and math.isclose(
-            condition.speed_mm_s, shot.speed_mm_s, rel_tol=1e-3
-        ):
+        if _is_of(condition.situation.name, condition.speed_mm_s, shot):
             return c
     raise InputError(
         f"shot {shot.number}",
@@ -348,7 +352,10 @@ def _notes(
     notes = []
     assumed = [each.label for each in found if not each.shown]
     if assumed:
-        notes.append(f"The shots do not tell: {', '.join(assumed)}. That stays as assumed.")
+        notes.append(
+            f"By themselves the shots do not tell: {', '.join(assumed)}. That stays assumed, about the values which, "
+            "with the others, give the measured forces."
+        )
     for number, ratio in bad.items():
         notes.append(f"Shot {number} shows {ratio:.3g} times what the others make expected: it hardly counts.")
     if posterior.effective < _MIN_EFFECTIVE:
@@ -358,4 +365,26 @@ def _notes(
         notes.append(
             f"Between computed points the peak forces are known to {100 * error:.2g} %, which is in the spread."
         )
+    return notes
+
+
+def _force_notes(forces: Sequence[CalibratedForce], shots: Sequence[MeasuredShot]) -> list[str]:
+    """What was measured beyond a limit, or beyond what the shots should show even now."""
+    notes = []
+    for force in forces:
+        where = f"{force.situation} at {force.speed_mm_s:.4g} mm/s"
+        here = [shot.force_N for shot in shots if _is_of(force.situation, force.speed_mm_s, shot)]
+        over = sum(shot > force.limit_N for shot in here)
+        if over:
+            notes.append(
+                f"{where}: {over} of {len(here)} shots exceed the limit of {force.limit_N:.4g} N, "
+                f"up to {max(here):.4g} N."
+            )
+        low, high = force.single_N
+        strange = sum(not low <= shot <= high for shot in here)
+        if strange > _STRANGE * len(here):
+            notes.append(
+                f"{where}: {strange} of {len(here)} shots are outside what single shots should show even now "
+                f"({low:.4g} to {high:.4g} N): what is wrong is not among the parameters, or their spread is too small."
+            )
     return notes

@@ -148,6 +148,15 @@ class PeakForceEnsemble:
         )
         return kept, tuple(self.conditions[c] for c in left)
 
+    def left_out(self, unseen: Sequence[Condition]) -> list[str]:
+        """A sentence for each of its conditions that :meth:`where_detected` leaves out."""
+        detected = dict(zip(self.conditions, self.detected().tolist(), strict=True))
+        return [
+            f"{each.situation.name} at {each.speed_mm_s:.4g} mm/s is left out: in {100 * (1 - detected[each]):.3g} % "
+            "of the cases within the assumed spread the arm never detects the gauge and would press on."
+            for each in unseen
+        ]
+
     def surfaces(self, mean: FloatArray | None = None, covariance: FloatArray | None = None) -> Surfaces:
         """Polynomials about where the parameters are believed to be.
 

@@ -29,7 +29,7 @@ class PlanCalibration:
         calibration: what the shots say.
         situations: of the plan.
         readings: recordings that were read, by row of the table.
-        left_out: sentences about shots that were not used.
+        left_out: sentences about shots that were not used, and situations that are never detected.
     """
 
     calibration: Calibration
@@ -86,7 +86,9 @@ def calibrate_plan(
         seed=plan.seed,
         progress=None if progress is None else lambda share: progress(part * share),
     )
-    ensemble, unseen = ensemble.where_detected()
+    everywhere = ensemble
+    ensemble, unseen = everywhere.where_detected()
+    left_out += everywhere.left_out(unseen)
     never = {(each.situation.name, each.speed_mm_s) for each in unseen}
     for shot in shots:
         if any(name == shot.situation and math.isclose(speed, shot.speed_mm_s, rel_tol=1e-3) for name, speed in never):

@@ -172,13 +172,9 @@ def plan_measurements(
     wanted = max(SHOTS, len(situations)) if shots is None else as_whole_number(shots, "shots", 1, 10_000)
     conditions = conditions_of(situations, parameters, speed_shares)
     ensemble = PeakForceEnsemble.of(parameters, conditions, points=points, seed=seed, progress=progress)
-    detected = dict(zip(ensemble.conditions, ensemble.detected().tolist(), strict=True))
-    ensemble, unseen = ensemble.where_detected()
-    notes = [
-        f"{each.situation.name} at {each.speed_mm_s:.4g} mm/s is left out: in {100 * (1 - detected[each]):.3g} % of "
-        "the cases within the assumed spread the arm never detects the gauge and would press on."
-        for each in unseen
-    ]
+    everywhere = ensemble
+    ensemble, unseen = everywhere.where_detected()
+    notes = everywhere.left_out(unseen)
     surfaces = ensemble.surfaces()
     z = normal_points(_DRAWS, len(parameters), seed + 1)
     belief = Belief(surfaces(z), surfaces, errors, target_weights(ensemble))

@@ -121,7 +121,7 @@ class ParametersPart(Part):
             (
                 each.label,
                 element("code", each.key),
-                value_words(each) if each.shown else "as assumed",
+                value_words(each) + ("" if each.shown else ", still assumed"),
                 f"{100 * (1 - each.sd / each.sd_before):.0f} %" if each.shown else "",
             )
             for each in made.found
@@ -132,7 +132,8 @@ class ParametersPart(Part):
         return [
             paragraph(
                 "Factors on what the scenarios say, and times added to it: medians with central 95 % intervals. The "
-                "last column is by how much the shots narrow them. What they do not tell stays as assumed."
+                "last column is by how much the shots narrow them. What they do not tell by itself "
+                "stays assumed, about the value that goes with the others."
             ),
             table(("", "key", "after the shots", "narrowed by"), rows, caption="Parameters of the cell"),
             paragraph(
