@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -337,3 +338,54 @@ def test_garbled_files_are_read_or_refused(tmp_path: Path) -> None:
         except InputError:
             pass
     assert read > 50
+
+
+@pytest.mark.parametrize("as_words", [True, False])
+def test_a_peak_that_is_missing_is_not_told(as_words: bool, tmp_path: Path) -> None:
+    """Of a device that writes a word beyond its range, or nothing, the highest row is no peak."""
+    time, force = pressed(noise=0.1)
+    whole = read_gauge(write(tmp_path / "whole.csv", time, force))
+    assert whole.usable
+    lines = (tmp_path / "whole.csv").read_text().splitlines()
+    over = [float(line.split(";")[1]) > 0.7 * whole.peak_N for line in lines[1:]]
+    cut = [line for line, away in zip(lines[1:], over, strict=True) if not away]
+    if as_words:
+        cut = [line.split(";")[0] + ";OVERLOAD" if away else line for line, away in zip(lines[1:], over, strict=True)]
+    (tmp_path / "cut.csv").write_text("\n".join([lines[0], *cut]) + "\n")
+    found = read_gauge(tmp_path / "cut.csv")
+    assert found.peak_N < 0.8 * whole.peak_N
+    assert not found.usable
+    assert any(fault.name == "gaps" and fault.spoils for fault in found.faults)
+    # A row that is lost elsewhere costs nothing.
+    (tmp_path / "one.csv").write_text("\n".join(lines[:100] + lines[101:]) + "\n")
+    assert read_gauge(tmp_path / "one.csv").usable
+
+
+def test_pressures_that_cannot_be_read_are_counted(tmp_path: Path) -> None:
+    time, force = pressed(noise=0.1)
+    pressure = [f"{100 * f / force.max():.3f}" for f in force]
+    high = int(np.argmax(force))
+    pressure[high - 30 : high + 30] = ["OVER"] * 60
+    rows = [f"{t!r};{f!r};{p}" for t, f, p in zip(time.tolist(), force.tolist(), pressure, strict=True)]
+    (tmp_path / "p.csv").write_text("\n".join(["Time [s];Force [N];Pressure [N/cm2]", *rows]) + "\n")
+    found = read_gauge(tmp_path / "p.csv")
+    assert 50 < found.peak_pressure_N_cm2 < 100
+    assert [fault.count for fault in found.faults if "pressures are no number" in fault.text] == [60]
+    rows = [f"{t!r};{f!r};OVER" for t, f in zip(time.tolist(), force.tolist(), strict=True)]
+    (tmp_path / "p.csv").write_text("\n".join(["Time [s];Force [N];Pressure [N/cm2]", *rows]) + "\n")
+    assert math.isnan(read_gauge(tmp_path / "p.csv").peak_pressure_N_cm2)
+
+
+def test_columns_of_one_name_are_told_by_their_number(tmp_path: Path) -> None:
+    time, force = pressed(noise=0.1)
+    rows = [f"{t!r};{f / 10!r};{f!r}" for t, f in zip(time.tolist(), force.tolist(), strict=True)]
+    path = tmp_path / "two.csv"
+    path.write_text("\n".join(["Time [s];Force [N];Force [N]", *rows]) + "\n")
+    second, third = (read_gauge(path, GaugeFormat(force_column=number)).peak_N for number in ("2", "3"))
+    assert third == pytest.approx(10 * second)
+    for column, said in (
+        (None, "may be any of 'Force \\[N\\]'"),
+        ("force", "may be any of columns 2, 3; give its number"),
+    ):
+        with pytest.raises(InputError, match=said):
+            read_gauge(path, GaugeFormat(force_column=column))

@@ -222,7 +222,7 @@ def read_shots(path: Path) -> tuple[FilledShot, ...]:
         if not name:
             raise InputError(f"{path}, row {row + 1}, situation", "is empty", "wanted the name of a situation")
         shot, predicted, low, high = (
-            _positive(table, row, key, path, empty=True) if key in table.names else math.nan
+            _positive(table, row, key, path, empty=True, unbounded=key != "shot") if key in table.names else math.nan
             for key in ("shot", *COLUMNS[3:6])
         )
         found.append(
@@ -260,10 +260,12 @@ def shots_text(shots: Sequence[FilledShot], measured: Mapping[int, float]) -> st
     return text.getvalue()
 
 
-def _positive(table: TextTable, row: int, name: str, path: Path, *, empty: bool) -> float:
+def _positive(table: TextTable, row: int, name: str, path: Path, *, empty: bool, unbounded: bool = False) -> float:
     text = table.cell(row, name).strip()
     if not text and empty:
         return math.nan
+    if unbounded and text == "inf":
+        return math.inf  # as a plan writes it of shots that may never be detected
     value = table.number(text)
     if not 0 < value < math.inf:
         raise InputError(f"{path}, row {row + 1}, {name}", f"{text!r} cannot be used", "wanted a number above zero")

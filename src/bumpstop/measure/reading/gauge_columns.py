@@ -55,10 +55,12 @@ class GaugeColumn:
     Attributes:
         name: as the file has it.
         unit: one of :data:`UNITS`; empty: not stated.
+        number: of the column, from 0.
     """
 
     name: str
     unit: str
+    number: int
 
 
 def find_column(
@@ -80,28 +82,35 @@ def find_column(
             f"{quantity}_unit", f"{told_unit!r} is no unit of {quantity}", near_matches(told_unit, UNITS[quantity])
         )
     if told is not None:
-        name = _told(names, told, quantity)
+        number = _told(names, told, quantity)
     else:
-        found = [name for name in names if _is(name, quantity)]
+        found = [number for number, name in enumerate(names) if _is(name, quantity)]
         if len(found) > 1:
-            raise InputError(
-                f"{quantity}_column", f"may be any of {', '.join(repr(name) for name in found)}", "say which one"
-            )
+            which = ", ".join(repr(names[number]) for number in found)
+            raise InputError(f"{quantity}_column", f"may be any of {which}", "say which one, by its name or number")
         if not found:
             return None
-        name = found[0]
+        number = found[0]
+    name = names[number]
     unit = _unit(told_unit, quantity) if told_unit is not None else unit_of_name(name, quantity)
-    return GaugeColumn(name, unit or "")
+    return GaugeColumn(name, unit or "", number)
 
 
-def _told(names: tuple[str, ...], told: str, quantity: str) -> str:
-    if told in names:
-        return told
-    for name in names:
-        if _plain(name) == _plain(told) or _plain(_without_unit(name)) == _plain(told):
-            return name
+def _told(names: tuple[str, ...], told: str, quantity: str) -> int:
+    """Number of the column from 0."""
+    same = [number for number, name in enumerate(names) if name == told]
+    alike = [
+        number
+        for number, name in enumerate(names)
+        if _plain(name) == _plain(told) or _plain(_without_unit(name)) == _plain(told)
+    ]
+    if len(same) > 1 or (not same and len(alike) > 1):
+        numbers = ", ".join(str(number + 1) for number in same or alike)
+        raise InputError(f"{quantity}_column", f"{told!r} may be any of columns {numbers}", "give its number")
+    for number in (*same, *alike):
+        return number
     if re.fullmatch(r"[0-9]{1,4}", told) and 1 <= int(told) <= len(names):
-        return names[int(told) - 1]
+        return int(told) - 1
     raise InputError(f"{quantity}_column", f"{told!r} is no column", near_matches(told, names))
 
 

@@ -61,7 +61,7 @@ class GaugeCurve:
     Attributes:
         time: (samples,) [s].
         force: positive where the gauge is pressed (samples,) [N].
-        pressure: highest of the sensor (samples,) [N/cm2]; None: the file has none.
+        pressure: highest of the sensor (samples,), NaN where unreadable [N/cm2]; None: the file has none.
         source: the file.
         columns: names of the columns of time, force and pressure; empty: none.
         units: their units as read.
@@ -120,11 +120,11 @@ def load_gauge_curve(path: Path, form: GaugeFormat | None = None) -> GaugeCurve:
     if force_column is None:
         raise InputError(f"{path}, force_column", "is not found", f"say which of {', '.join(map(repr, names))} it is")
     force_unit = _unit(force_column, "force", path, preamble)
-    force = _values(table, force_column.name) * UNITS["force"][force_unit]
+    force = _values(table, force_column.number) * UNITS["force"][force_unit]
     pressure, pressure_unit = None, ""
     if pressure_column is not None:
         pressure_unit = _unit(pressure_column, "pressure", path, preamble)
-        pressure = _values(table, pressure_column.name) * UNITS["pressure"][pressure_unit]
+        pressure = _values(table, pressure_column.number) * UNITS["pressure"][pressure_unit]
     time_unit = ""
     if time_column is None:
         rate = form.rate_hz or _stated(preamble, r"(?:rate|frequency|frequenz|abtastrate)\D{0,20}?", r"(k?)hz")
@@ -133,7 +133,7 @@ def load_gauge_curve(path: Path, form: GaugeFormat | None = None) -> GaugeCurve:
         time = np.arange(force.size) / rate
     else:
         time_unit = _unit(time_column, "time", path, preamble)
-        time = _values(table, time_column.name) * UNITS["time"][time_unit]
+        time = _values(table, time_column.number) * UNITS["time"][time_unit]
     full_scale = form.full_scale_N or _stated(preamble, r"(?:range|full scale|messbereich)\D{0,20}?", r"(k?)n\b")
     time, force, pressure, counts = _sorted(time, force, pressure)
     if time.size < _MIN_SAMPLES:
@@ -183,8 +183,7 @@ def _stated(preamble: str, words: str, unit: str) -> float | None:
     return float(found[1].replace(",", ".")) * (1e3 if found[2] else 1.0)
 
 
-def _values(table: TextTable, name: str) -> FloatArray:
-    column = table.names.index(name)
+def _values(table: TextTable, column: int) -> FloatArray:
     values = np.array([table.number(row[column]) for row in table.rows], dtype=np.float64)
     # What no device shows is no number of one.
     return np.where(np.abs(values) < _MAX_VALUE, values, np.nan)
@@ -195,7 +194,7 @@ def _sorted(
 ) -> tuple[FloatArray, FloatArray, FloatArray | None, tuple[int, int, int]]:
     readable = np.isfinite(time) & np.isfinite(force)
     time, force = time[readable], force[readable]
-    pressure = None if pressure is None else np.nan_to_num(pressure[readable])
+    pressure = None if pressure is None else pressure[readable]
     backward = int((np.diff(time) < 0).sum())
     order = np.argsort(time, kind="stable")
     first = np.ones(time.size, dtype=bool)

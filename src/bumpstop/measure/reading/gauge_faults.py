@@ -75,6 +75,10 @@ def sampling_faults(curve: GaugeCurve) -> list[GaugeFault]:
     if curve.unreadable:
         text = f"{curve.unreadable} rows hold no number: they were dropped."
         found.append(GaugeFault("unreadable", curve.unreadable, text, repaired=True))
+    missing = 0 if curve.pressure is None else int(np.isnan(curve.pressure).sum())
+    if missing:
+        text = f"{missing} pressures are no number: the highest pressure is at least what is told."
+        found.append(GaugeFault("unreadable", missing, text))
     if curve.repeated:
         text = f"{curve.repeated} rows have the time of an earlier one: they were dropped."
         found.append(GaugeFault("repeated", curve.repeated, text, repaired=True))
@@ -128,6 +132,10 @@ def curve_faults(
             "wrong, or nothing was hit."
         )
         found.append(GaugeFault("wrong_unit", 1, text, spoils=True))
+    hole = float(np.diff(curve.time[max(at - 1, 0) : at + 2]).max(initial=0.0))
+    if hole > _GAP * curve.step:
+        text = f"Samples are missing beside the highest one, for {1e3 * hole:.3g} ms: the peak may be among them."
+        found.append(GaugeFault("gaps", 1, text, spoils=True))
     stairs = _repeats(force, first, at)
     found += _flat(curve, raw, at, stairs)
     lines = _straight(force, first, at)

@@ -14,6 +14,8 @@ from bumpstop.measure.reading.gauge_curve import GaugeCurve, GaugeFormat, load_g
 from bumpstop.measure.reading.gauge_faults import GaugeFault, curve_faults, sampling_faults
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
     from bumpstop.arrays import FloatArray
 
 # Contact begins where the force passes this share of the peak, unless a trigger is told.
@@ -156,12 +158,18 @@ def analyse(curve: GaugeCurve, trigger_N: float | None = None) -> GaugeReading:
         zero_N=zero if before else math.nan,
         drift_N=drift,
         noise_N=noise,
-        peak_pressure_N_cm2=math.nan if pressure is None else float(pressure[early].max()),
-        lasting_pressure_N_cm2=math.nan if pressure is None or not late.any() else float(pressure[late].max()),
+        peak_pressure_N_cm2=_highest(pressure, early),
+        lasting_pressure_N_cm2=_highest(pressure, late),
         rate_hz=1.0 / curve.step,
         # Of a force over what is no time nothing else can be said.
         faults=tuple(fault for fault in faults if not timeless or fault.name == "wrong_column"),
     )
+
+
+def _highest(pressure: FloatArray | None, rows: npt.NDArray[np.bool_]) -> float:
+    """Highest of some samples; NaN where none of them has a number."""
+    known = np.array([]) if pressure is None else pressure[rows & np.isfinite(pressure)]
+    return float(known.max()) if known.size else math.nan
 
 
 def _baseline(force: FloatArray) -> tuple[float, float, bool]:

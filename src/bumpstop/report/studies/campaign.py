@@ -58,8 +58,8 @@ class SharesPart(Part):
             paragraph(
                 f"{summary['distributions']} distributions; {summary['singular_starts']} poses start at a singularity, "
                 "have none and are left out. A pose is acceptable where every limit of its body is exceeded with at "
-                "most the accepted probability, alarms come before contact no more often than accepted, and something is "
-                "hit in half of the cases or more. No figure stands for a place of a cell: poses are drawn at random."
+                "most the accepted probability, alarms before contact are no more than accepted, and in half of the "
+                "cases or more something is hit. No figure stands for a place of a cell: poses are drawn at random."
             ),
             table(headings, rows, caption="Every setup at every speed", numbers=True),
             *([paragraph(f"{more} more rows are in summary.json.")] if more > 0 else []),
