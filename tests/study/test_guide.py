@@ -33,6 +33,20 @@ def rates() -> tuple[bs.Scenario, dict[str, Any]]:
     return scenario, run(study, threads=2).summary
 
 
+def test_printed_values_meet_the_limits(rates: Any) -> None:
+    """They are typed into a scenario from the terminal or the page: the digits shown must be enough."""
+    scenario, summary = rates
+    plans = [plan for plan in (summary["guide"]["combined"], *summary["guide"]["single_change"].values()) if plan]
+    assert len(plans) >= 3
+    for plan in plans:
+        typed = {key: float(f"{value:.6g}") for key, value in plan["values"].items()}
+        assert typed == plan["values"]
+        there = scenario
+        for key, value in typed.items():
+            there = Variable(key).apply(there, value)
+        assert bs.evaluate(there).verdict.acceptable
+
+
 def _check_curves(scenario: bs.Scenario, pair: dict[str, Any]) -> int:
     """Distributions of points of all curves have their risk, and nowhere more; the number of points."""
     seen = 0

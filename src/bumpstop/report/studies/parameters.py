@@ -296,7 +296,7 @@ class GuidePart(Part):
         if guide["reason"]:
             found.append(paragraph(guide["reason"]))
         keys = list(now["values"])
-        rows = [["as it is", *(f"{now['values'][key]:.6g}" for key in keys), "0", ratio]]
+        rows = [["as it is", *(f"{now['values'][key]:.10g}" for key in keys), "0", ratio]]
         for name, plan in guide["single_change"].items():
             rows.append(self._row(f"{name} alone", plan, keys))
         if guide["single_change"]:
@@ -309,5 +309,5 @@ class GuidePart(Part):
     def _row(self, name: str, plan: dict[str, Any] | None, keys: Sequence[str]) -> list[str]:
         if plan is None:
             return [name, *[NONE for _ in keys], "not in its range", NONE]
-        values = [f"{plan['values'][key]:.6g}" for key in keys]
+        values = [f"{plan['values'][key]:.10g}" for key in keys]
         return [name, *values, f"{plan['cost']:.4g}", f"{plan['force_over_allowed']:.4f}"]

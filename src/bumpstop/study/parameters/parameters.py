@@ -191,7 +191,7 @@ class ParameterStudy(Study):
             if plan is None or not guide["single_change"]:
                 lines.append(guide["reason"])
             if plan is not None and guide["single_change"]:
-                values = ", ".join(f"{key} = {value:.6g}" for key, value in plan["values"].items())
+                values = ", ".join(f"{key} = {value:.10g}" for key, value in plan["values"].items())
                 lines.append(f"cheapest way to meet the limits, at a cost of {plan['cost']:.4g}: {values}")
         return lines
 

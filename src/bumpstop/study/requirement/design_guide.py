@@ -60,6 +60,8 @@ def min_cost(scenario: Scenario, cost_rates: Sequence[CostRate]) -> DesignGuide:
     single_change = {cost_rate.swept.variable.name: search.single_change(k) for k, cost_rate in enumerate(cost_rates)}
     combined = search.combined([design for design in single_change.values() if design is not None])
     reason = ""
+    single_change = {name: design and search.rounded(design) for name, design in single_change.items()}
+    combined = combined and search.rounded(combined)
     if combined is None:
         conservative = search.design(search.conservative)
         reason = (

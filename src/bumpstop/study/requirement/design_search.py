@@ -96,6 +96,14 @@ class Design:
         }
 
 
+def _six_digits(value: float, *, up: bool) -> float:
+    if value == 0:
+        return value
+    unit = 10.0 ** (math.floor(math.log10(abs(value))) - 5)
+    steps = math.ceil(value / unit) if up else math.floor(value / unit)
+    return float(f"{steps * unit:.6g}")
+
+
 class DesignSearch:
     """Distributions about one scenario, kept once computed."""
 
@@ -137,6 +145,18 @@ class DesignSearch:
         """The values ``x`` (variables,) with what they cost and how far they are within what is accepted."""
         values = {variable.name: float(value) for variable, value in zip(self.variables, x, strict=True)}
         return Design(values, self.cost(x), *self.margins(x))
+
+    def rounded(self, design: Design) -> Design:
+        """A design with six digits for each changed value, as a person would type it, where that is enough, too."""
+        x = np.array(list(design.values.values()))
+        for away in (self.start, 2 * x - self.conservative):
+            # Farther from the present values, or nearer to the most conservative ones.
+            short = np.array([_six_digits(a, up=a > b) for a, b in zip(x, away, strict=True)])
+            keep = np.array([bool(quantum) for quantum in self.quantum]) | (x == self.start)
+            found = self.design(np.where(keep | (short < self.low) | (short > self.high), x, short))
+            if found.meets:
+                return found
+        return design
 
     def _conservatism(self, x: FloatArray) -> tuple[float, float]:
         """What is to be as great as can be: the lesser margin, and where that is the same the other one."""
