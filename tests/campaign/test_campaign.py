@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 import pickle
 import random
+import signal
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -270,3 +275,32 @@ def test_acceptable_is_what_a_verdict_says(tmp_path: Path) -> None:
     assert sum(g["acceptable_share"] * g["distributions"] for g in shares) == pytest.approx(
         limited["acceptable"].fill_null(value=False).sum()
     )
+
+
+def test_ctrl_c_while_workers_begin_is_told_in_a_line(tmp_path: Path) -> None:
+    """A terminal sends it to all processes; those that still import must not print how far they got."""
+    command = [
+        sys.executable,
+        "-c",
+        "from bumpstop.cli.main import main; main()",
+        "campaign",
+        "run",
+        str(small(tmp_path)),
+    ]
+    command += ["--workers", "2", "--out", str(tmp_path / "out")]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+        while process.poll() is None:
+            begun = [Path(f"/proc/{child}") for child in children.read_text().split()]
+            if any(
+                "spawn_main" in (one / "cmdline").read_text() and "numpy" in (one / "maps").read_text() for one in begun
+            ):
+                break
+            time.sleep(0.01)
+        os.killpg(process.pid, signal.SIGINT)
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert err.splitlines()[-1] == "error: interrupted"
+    assert "Traceback" not in err

@@ -147,12 +147,10 @@ _OF_THIS_PROCESS: list[Any] = []
 
 
 def _begin_process(job: ShardedJob, folder: ResultFolder | None) -> None:
-    """What a process does first: remember the job, leave Ctrl-C to its parent, and end when that ends."""
-    import signal
+    """What a process does first: remember the job, and end when its parent ends."""
     import threading
     from multiprocessing import parent_process
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     _OF_THIS_PROCESS[:] = [job, folder]
     parent = parent_process()
 
@@ -190,8 +188,13 @@ def _in_processes(
             pool = ProcessPoolExecutor(
                 min(processes, len(left)), multiprocessing.get_context("spawn"), _begin_process, (job, folder)
             )
+
+            def submit(group: list[int], pool: ProcessPoolExecutor = pool) -> Future[list[Receipt]]:
+                with _ctrl_c_blocked():  # the pool begins its processes with the first group
+                    return pool.submit(_compute_here, group)
+
             try:
-                _drain(lambda group: pool.submit(_compute_here, group), iter(left), _WAITING * processes, keep)  # noqa: B023
+                _drain(submit, iter(left), _WAITING * processes, keep)
             except BrokenProcessPool:
                 # Killed, or out of memory. Its shards are computed again by others.
                 deaths += 1
@@ -200,6 +203,18 @@ def _in_processes(
                     raise InputError("--workers", problem, "is there memory for so many?") from None
             finally:
                 pool.shutdown(cancel_futures=True)
+
+
+@contextlib.contextmanager
+def _ctrl_c_blocked() -> Iterator[None]:
+    """Processes that begin in this block leave Ctrl-C to their parent, while they import, too."""
+    import signal
+
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextlib.contextmanager
