@@ -102,7 +102,7 @@ def _print(made: PlanCalibration) -> None:
     for heading in ("", "key", "after the shots"):
         table.add_column(heading)
     for each in found.found:
-        table.add_row(each.label, each.key, value_words(each) + ("" if each.shown else ", still assumed"))
+        table.add_row(each.label, each.key, value_words(each))
     console.print(table)
     forces = Table(box=None, pad_edge=False)
     for heading in ("situation", "mm/s", "shots", "before, N", "expected, N", "single shots, N", "limit, N"):

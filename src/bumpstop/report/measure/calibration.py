@@ -26,10 +26,11 @@ _MANY = 60
 
 
 def value_words(found: FoundParameter) -> str:
-    """Median and central 95 % of a parameter."""
+    """Median and central 95 % of a parameter, and whether it is still assumed."""
+    assumed = "" if found.shown else ", still assumed"
     if found.kind == "shift":
-        return f"{1e3 * found.median:+.3g} ms [{1e3 * found.low:+.3g}, {1e3 * found.high:+.3g}]"
-    return f"x {found.median:.3g} [{found.low:.3g}, {found.high:.3g}]"
+        return f"{1e3 * found.median:+.3g} ms [{1e3 * found.low:+.3g}, {1e3 * found.high:+.3g}]{assumed}"
+    return f"x {found.median:.3g} [{found.low:.3g}, {found.high:.3g}]{assumed}"
 
 
 class ForcesPart(Part):
@@ -121,7 +122,7 @@ class ParametersPart(Part):
             (
                 each.label,
                 element("code", each.key),
-                value_words(each) + ("" if each.shown else ", still assumed"),
+                value_words(each),
                 f"{100 * (1 - each.sd / each.sd_before):.0f} %" if each.shown else "",
             )
             for each in made.found
