@@ -133,7 +133,7 @@ class ParametersPart(Part):
         return [
             paragraph(
                 "Factors on what the scenarios say, and times added to it: medians with central 95 % intervals. The "
-                "last column is by how much the shots narrow them. What they do not tell by itself "
+                "last column is by how much the shots narrow them. What they do not tell alone "
                 "stays assumed, about the value that goes with the others."
             ),
             table(("", "key", "after the shots", "narrowed by"), rows, caption="Parameters of the cell"),
@@ -160,7 +160,8 @@ def write_calibration(made: PlanCalibration, folder: Path) -> Path:
         InputError: the folder cannot be written.
     """
     parts: list[Part] = [ForcesPart(made), ParametersPart(made)]
-    about = f"{len(made.calibration.shots)} shots in {len(made.situations)} situations"
+    shots = made.calibration.shots
+    about = f"{len(shots)} shots in {len({shot.situation for shot in shots})} of {len(made.situations)} situations"
     title = "Calibration by measured forces"
     style = print_style(f"{title}, {about}")
     return write_document(Document(title, "bumpstop: measure", "calibration", parts, about, style), folder)
