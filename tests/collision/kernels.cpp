@@ -141,7 +141,7 @@ void check_trajectory(const Arm& arm, double duration) {
         const Point3<double> normal{way.x / length, way.y / length, way.z / length};
         for (double mass : {2.0, 0.0}) {
             const Contact contact{{20000, 0, mass}};
-            const auto by = contact.propagator(trajectory.step());
+            const auto by = propagator_of(contact.system(), trajectory.step());
             const OnsetDistribution law =
                 integrate_onset<L>(trajectory, begin, normal, arm.detector, contact, by ? &*by : nullptr, before);
             double all = law.zero_force + law.undetected;

@@ -280,7 +280,7 @@ BatchResult evaluate_batch(const CollisionSetup& setup, const GaussianThresholds
     constexpr int lanes = Scalar<L>::lanes;
     const detail::BatchProblem problem{setup, detector, contact, poses, settings};
     BatchResult out(std::size_t(poses.count), std::size_t(setup.chain.dof), settings);
-    if (setup.arm || contact.propagator(setup.motion.step)) {
+    if (setup.arm || contact.system()) {
         std::atomic<int> next{0};
         work_in_threads(settings.threads, [&] {
             for (int pose = next++; pose < poses.count; pose = next++) detail::write_yielding<L>(problem, pose, out);

@@ -37,25 +37,26 @@ LinePath trace_until_decided(const CollisionSetup& setup, const LineRequest& lin
     const double largest = contact.offset.largest();
     if (!contact.body.gets_away()) {
         LinePath path = trace_line<T>(setup, line, SurvivalCriterion<T>(setup, detector, contact));
-        std::optional<ContactPropagator> by = contact_propagator(setup, path, contact);
-        if (!by) return path;
+        const std::optional<ContactSystem> system = contact_system(setup, path, contact);
+        if (!system) return path;
         // In the end the arm presses as its gears and servos let it; until then it lags behind.
         Contact pressed = contact;
-        pressed.body.stiffness = by->static_stiffness;
-        double lag = settling_time(setup, *by);
+        pressed.body.stiffness = system->static_stiffness();
+        double lag = settling_time(setup, *system);
         for (int doubling = 0; doubling < 8; ++doubling, lag *= 2) {
             const int ticks = int(std::ceil(lag / (setup.timing.period * setup.motion.step)));
             path =
                 trace_line<T>(setup, line, LingeringCriterion(SurvivalCriterion<T>(setup, detector, pressed), ticks));
-            by = contact_propagator(setup, path, contact);
-            if (path.end != PathEnd::all_detected || surely_detected(setup, path, *by, detector, contact)) break;
+            if (path.end != PathEnd::all_detected ||
+                surely_detected(setup, path, *contact_propagator(setup, path, contact), detector, contact))
+                break;
         }
         return path;
     }
-    const std::optional<ContactPropagator> by = contact.propagator(setup.motion.step);
+    const double half_oscillation = contact.system()->half_oscillation();
     for (double half_oscillations = 3;; half_oscillations *= 4) {
         LinePath path =
-            trace_line<T>(setup, line, SeparationCriterion<T>(*by, setup.timing, largest, half_oscillations));
+            trace_line<T>(setup, line, SeparationCriterion<T>(largest, half_oscillations * half_oscillation, setup));
         if (path.end != PathEnd::all_detected ||
             all_separated(path, *contact_propagator(setup, path, contact), setup.timing, largest))
             return path;

@@ -13,10 +13,10 @@ struct Contact {
     ContactBody body{};
     OffsetDistribution offset{};  ///< how far the body is from the contact point when the motion begins
 
-    /// Arm and body go their own ways by this in every simulation step [s]; none where all that gives is a clamped spring.
-    std::optional<ContactPropagator> propagator(double step) const {
+    /// A rigid arm and the body; none where all that gives is a clamped spring.
+    std::optional<ContactSystem> system() const {
         if (body.clamped() && !(body.damping > 0)) return std::nullopt;
-        return ContactPropagator(ContactSystem(ElasticArm{}, body), step);
+        return ContactSystem(ElasticArm{}, body);
     }
     /// The same body where contact begins.
     Contact at_body() const { return {body, {OffsetKind::fixed, 0.0}}; }

@@ -99,16 +99,16 @@ class ContactReactions {
                 if (i >= longest && (late || !may_meet(state))) return;
                 if (path.later(i) <= offset && (met >= 0 || !swings)) return;
             }
-            const bool ends = i < calm && i + block > calm;
-            if (block > 0 && !ends && (swings || state.touched)) {
+            if (block > 0 && (swings || state.touched)) {
                 std::array<double, ContactBlock::points + 1> ahead;
                 ahead[0] = from;
-                for (int n = 1; n <= block; ++n) ahead[std::size_t(n)] = path.at(i + n);
-                const int until = met < 0 ? block : steps_until_left(path, i, block, offset);
-                const int steps = dynamics_.leap(state, ahead.data(), offset, until);
+                path.copy(i + 1, block, &ahead[1]);
+                const int until = met < 0 ? block : steps_until_left(path, i, block, offset),
+                          most = i < calm ? std::min(block, calm - i) : block,
+                          steps = dynamics_.leap(state, ahead.data(), offset, until, most);
                 from = ahead[std::size_t(steps)];
                 i += steps;
-                if (steps == block) {
+                if (steps == most) {
                     --i;
                     continue;
                 }

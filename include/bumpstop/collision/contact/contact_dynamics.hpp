@@ -61,9 +61,9 @@ class ContactDynamics {
             advance(at, from - offset + speed * (by_->piece * piece), speed, final || by_->gets_away);
     }
 
-    /// Goes on by steps of a reaction, whose begins and ends are `place`, up to a block of them and to the step in which arm
-    /// and body meet or part; they do not meet from step `until` on. Returns how many.
-    int leap(ContactState& at, const double* place, double offset, int until) const {
+    /// Goes on by up to `most` steps of a reaction, no more than a block has, whose begins and ends are `place`: to the step in
+    /// which arm and body meet or part; they do not meet from step `until` on. Returns how many.
+    int leap(ContactState& at, const double* place, double offset, int until, int most) const {
         constexpr int points = ContactBlock::points;
         const int steps = by_->block_steps, pieces = by_->pieces;
         alignas(64) std::array<double, ContactBlock::max_columns> in;
@@ -73,28 +73,28 @@ class ContactDynamics {
         for (int i = 0; i < steps; ++i) speed[i + 1] = (place[i + 1] - place[i]) * (1 / by_->step);
         speed[0] = at.begun ? at.speed : speed[1] - at.ramp;
         speed[steps + 1] = at.ramp;
-        alignas(64) std::array<double, ContactBlock::max_rows> out;
+        alignas(64) std::array<double, ContactBlock::max_told> told;
         const ContactBlock& block = at.contact ? by_->block_in_contact : by_->block_apart;
-        block(in.data(), out.data());
+        block(in.data(), told.data());
         // What is told first, the force or the gap, says when they part or meet.
-        const int last = at.contact ? points : until * pieces;
+        const int last = std::min(at.contact ? points : until * pieces, most * pieces);
         int point = 0;
-        while (point < last && !(at.contact ? out[std::size_t(point)] < -by_->grazing : out[std::size_t(point)] > 0))
+        while (point < last && !(at.contact ? told[std::size_t(point)] < -by_->grazing : told[std::size_t(point)] > 0))
             ++point;
-        const int count = point < last ? point / pieces : steps;
+        const int count = point < last ? point / pieces : most;
         if (count == 0) return 0;
         if (at.contact)
-            note_peaks(at, in[states_], speed, out.data(), count * pieces);
+            note_peaks(at, in.data(), told.data(), count);
         else
-            at.farthest = std::max(at.farthest, *std::max_element(out.begin(), out.begin() + count * pieces));
-        at.force = at.contact ? out[std::size_t(count * pieces) - 1] : 0.0;
+            at.farthest = std::max(at.farthest, *std::max_element(told.begin(), told.begin() + count * pieces));
+        at.force = at.contact ? told[std::size_t(count * pieces) - 1] : 0.0;
         const double duration = count * by_->step;
         if (at.contact) at.since += duration;
         if (at.touched) at.elapsed += duration;
         at.speed = speed[count];
         at.begun = true;
-        if (count < steps) block.some(count, in.data(), place, offset);
-        std::copy_n(count < steps ? in.data() : block.state(out.data()), states_, at.z.begin());
+        block.advance(count, in.data(), place, offset);
+        std::copy_n(in.begin(), states_, at.z.begin());
         return count;
     }
 
@@ -149,26 +149,32 @@ class ContactDynamics {
         return {value0, rate0 * time, bend0 * square, value1, rate1 * time, bend1 * square};
     }
 
-    /// Notes the greatest forces of some points of a block in contact, and between them. `told`: force, rate and bend.
-    void note_peaks(ContactState& at, double r, const double* speed, const double* told, int points) const {
-        const double *force = told, *rate = force + ContactBlock::points, *bend = rate + ContactBlock::points;
-        const Told before = tell(at, r, speed[0]);
-        double value = before.force, slope = before.rate, curvature = before.bend;
-        for (int i = 0; i < points; ++i) {
-            if (i % by_->pieces == 0) {
-                const double change = speed[i / by_->pieces + 1] - speed[i / by_->pieces];
-                value += by_->by_speed[0] * change + by_->by_ramp[0] * at.ramp;
-                slope += by_->by_speed[1] * change + by_->by_ramp[1] * at.ramp;
-                curvature += by_->by_speed[2] * change + by_->by_ramp[2] * at.ramp;
+    /// Notes the greatest forces of some steps of a block in contact; `in` and `told` as of the block.
+    void note_peaks(ContactState& at, const double* in, const double* told, int steps) const {
+        const ContactBlock& block = by_->block_in_contact;
+        const double *force = told, *rate = force + ContactBlock::points, *speed = in + states_ + 1;
+        const Told before = tell(at, in[states_], speed[0]);
+        double value = before.force, slope = before.rate;
+        int point = 0;
+        for (int step = 0; step < steps; ++step) {
+            const double change = speed[step + 1] - speed[step];
+            value += by_->by_speed[0] * change + by_->by_ramp[0] * at.ramp;
+            slope += by_->by_speed[1] * change + by_->by_ramp[1] * at.ramp;
+            for (int piece = 0; piece < by_->pieces; ++piece, ++point) {
+                double highest = std::max(value, force[point]);
+                const double known = at.elapsed + (point + 1) * by_->piece >= transient_phase ? at.lasting : at.peak;
+                // Between the points it rises by less than it would at the rate of the first.
+                if (slope > 0 && rate[point] < 0 && highest + slope * by_->piece > known) {
+                    double bend = point == 0 ? before.bend : block.seldom(in, point - 1);
+                    if (piece == 0) bend += by_->by_speed[2] * change + by_->by_ramp[2] * at.ramp;
+                    highest = std::max(highest, course(value, slope, bend, force[point], rate[point],
+                                                       block.seldom(in, point), by_->piece)
+                                                    .summit());
+                }
+                at.meet(highest, force[point], point * by_->piece, (point + 1) * by_->piece);
+                value = force[point];
+                slope = rate[point];
             }
-            double highest = std::max(value, force[i]);
-            if (slope > 0 && rate[i] < 0)
-                highest =
-                    std::max(highest, course(value, slope, curvature, force[i], rate[i], bend[i], by_->piece).summit());
-            at.meet(highest, force[i], i * by_->piece, (i + 1) * by_->piece);
-            value = force[i];
-            slope = rate[i];
-            curvature = bend[i];
         }
     }
 

@@ -141,17 +141,19 @@ class ContactOutcomes {
 
     /// The travels run_[first .. end - 1].
     void find_run(std::size_t first, std::size_t end) {
-        const int nodes = out_.kinks ? 6 : 8;
-        if (end - first < 2 * std::size_t(nodes)) {
+        constexpr std::size_t fewest = 6;
+        if (end - first < fewest) {
             for (std::size_t i = first; i < end; ++i) find_travel(run_[i]);
             return;
         }
         Likely likely;
         for (std::size_t i = first; i < end; ++i) likely.join(run_[i].likely);
-        const Interpolation interpolation(interpolation_nodes(int(first), int(end) - 1, nodes));
+        const int low = int(first), high = int(end) - 1, middle = (low + high) / 2;
+        const Interpolation interpolation(std::vector{low, middle, high});
         if (!agree(interpolation, likely)) {
-            find_run(first, (first + end) / 2);
-            find_run((first + end) / 2, end);
+            // Halves that share the travel in the middle use again what is known.
+            find_run(first, std::size_t(middle) + 1);
+            find_run(std::size_t(middle), end);
             return;
         }
         for (std::size_t i = first; i < end; ++i) spread(mixed(interpolation, int(i)), run_[i].first, run_[i].end);
@@ -166,8 +168,7 @@ class ContactOutcomes {
             if (!tells_all(run_[std::size_t(i)], likely) ||
                 !parts_alike(run_[std::size_t(node[0])], run_[std::size_t(i)]))
                 return false;
-        const std::size_t half = node.size() / 2;
-        for (int i : {(node[0] + node[1]) / 2, (node[half] + node[half - 1]) / 2}) {
+        for (int i : {(node[0] + node[1]) / 2, (node[1] + node[2]) / 2}) {
             const Values& direct = whole(run_[std::size_t(i)], likely);
             const Values told = mixed(interpolation, i), allowed = tolerances(direct, run_[std::size_t(i)].likely);
             for (std::size_t at = 0; at < direct.size(); ++at)

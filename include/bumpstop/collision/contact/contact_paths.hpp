@@ -91,6 +91,13 @@ class PathAfter {
         const int last = int(own_->size()) - 1, here = i - lead_;
         return here <= last ? (*own_)[std::size_t(here)] : own_->back() + (here - last) * retreat_;
     }
+    /// The same of `count` steps from the i-th on.
+    void copy(int i, int count, double* to) const {
+        const int first = i - lead_, known = own_ != nullptr && first >= 0 ? int(own_->size()) - first : 0;
+        int n = std::clamp(known, 0, count);
+        if (n > 0) std::copy_n(own_->begin() + first, n, to);
+        for (; n < count; ++n) to[n] = at(i + n);
+    }
     /// The greatest distance from step i on [m].
     double later(int i) const {
         if (own_ == nullptr) return HUGE_VAL;

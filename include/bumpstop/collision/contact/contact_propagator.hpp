@@ -2,6 +2,8 @@
 /// How arm and body go on over a time, exactly.
 #pragma once
 
+#include <numeric>
+#include <optional>
 #include <span>
 
 #include "bumpstop/collision/contact/contact_system.hpp"
@@ -151,29 +153,29 @@ class Transitions {
 /// their begin and of the reference's speed in each step, and what some rows tell after every piece of a step.
 class ContactBlock {
   public:
-    static constexpr int points = 8, max_tells = 3;
-    /// State, r, the speed before and those of the steps, the ramp; what is told, and the state.
-    static constexpr int max_columns = ContactSystem::max_states + 3 + points,
-                         max_rows = max_tells * points + Transitions::padded;
+    static constexpr int points = 16, max_tells = 2;
+    /// State, r, the speed before and those of the steps, the ramp.
+    static constexpr int max_columns = ContactSystem::max_states + 3 + points, max_told = max_tells * points;
 
     ContactBlock() = default;
     /// `by`: transitions, the first of which is one of the `pieces` of a step, at most `points` and a power
-    /// of two.
+    /// of two. `seldom`: a row that is told of single points.
     ContactBlock(const Transitions& by, int pieces, const ContactSystem& system,
-                 std::span<const ContactSystem::Row> tells)
+                 std::span<const ContactSystem::Row> tells, const ContactSystem::Row& seldom)
         : steps_(points / pieces),
           states_(system.states()),
-          told_(int(tells.size()) * points),
-          matrix_(told_ + states_, states_ + 3 + steps_) {
+          columns_(states_ + 3 + steps_),
+          told_(int(tells.size()) * points, columns_),
+          seldom_(std::size_t(points * columns_)) {
         const ContactSystem::Row jump = system.reaction_jump(), wound = system.jump();
-        for (int steps = 1; steps < steps_; steps *= 2) partial_.emplace_back(states_, states_ + 3 + steps);
+        for (int steps = 1; steps <= steps_; steps *= 2) after_.emplace_back(states_, states_ + 3 + steps);
         std::array<double, Transitions::padded> z, next;
-        for (int column = 0; column < states_ + 3 + steps_; ++column) {
+        for (int column = 0; column < columns_; ++column) {
             z.fill(0.0);
             if (column <= states_) z[std::size_t(column)] = 1;
             // Column states + 1 + i is a speed that lasts for step i: before the first step, or a step of the block. The last
             // one is the ramp.
-            const bool of_ramp = column == states_ + 2 + steps_;
+            const bool of_ramp = column == columns_ - 1;
             const auto speed_in = [&](int i) { return column == states_ + 1 + i && !of_ramp ? 1.0 : 0.0; };
             for (int point = 0; point < points; ++point) {
                 double& speed = z[std::size_t(states_) + 1];
@@ -187,34 +189,39 @@ class ContactBlock {
                 next = z;
                 by.add(z.data(), next.data());
                 z = next;
-                for (std::size_t t = 0; t < tells.size(); ++t) {
+                const auto tell = [&](const ContactSystem::Row& row) {
                     double told = 0;
-                    for (int j = 0; j < states_ + 2; ++j) told += tells[t][std::size_t(j)] * z[std::size_t(j)];
-                    matrix_(int(t) * points + point, column) = told;
-                }
-                for (std::size_t n = 0; n < partial_.size() && (point + 1) % pieces == 0; ++n) {
+                    for (int j = 0; j < states_ + 2; ++j) told += row[std::size_t(j)] * z[std::size_t(j)];
+                    return told;
+                };
+                for (std::size_t t = 0; t < tells.size(); ++t) told_(int(t) * points + point, column) = tell(tells[t]);
+                seldom_[std::size_t(point * columns_ + column)] = tell(seldom);
+                for (std::size_t n = 0; n < after_.size() && (point + 1) % pieces == 0; ++n) {
                     if (step != 1 << n || (column > states_ + 1 + step && !of_ramp)) continue;
                     const int own = of_ramp ? states_ + 2 + step : column;
-                    for (int j = 0; j < states_; ++j) partial_[n](j, own) = z[std::size_t(j)];
+                    for (int j = 0; j < states_; ++j) after_[n](j, own) = z[std::size_t(j)];
                 }
             }
-            for (int j = 0; j < states_; ++j) matrix_(told_ + j, column) = z[std::size_t(j)];
         }
     }
 
-    /// in: state, r, speeds, ramp (states + 3 + steps); out: what the rows tell at every point, and the state.
+    /// in: state, r, speeds, ramp (states + 3 + steps); out: what the rows tell at every point.
     void operator()(const double* in, double* out) const {
-        std::fill_n(out, matrix_.rows(), 0.0);
-        matrix_.add(in, out);
+        std::fill_n(out, told_.rows(), 0.0);
+        told_.add(in, out);
     }
-    const double* state(const double* out) const { return out + told_; }
+    /// What the row told seldom is at a point.
+    double seldom(const double* in, int point) const {
+        const double* row = &seldom_[std::size_t(point * columns_)];
+        return std::inner_product(in, in + columns_, row, 0.0);
+    }
 
-    /// `count` steps, fewer than a block has, whose begins and ends are `place`: the state in `in` becomes what it is then.
-    void some(int count, double* in, const double* place, double offset) const {
+    /// `count` steps, whose begins and ends are `place`: the state in `in` becomes what it is then.
+    void advance(int count, double* in, const double* place, double offset) const {
         std::array<double, max_columns> x;
         std::array<double, Transitions::padded> z;
         const double *speed = in + states_ + 1, ramp = speed[steps_ + 1];
-        for (int done = 0, n = int(partial_.size()) - 1; n >= 0; --n) {
+        for (int done = 0, n = int(after_.size()) - 1; n >= 0; --n) {
             const int steps = 1 << n;
             if ((count & steps) == 0) continue;
             std::copy_n(in, states_, x.begin());
@@ -222,17 +229,18 @@ class ContactBlock {
             *rest++ = place[done] - offset;
             std::copy_n(speed + done, steps + 1, rest);
             rest[steps + 1] = ramp;
-            std::fill_n(z.begin(), partial_[std::size_t(n)].rows(), 0.0);
-            partial_[std::size_t(n)].add(x.data(), z.data());
+            std::fill_n(z.begin(), after_[std::size_t(n)].rows(), 0.0);
+            after_[std::size_t(n)].add(x.data(), z.data());
             std::copy_n(z.begin(), states_, in);
             done += steps;
         }
     }
 
   private:
-    int steps_ = 0, states_ = 0, told_ = 0;
-    detail::PaddedMatrix matrix_;
-    std::vector<detail::PaddedMatrix> partial_;  ///< the state alone, after 1, 2, 4 and so on steps
+    int steps_ = 0, states_ = 0, columns_ = 0;
+    detail::PaddedMatrix told_;
+    std::vector<double> seldom_;               ///< [point][column]
+    std::vector<detail::PaddedMatrix> after_;  ///< the state after 1, 2, 4 and so on steps
 };
 
 /// An arm this far from a body does not touch it, whatever rounding does [m].
@@ -251,7 +259,7 @@ struct ContactPropagator {
           piece(step / pieces),
           grazing(system.body().stiffness * separation_tolerance),
           static_stiffness(system.static_stiffness()),
-          half_oscillation(system.frequency() > 0 ? std::numbers::pi / system.frequency() : 0),
+          half_oscillation(system.half_oscillation()),
           servo_lag(system.servo_lag()) {
         const detail::SquareMatrix pressed = system.matrix(true), alone = system.matrix(false);
         in_contact = Transitions(pressed, piece);
@@ -272,8 +280,8 @@ struct ContactPropagator {
         }
         block_steps = pieces > ContactBlock::points ? 0 : ContactBlock::points / pieces;
         if (block_steps > 0) {
-            block_in_contact = ContactBlock(in_contact, pieces, system, force);
-            block_apart = ContactBlock(apart, pieces, system, {gap.data(), 1});
+            block_in_contact = ContactBlock(in_contact, pieces, system, {force.data(), 2}, force[2]);
+            block_apart = ContactBlock(apart, pieces, system, {gap.data(), 1}, gap[1]);
         }
         tells = detail::PaddedMatrix(int(force.size() + gap.size()), states + 2);
         for (int j = 0; j < states + 2; ++j) {
@@ -310,7 +318,7 @@ struct ContactPropagator {
     std::array<Row, 2> gap;                      ///< and its rate apart
     Row jump, reaction_jump;                     ///< as of ContactSystem
     int block_steps;                             ///< of a block; 0: oscillations are too quick for blocks
-    ContactBlock block_in_contact, block_apart;  ///< the force, its rate and bend are told; the gap
+    ContactBlock block_in_contact, block_apart;  ///< force and rate are told, the bend seldom; the gap
     detail::PaddedMatrix tells;                  ///< the rows of force and gap, of state, r and speed
     detail::PaddedMatrix residual;               ///< [joint][state], of an elastic arm
 
@@ -322,5 +330,11 @@ struct ContactPropagator {
         return pieces < turns ? int(std::ceil(turns)) : pieces;
     }
 };
+
+/// The propagator of a system, if there is one.
+inline std::optional<ContactPropagator> propagator_of(const std::optional<ContactSystem>& system, double step) {
+    if (!system) return std::nullopt;
+    return ContactPropagator(*system, step);
+}
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -173,6 +173,8 @@ class ContactSystem {
     double rate_unit() const { return rate_unit_; }  ///< rad/s
     /// Of the links and the body on the contact spring, did gears and servo not hold them [rad/s]; 0: nothing moves.
     double frequency() const { return frequency_; }
+    /// How long contact lasts then [s]; 0: nothing moves.
+    double half_oscillation() const { return frequency_ > 0 ? std::numbers::pi / frequency_ : 0; }
 
     detail::SquareMatrix matrix(bool in_contact) const {
         const int m = coordinates(), n = states();

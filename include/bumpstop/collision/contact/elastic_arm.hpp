@@ -57,21 +57,25 @@ inline ElasticArm elastic_arm_on_line(const CollisionSetup& setup, const LinePat
     return elastic_arm(setup.chain, *setup.arm, position, torque_per_N, rate);
 }
 
-/// How arm and body of a line go on in every simulation step, linear about the pose in which the arm reaches the median
-/// offset; none where all that gives is a clamped spring.
+/// Arm and body of a line, linear about the pose in which the arm reaches the median offset; none where all that gives is a
+/// clamped spring.
+inline std::optional<ContactSystem> contact_system(const CollisionSetup& setup, const LinePath& path,
+                                                   const Contact& contact) {
+    if (!setup.arm) return contact.system();
+    return ContactSystem(elastic_arm_on_line(setup, path, contact.offset.median()), contact.body);
+}
+/// How they go on in every simulation step.
 inline std::optional<ContactPropagator> contact_propagator(const CollisionSetup& setup, const LinePath& path,
                                                            const Contact& contact) {
-    if (!setup.arm) return contact.propagator(setup.motion.step);
-    return ContactPropagator(ContactSystem(elastic_arm_on_line(setup, path, contact.offset.median()), contact.body),
-                             setup.motion.step);
+    return propagator_of(contact_system(setup, path, contact), setup.motion.step);
 }
 
 /// How long an arm lags behind its reference, until oscillations of contact have come and gone [s].
-inline double settling_time(const CollisionSetup& setup, const ContactPropagator& by) {
+inline double settling_time(const CollisionSetup& setup, const ContactSystem& system) {
     double slowest = 0;
     for (int j = 0; setup.arm && j < setup.chain.dof; ++j)
         slowest = std::max(slowest, 1 / std::max(setup.arm->servo_position_gain[std::size_t(j)], 1.0));
-    return 2 * slowest + 4 * by.half_oscillation;
+    return 2 * slowest + 4 * system.half_oscillation();
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -13,10 +13,9 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 template <class T>
 class SeparationCriterion {
   public:
-    SeparationCriterion(const ContactPropagator& by, const Timing& timing, double largest_offset,
-                        double half_oscillations = 3)
-        : largest_offset_(largest_offset),
-          max_ticks_(half_oscillations * by.half_oscillation / (timing.period * by.step) + 2) {}
+    /// `longest`: the line goes on for this after it has touched the farthest body [s].
+    SeparationCriterion(double largest_offset, double longest, const CollisionSetup& setup)
+        : largest_offset_(largest_offset), max_ticks_(longest / (setup.timing.period * setup.motion.step) + 2) {}
 
     void observe(const T& s, const T*) { s_ = s; }
     bool finished(int moment) {

@@ -71,7 +71,7 @@ class ArmTrajectory {
     /// a clamped spring.
     std::optional<ContactPropagator> propagator(double begin, const Point3<double>& normal,
                                                 const Contact& contact) const {
-        if (!setup_.arm) return contact.propagator(step());
+        if (!setup_.arm) return propagator_of(contact.system(), step());
         ArmState<double> state;
         Posture<double> posture;
         double second[max_joints], torque_per_N[max_joints] = {}, rate_per_speed[max_joints];

@@ -64,7 +64,7 @@ struct OnsetSampler {
 /// One collision for each onset, of which there are as many as runs.
 inline OnsetRuns monte_carlo_onsets(const OnsetSampler& sampler) {
     OnsetRuns out(sampler.settings, sampler.trajectory.dof(),
-                  sampler.trajectory.setup().arm || sampler.contact.propagator(1.0));
+                  sampler.trajectory.setup().arm || sampler.contact.system());
     constexpr std::size_t block = 256;
     std::atomic<std::size_t> next{0};
     const std::size_t count = sampler.onsets.count;
