@@ -17,7 +17,7 @@ from bumpstop.study.speed import speed_limit
 from bumpstop.study.speed.own_motion import own_speeds
 from bumpstop.study.speed.slowing import slow_down
 from bumpstop.study.speed.speed_limit import SpeedLimits, speed_limits
-from bumpstop.study.speed.speed_risk import speed_risks
+from bumpstop.study.speed.speed_risk import SpeedRisks, speed_risks
 from bumpstop.study.speed.workspace_speed_limits import safe_poses
 from bumpstop.study.speed.worst_direction import _Search
 from study.speed_limit_cases import PICK
@@ -89,7 +89,7 @@ def line() -> tuple[CollisionProblem, FloatArray, FloatArray, float, float]:
 def test_of_the_worst_of_some_directions(share: float, met: bool) -> None:
     problem, q, direction, speed, risk = line()
     assert 1e-6 < risk < 1
-    found = SpeedLimits(np.array([speed]), np.array([risk]), np.array(["risk"]), 0)
+    found = SpeedLimits(np.array([speed]), np.array([risk]), np.array(["risk"]), 0, np.zeros(1, dtype=bool))
     search = _Search(accepting(problem, risk * share), q, direction.copy(), found)
     search.settle(direction[:, None])
     assert bool(search.found.speed[0] == speed) is met
@@ -107,10 +107,10 @@ def test_of_the_crests_below_a_speed(
     gain = stopping_time_per_speed(problem, PoseBatch(problem, q, direction).joint_rates(q))
     looked: list[float] = []
 
-    def noted(*args: Any, **settings: Any) -> tuple[FloatArray, FloatArray]:
-        over, force = speed_risks(*args, **settings)
-        looked.append(float(over.max()))
-        return over, force
+    def noted(*args: Any, **settings: Any) -> SpeedRisks:
+        found = speed_risks(*args, **settings)
+        looked.append(float(found.over.max()))
+        return found
 
     def below(risk: float) -> float:
         asked, own = accepting(problem, risk), np.zeros(1)
@@ -132,5 +132,5 @@ def test_of_the_crests_below_a_speed(
     ],
 )
 def test_no_pose_is_safe_up_to_no_speed(half: float, twentieth: float, said: str) -> None:
-    summary = {"none_safe": 3, "poses": 5, "limit_p50_mm_s": half, "limit_p95_mm_s": twentieth}
+    summary = {"none_safe": 3, "untouched": 0, "poses": 5, "limit_p50_mm_s": half, "limit_p95_mm_s": twentieth}
     assert safe_poses(summary) == f"in 3 of 5 poses no speed is safe{said}"

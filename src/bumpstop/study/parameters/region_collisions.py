@@ -76,6 +76,14 @@ class RegionCollisions:
     def judged(self, speed: float, area: float) -> tuple[bool, str]:
         """Whether a speed is acceptable on an area, and what stands against it or comes nearest to.
 
+        What hits nothing in most cases is not acceptable but ``"untouched"``.
+        """
+        within, binding = self._within(speed, area)
+        return (False, "untouched") if within and self.result(speed, area).verdict.nothing_hit else (within, binding)
+
+    def _within(self, speed: float, area: float) -> tuple[bool, str]:
+        """The same as if every case hit something.
+
         By the quantile of the accepted risk, which costs a thousandth of a far tail.
         """
         settings = self._scenario.verdict
@@ -94,6 +102,7 @@ class RegionCollisions:
     def collision(self, speed: float, area: float) -> dict[str, Any]:
         """One row: the distribution at a speed, judged on an area."""
         over = self.over(speed, area)
+        acceptable, binding = self.judged(speed, area)
         result = self.result(speed, area)
         limits = result.problem.limits
         assert limits is not None
@@ -115,7 +124,7 @@ class RegionCollisions:
             **triggers,
             "p_over_force": over[0],
             "p_over_pressure": over[1],
-            "acceptable": self.judged(speed, area)[0],
+            "acceptable": None if binding == "untouched" else acceptable,
         }
 
     def safe_speed(self, area: float) -> dict[str, Any]:
@@ -129,6 +138,8 @@ class RegionCollisions:
         judged, beyond = self.judged, "none"
         if self._has_ripple:
             required = self._required(area)
+            if required.binding == "untouched":
+                return found | {"reason": required.reason}
             if required.value is None:
                 return found | {"binding": required.binding, "reason": f"Not acceptable even at {required.low:g} mm/s."}
             if required.binding != "range":
@@ -146,6 +157,8 @@ class RegionCollisions:
         else:
             reason = f"Nothing stands against it up to {top:g} mm/s." if beyond == "none" else ""
             return found | {"safe_speed_mm_s": top, "binding": beyond, "reason": reason}
+        if low is None and binding == "untouched":
+            return found | {"reason": self.result(scan[0], area).verdict.nothing_hit}
         if low is None:
             return found | {"binding": binding, "reason": f"Not acceptable even at {scan[0]:g} mm/s."}
         # Whole tenths, so that the speed returned is one that was looked at.

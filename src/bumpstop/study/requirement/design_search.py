@@ -29,6 +29,8 @@ _TRIALS = 16
 # Rounds through all variables on the way to the most conservative values: one may only matter where another has
 # changed.
 _ROUNDS = 3
+# Margin of a force without bound: far over, and still a number that a search can improve on.
+_UNBOUNDED = -20.0
 # Margins closer than this are the same: false alarms know nothing of most variables, but to rounding.
 _SAME = 1e-6
 
@@ -74,17 +76,19 @@ class Design:
         cost: of the changes.
         margin: log of the allowed over the accepted quantile of the peak force; at least 0 where the limits are met.
         false_alarm_margin: log of the accepted over the probability of a false alarm.
+        untouched: why most cases hit nothing, so that the design has not been put to the test; empty where they do.
     """
 
     values: Mapping[str, float]
     cost: float
     margin: float
     false_alarm_margin: float
+    untouched: str
 
     @property
     def meets(self) -> bool:
-        """Force, pressure and false alarms are all within what is accepted."""
-        return self.margin >= 0 and self.false_alarm_margin >= 0
+        """Force, pressure and false alarms are all within what is accepted, and most cases hit something."""
+        return self.margin >= 0 and self.false_alarm_margin >= 0 and not self.untouched
 
     def to_json(self) -> dict[str, Any]:
         """Everything."""
@@ -114,11 +118,18 @@ class DesignSearch:
         self.low = np.minimum(self.start, [cost_rate.swept.low for cost_rate in cost_rates])
         self.high = np.maximum(self.start, [cost_rate.swept.high for cost_rate in cost_rates])
         self.quantum = [variable.quantum(scenario) for variable in self.variables]
-        self._known: dict[tuple[float, ...], tuple[float, float]] = {}
+        self._known: dict[tuple[float, ...], tuple[float, float, str]] = {}
         self.conservative = self._most_conservative_values()
 
     def margins(self, x: FloatArray) -> tuple[float, float]:
-        """Logarithms of allowed over accepted force, and of accepted over actual false alarms."""
+        """Logarithms of allowed over accepted force, and of accepted over actual false alarms.
+
+        What hits nothing in most cases is as far over as a force without bound: no plan is to rest on that.
+        """
+        margin, alarm, untouched = self._margins(x)
+        return (_UNBOUNDED if untouched else margin), alarm
+
+    def _margins(self, x: FloatArray) -> tuple[float, float, str]:
         from bumpstop.collision import CollisionProblem, evaluate
 
         key = tuple(float(value) for value in x)
@@ -132,9 +143,8 @@ class DesignSearch:
             # Just inside: the verdict asks the tail, which the quantile inverts to rounding.
             force = result.peak_force.quantile(1 - settings.accepted_probability * (1 - 1e-6))
             alarm = max(result.false_alarm_probability, _RAREST)
-            # A force without bound is far over, and still a number that a search can improve on.
-            margin = math.log(allowed / max(force, 1e-9)) if math.isfinite(force) else -20.0
-            self._known[key] = (margin, math.log(settings.max_false_alarm / alarm))
+            margin = math.log(allowed / max(force, 1e-9)) if math.isfinite(force) else _UNBOUNDED
+            self._known[key] = (margin, math.log(settings.max_false_alarm / alarm), result.verdict.nothing_hit)
         return self._known[key]
 
     def cost(self, x: FloatArray) -> float:
@@ -144,7 +154,7 @@ class DesignSearch:
     def design(self, x: FloatArray) -> Design:
         """The values ``x`` (variables,) with what they cost and how far they are within what is accepted."""
         values = {variable.name: float(value) for variable, value in zip(self.variables, x, strict=True)}
-        return Design(values, self.cost(x), *self.margins(x))
+        return Design(values, self.cost(x), *self._margins(x))
 
     def rounded(self, design: Design) -> Design:
         """A design with six digits for each changed value, as a person would type it, where that is enough, too."""

@@ -44,10 +44,12 @@ class Requirement:
 
     Attributes:
         variable, unit: what was varied.
-        value: the least conservative that is met, and with it every more conservative one looked at; None: none is.
+        value: the least conservative that is met, and with it every more conservative one looked at; None: none is, or
+            none has been put to the test.
         worse: ``"higher"`` or ``"lower"`` values.
         binding: what the next less conservative values fail by, ``"force"``, ``"pressure"``, ``"undetected"`` or
-            ``"singularity"``; ``"range"`` where even the least conservative looked at is met.
+            ``"singularity"``; ``"range"`` where even the least conservative looked at is met, ``"untouched"`` where
+            most cases hit nothing there.
         risk: accepted.
         risk_at_value, false_alarm_at_value: at ``value``, or at the most conservative value looked at where none is
             met.
@@ -226,6 +228,10 @@ class _Answer:
                 )
                 reason += f"{what} for {limits.label} more often than {self.search.accepted:g}."
         allowed = self.search.scenario.verdict.max_false_alarm
+        if at.untouched and at.false_alarm <= allowed:
+            where = f"at {value:g} {self.unit} no limit is passed, but nothing is put to the test"
+            reason = f"No answer: {where}. {at.untouched}"
+            return self._result(None, "untouched", at, reason, ill_conditioned)
         if at.false_alarm > allowed:
             reason += f" Alarms before contact there have a probability of {at.false_alarm:.2g}, more than {allowed:g}."
         return self._result(value, binding, at, reason, ill_conditioned)

@@ -45,6 +45,7 @@ class Risk:
         met: the risk is accepted. An arm that passes a singularity on its way may as well stop there, as the last
             digits of its path will have it, so collisions it would detect beyond count as exceeding the limit too.
         follows: the contact point travels equally far in every control cycle.
+        untouched: why most cases hit nothing, so that the value has not been put to the test; empty where they do.
     """
 
     over: float
@@ -54,6 +55,7 @@ class Risk:
     force: float
     met: bool
     follows: bool = True
+    untouched: str = ""
 
     @property
     def height(self) -> tuple[float, float]:
@@ -142,7 +144,8 @@ class VariedRisk:
         undetected = 0.0 if problem.body_mass is not None else result.undetected_over(self.force_limit)
         follows = even or not self._straight()
         force = result.peak_force.quantile(1 - accepted)
-        return Risk(over, undetected, result.false_alarm_probability, binding, force, met, follows)
+        alarm = result.false_alarm_probability
+        return Risk(over, undetected, alarm, binding, force, met, follows, verdict.nothing_hit)
 
     def _straight(self) -> bool:
         """Whether the point that hits goes straight on at an even speed, where the arm can follow its line."""

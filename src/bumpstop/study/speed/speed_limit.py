@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,15 +33,27 @@ class SpeedLimits:
         speed: of the tip (N,) [m/s].
         risk: probability of passing a limit at that speed, by the integrated distribution; NaN where ``speed`` is 0.
         limited_by: (N,) what holds it down: ``"risk"``, ``"joint_rates"`` (joints that turn faster than a straight line
-            asks for), ``"max_speed"``, ``"nothing_safe"`` (no speed is safe) or ``"singularity"`` (no straight line can
-            be followed there; the distribution of the trajectory itself).
+            asks for), ``"max_speed"``, ``"nothing_safe"`` (no speed is safe), ``"untouched"`` (in most cases nothing
+            is hit: no speed has been put to the test) or ``"singularity"`` (no straight line can be followed there; the
+            distribution of the trajectory itself).
         evaluations: integrated distributions computed.
+        untouched: (N,) in most cases nothing is hit at that speed.
     """
 
     speed: FloatArray
     risk: FloatArray
     limited_by: npt.NDArray[np.str_]
     evaluations: int
+    untouched: npt.NDArray[np.bool_]
+
+    def put_to_the_test(self, untouched: npt.NDArray[np.bool_]) -> SpeedLimits:
+        """Without the speeds of rows (N,) at which nothing was hit."""
+        return replace(
+            self,
+            speed=np.where(untouched, 0.0, self.speed),
+            risk=np.where(untouched, np.nan, self.risk),
+            limited_by=np.where(untouched, "untouched", self.limited_by),
+        )
 
 
 def speed_limits(
@@ -56,7 +68,8 @@ def speed_limits(
 
     A formula gives the first guess, integrated distributions decide: every speed returned has been computed and meets
     verdict.accepted_probability, and one at most 1 % higher does not, unless the max_speed or the formula for turning
-    joints is lower. Where the risk has a sampling ripple over speed no slower one is left that fails.
+    joints is lower. What hits nothing in most cases meets it, too: ``untouched`` says so. Where the risk has a sampling
+    ripple over speed no slower one is left that fails.
 
     Args:
         scenario: a straight line of the tip, checked or not; its pose and velocity are replaced.
@@ -74,13 +87,13 @@ def speed_limits(
     undetected = undetected_force(problem, torque, accepted)
     guess = np.nan_to_num(predicted_speed_limit(problem, undetected, gain, limit))
     count = len(q)
-    risk = np.full(count, np.nan)
+    risk, untouched = np.full(count, np.nan), np.zeros(count, dtype=bool)
 
     def tried(rows: npt.NDArray[np.int64], speed: FloatArray) -> tuple[npt.NDArray[np.bool_], FloatArray]:
-        over, force = speed_risks(problem, q[rows], direction[rows] * speed[:, None], threads=threads)
-        good = over <= accepted
-        risk[rows[good]] = over[good]
-        return good, force
+        found = speed_risks(problem, q[rows], direction[rows] * speed[:, None], threads=threads)
+        good = found.over <= accepted
+        risk[rows[good]], untouched[rows[good]] = found.over[good], found.untouched[good]
+        return good, found.force
 
     within = SearchRange(
         first=np.clip(guess, np.minimum(_FIRST, max_speed), max_speed),
@@ -94,7 +107,7 @@ def speed_limits(
         slower, more = _below_all_crests(problem, q, direction, met, risk, gain, threads)
         limited_by = np.where(slower < met, np.where(slower > 0, "risk", "nothing_safe"), limited_by)
         met, evaluations = slower, evaluations + more
-    return SpeedLimits(met, np.where(met > 0, risk, np.nan), limited_by, evaluations)
+    return SpeedLimits(met, np.where(met > 0, risk, np.nan), limited_by, evaluations, untouched)
 
 
 def _below_all_crests(
@@ -119,7 +132,7 @@ def _below_all_crests(
         rows = np.repeat(list(trials), [each.size for each in trials.values()])
         speed = np.concatenate(list(trials.values()))
         evaluations += rows.size
-        over, _ = speed_risks(problem, q[rows], direction[rows] * speed[:, None], threads=threads)
+        over = speed_risks(problem, q[rows], direction[rows] * speed[:, None], threads=threads).over
         ends = np.cumsum([each.size for each in trials.values()])
         return dict(zip(trials, np.split(over, ends[:-1]), strict=True))
 

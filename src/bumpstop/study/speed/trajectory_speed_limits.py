@@ -206,11 +206,11 @@ class TrajectorySpeedLimits(SpeedMap):
         undetected = undetected_force(problem, torque, self.scenario.verdict.accepted_probability)
         allowed = predicted_speed_limit(problem, undetected, np.where(more, gain, 0.0), allowed_force(problem))
         lower = more & (allowed < found.speed)
-        return SpeedLimits(
-            np.where(lower, allowed, found.speed),
-            np.where(lower, np.nan, found.risk),
-            np.where(lower, "joint_rates", found.limited_by),
-            found.evaluations,
+        return replace(
+            found,
+            speed=np.where(lower, allowed, found.speed),
+            risk=np.where(lower, np.nan, found.risk),
+            limited_by=np.where(lower, "joint_rates", found.limited_by),
         )
 
     def _by_itself(self, rows: Any, own: FloatArray, found: SpeedLimits) -> SpeedLimits:

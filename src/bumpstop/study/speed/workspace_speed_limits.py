@@ -77,7 +77,8 @@ class WorkspaceSpeedLimits(SpeedMap):
         return {
             "study": self.name,
             "poses": rows.height,
-            "none_safe": int((limit == 0).sum()),
+            "none_safe": int((rows["limited_by"] == "nothing_safe").sum()),
+            "untouched": int((rows["limited_by"] == "untouched").sum()),
             "at_max_speed": int((rows["limited_by"] == "max_speed").sum()),
             "directions": self._searched,
             **{f"limit_p{int(100 * p):02d}_mm_s": limit.quantile(p, "linear") for p in (0.05, 0.25, 0.5, 0.75, 0.95)},
@@ -92,6 +93,8 @@ def safe_poses(summary: Mapping[str, Any]) -> str:
     """How fast poses are safe, in a sentence's words; of speeds of 0 there is nothing to say."""
     half, twentieth = summary["limit_p50_mm_s"], summary["limit_p95_mm_s"]
     found = [f"in {summary['none_safe']} of {summary['poses']} poses no speed is safe"]
+    if summary["untouched"]:
+        found.append(f"in {summary['untouched']} most cases hit nothing, which counts as no safe speed")
     if half > 0:
         found.append(f"half of all poses are safe up to {half:.4g} mm/s, one in twenty up to {twentieth:.4g} mm/s")
     elif twentieth > 0:

@@ -15,7 +15,7 @@ from bumpstop.study.pose_batch import PoseBatch
 from bumpstop.study.prediction import predicted_speed_limit, stopping_time_per_speed, undetected_force
 from bumpstop.study.requirement.risk import allowed_force
 from bumpstop.study.speed.speed_limit import SpeedLimits, speed_limits
-from bumpstop.study.speed.speed_risk import speed_risks
+from bumpstop.study.speed.speed_risk import SpeedRisks, speed_risks
 from bumpstop.study.speed.speed_search import CLOSE
 
 if TYPE_CHECKING:
@@ -59,7 +59,8 @@ class WorstDirections:
 
     Attributes:
         direction: unit vectors, base frame (N, 3).
-        found: the highest speeds safe there, and so in every direction looked at.
+        found: the highest speeds safe there, and so in every direction looked at; 0 where hardly anything is hit in
+            any of them.
     """
 
     direction: FloatArray
@@ -84,7 +85,8 @@ def worst_directions(
         max_speed: no speed above it is looked at (N,) [m/s].
     """
     if angle <= 0:
-        return WorstDirections(own, speed_limits(problem, q, own, max_speed))
+        found = speed_limits(problem, q, own, max_speed)
+        return WorstDirections(own, found.put_to_the_test(found.untouched))
     places = [
         _formula_worst(problem, q[rows], own[rows], angle)
         for rows in np.array_split(np.arange(len(q)), math.ceil(len(q) / _AT_ONCE))
@@ -96,14 +98,19 @@ def worst_directions(
     search = _Search(problem, q, direction, found)
     force = search.settle(candidates)
     search.settle_between(own, angle, candidates, force)
-    return WorstDirections(search.direction, search.found)
+    return WorstDirections(search.direction, search.found.put_to_the_test(~search.tested))
 
 
 class _Search:
-    """Speeds that come down wherever a distribution passes what is accepted."""
+    """Speeds that come down wherever a distribution passes what is accepted.
+
+    Attributes:
+        tested: (N,) in some direction most cases hit something, or no speed is safe anyway.
+    """
 
     def __init__(self, problem: CollisionProblem, q: FloatArray, direction: FloatArray, found: SpeedLimits) -> None:
         self.problem, self.q, self.direction, self.found = problem, q, direction, found
+        self.tested = found.speed == 0
         self._accepted = problem.scenario.verdict.accepted_probability
 
     def settle(self, candidates: FloatArray) -> FloatArray:
@@ -112,8 +119,9 @@ class _Search:
         force = np.full(candidates.shape[:2], -np.inf)
         open_ = np.flatnonzero(self.found.speed > 0)
         while open_.size:
-            over, forces = self._laws(np.repeat(open_, count), candidates[open_].reshape(-1, 3))
+            over, forces, untouched = self._laws(np.repeat(open_, count), candidates[open_].reshape(-1, 3))
             over, force[open_] = over.reshape(-1, count), forces.reshape(-1, count)
+            self._face_what_is_hit(open_, candidates[open_], force[open_], ~untouched.reshape(-1, count))
             fails = over.max(axis=1) > self._accepted
             # Of those that pass by undetected collisions all have an infinite force: the risk tells them apart.
             worst = over.argmax(axis=1)[fails]
@@ -122,6 +130,16 @@ class _Search:
                 self._lower(open_, candidates[open_, worst])
                 open_ = open_[self.found.speed[open_] > 0]
         return force
+
+    def _face_what_is_hit(
+        self, rows: Rows, candidates: FloatArray, force: FloatArray, hit: npt.NDArray[np.bool_]
+    ) -> None:
+        """Replace directions in which nothing is hit by the worst candidate that hits something, if there is one."""
+        self.tested[rows] = hit.any(axis=1)
+        worst = np.where(hit, force, -np.inf).argmax(axis=1)
+        other = hit.any(axis=1) & self.found.untouched[rows]
+        self.direction[rows[other]] = candidates[np.flatnonzero(other), worst[other]]
+        self.found.untouched[rows[other]] = False
 
     def settle_between(self, own: FloatArray, angle: float, candidates: FloatArray, force: FloatArray) -> None:
         """Go from the worst candidates to where the force is greatest about them, and lower speeds there."""
@@ -137,7 +155,7 @@ class _Search:
             if not going.size:
                 return
             around = tilted(at[going], own[row[going]], angle, step, _AROUND, turn)
-            over, forces = self._laws(np.repeat(row[going], _AROUND), around.reshape(-1, 3))
+            over, forces, _ = self._laws(np.repeat(row[going], _AROUND), around.reshape(-1, 3))
             over, forces = over.reshape(-1, _AROUND), forces.reshape(-1, _AROUND)
             better = forces.max(axis=1) > best[going]
             at[going[better]] = around[better, forces[better].argmax(axis=1)]
@@ -147,7 +165,7 @@ class _Search:
                 lowered = self._lower_worst(row[going], worst, around[np.arange(len(around)), over.argmax(axis=1)])
                 # Other speeds, other forces: those known are no measure any more.
                 anew = np.flatnonzero(np.isin(row, lowered))
-                _, best[anew] = self._laws(row[anew], at[anew])
+                best[anew] = self._laws(row[anew], at[anew]).force
             elif not better.any():
                 step *= _SHRINK
             turn += math.pi / _AROUND
@@ -167,16 +185,17 @@ class _Search:
         # A little slower in any case, so that rounding at the very limit cannot go on for ever.
         slower = speed_limits(self.problem, self.q[rows], direction, (1 - 0.1 * CLOSE) * found.speed[rows])
         found.speed[rows], found.risk[rows] = slower.speed, slower.risk
+        found.untouched[rows] = slower.untouched
         found.limited_by[rows] = np.where(slower.speed > 0, "risk", "nothing_safe")
         self.found = replace(found, evaluations=found.evaluations + slower.evaluations)
 
-    def _laws(self, rows: Rows, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _laws(self, rows: Rows, direction: FloatArray) -> SpeedRisks:
         """Risk, and force at the accepted risk [N], of directions (M, 3) of rows (M,) at their speeds."""
         speed = np.maximum(self.found.speed[rows], 1e-6)
-        over, force = speed_risks(self.problem, self.q[rows], direction * speed[:, None])
+        over, force, untouched = speed_risks(self.problem, self.q[rows], direction * speed[:, None])
         self.found = replace(self.found, evaluations=self.found.evaluations + len(rows))
         # Without a distribution, as at a singularity, no speed is safe either.
-        return np.nan_to_num(over, nan=np.inf), np.nan_to_num(force, nan=np.inf, posinf=np.inf)
+        return SpeedRisks(np.nan_to_num(over, nan=np.inf), np.nan_to_num(force, nan=np.inf, posinf=np.inf), untouched)
 
 
 def _formula_worst(problem: CollisionProblem, q: FloatArray, own: FloatArray, angle: float) -> FloatArray:
