@@ -194,11 +194,8 @@ void write_yielding(const BatchProblem& problem, int pose, BatchResult& out) {
     out.end[std::size_t(pose)] = path.singular_start ? batch_singular_start : std::uint8_t(path.end);
     if (path.singular_start) return;
     const CollisionDistribution found = integrate<L>(problem.setup, curve, problem.detector, {contact, 1, true});
-    // A held body that is never detected is pressed on, but by an arm that has come to rest.
-    const bool pressed = !contact.body.gets_away() && !path.rests();
     const double most = problem.poses.pressed_with != nullptr ? problem.poses.pressed_with[pose] : HUGE_VAL;
-    const CellMixture force =
-        contact_mixture<L>(found, ContactQuantity::peak_force, pressed ? std::optional(most) : std::nullopt);
+    const CellMixture force = peak_force_mixture<L>(found, most);
     const double total = force.total();
     const PeakForce peak{force.mean(), force.sd(), force.infinite() > 1e-12 * total,
                          [&](double x) { return std::min(1.0, force.above<L>(x) / total); },

@@ -4,6 +4,7 @@
 
 #include <optional>
 
+#include "bumpstop/collision/distribution/cell_mixture.hpp"
 #include "bumpstop/collision/distribution/offset_quadrature.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -14,6 +15,7 @@ template <class T>
 CollisionDistribution integrate(const CollisionSetup& setup, const StoppingCurve& curve,
                                 const GaussianThresholds& detector, QuadratureSettings settings,
                                 const PreContactAlarms* before = nullptr) {
+    if (curve.path.singular_start || curve.path.s.empty()) return CollisionDistribution::unknown();
     std::optional<ContactPropagator> propagator;
     ContactPaths paths;
     if (settings.paths == nullptr && (propagator = contact_propagator(setup, curve.path, settings.contact))) {

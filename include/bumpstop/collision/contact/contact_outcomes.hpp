@@ -12,7 +12,9 @@ struct ContactNodes {
     std::vector<double> peak_force, lasting_force, duration, force_at_detection;  ///< [slot][node] [N, N, s, N]
     /// [panel][node] [N, N, s]
     std::vector<double> undetected_peak_force, undetected_lasting_force, undetected_duration;
-    bool kinks = false;  ///< an arm that gives way: a later peak may outgrow an earlier one from some offset on
+    bool gives_way = false;  ///< something does: these hold, and not the forces of a rigid arm on a spring
+    bool pressed = false;    ///< there, what is never detected: a held body, by an arm that has not come to rest
+    bool kinks = false;      ///< an arm that gives way: a later peak may outgrow an earlier one from some offset on
 
     static constexpr std::size_t quantities = 4, of_missed = 3;
     std::array<std::vector<double>*, quantities> by_slot() {

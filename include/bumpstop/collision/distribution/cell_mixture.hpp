@@ -280,4 +280,37 @@ CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity qu
     return out;
 }
 
+/// The peak force where something gives way; without a bound where a held body is pressed on.
+template <class T>
+CellMixture peak_force_mixture(const CollisionDistribution& law, double pressed_with = HUGE_VAL) {
+    return contact_mixture<T>(law, ContactQuantity::peak_force,
+                              law.nodes.pressed ? std::optional(pressed_with) : std::nullopt);
+}
+
+template <class T>
+double CollisionDistribution::exceedance(double force) const {
+    if (!nodes.gives_way) return tail<T>(density, peak_force, force).probability + unbounded();
+    const CellMixture mixture = peak_force_mixture<T>(*this);
+    return std::min(1.0, mixture.template above<T>(force) / mixture.total());
+}
+template <class T>
+double CollisionDistribution::upper_quantile(double allowed) const {
+    if (std::isnan(undetected)) return NAN;
+    if (!nodes.gives_way) return bumpstop::upper_quantile<T>(density, peak_force, allowed, unbounded());
+    const CellMixture mixture = peak_force_mixture<T>(*this);
+    return mixture.template upper_quantile<T>(allowed * mixture.total());
+}
+template <class T>
+Moments CollisionDistribution::moments() const {
+    if (std::isnan(undetected)) return {NAN, NAN};
+    if (nodes.gives_way) {
+        const CellMixture mixture = peak_force_mixture<T>(*this);
+        return {mixture.mean(), mixture.sd()};
+    }
+    const double bounded = peak_force.total + zero_force;
+    const Moments known = mixture(peak_force.total, peak_force.moments, zero_force, {0, 0});
+    // Where the arm comes to rest the others are among them.
+    return rests ? known : mixture(bounded, known, end_force.total, end_force.moments);
+}
+
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

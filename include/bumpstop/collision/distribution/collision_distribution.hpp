@@ -25,26 +25,29 @@ struct CollisionDistribution {
     ContactNodes nodes;               ///< where something gives way, instead of the forces above
     EarlyReactions early_reactions;   ///< there: detections before contact
 
+    /// A motion that cannot begin, from a singular pose or from beyond a joint's limits.
+    static CollisionDistribution unknown() {
+        CollisionDistribution out;
+        for (double* value : {&out.detected, &out.false_alarm, &out.zero_force, &out.undetected, &out.no_contact})
+            *value = NAN;
+        return out;
+    }
+
     /// Probability of collisions never detected whose force has no bound: they count as over every limit.
     double unbounded() const { return rests ? 0 : undetected; }
 
+    // --- The peak force, by `cell_mixture.hpp`; not a number where a motion cannot begin ---
+
     /// P(peak force > force), collisions never detected and without a bound included.
     template <class T = Lanes<native_lanes>>
-    double exceedance(double force) const {
-        return tail<T>(density, peak_force, force).probability + unbounded();
-    }
+    double exceedance(double force) const;
     /// The peak force that is exceeded with probability `allowed` [N]; infinite where that much is unbounded.
     template <class T = Lanes<native_lanes>>
-    double upper_quantile(double allowed) const {
-        return bumpstop::upper_quantile<T>(density, peak_force, allowed, unbounded());
-    }
-    /// Mean and standard deviation of the peak force, counting the force by the end where nothing was detected.
-    Moments moments() const {
-        const double bounded = peak_force.total + zero_force;
-        const Moments known = mixture(peak_force.total, peak_force.moments, zero_force, {0, 0});
-        // Where the arm comes to rest the others are among them.
-        return rests ? known : mixture(bounded, known, end_force.total, end_force.moments);
-    }
+    double upper_quantile(double allowed) const;
+    /// Mean and standard deviation. Where nothing was detected the force of a rigid arm by the end counts; where something
+    /// gives way, and a held body is pressed on, there is no bound.
+    template <class T = Lanes<native_lanes>>
+    Moments moments() const;
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -178,6 +178,8 @@ class OffsetQuadrature {
         find_triggers();
         density.sum_later_masses();
         if (dynamic()) {
+            result_.nodes.gives_way = true;
+            result_.nodes.pressed = !settings_.contact.body.gets_away() && !path_->rests();
             ContactOutcomes<T>(*reactions_, mesh_.panels(), mesh_.order(), probabilities_, *kept_, result_.nodes)();
             kept_.reset();
         }
