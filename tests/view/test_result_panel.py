@@ -14,11 +14,13 @@ import bumpstop as bs
 from bumpstop.model import Robot
 from bumpstop.report.markup import Html
 from bumpstop.view.answer import Answer
+from bumpstop.view.controls import controls_of
 from bumpstop.view.document import ViewDocument, with_keys
 from bumpstop.view.page.control_panel import ControlPanel
 from bumpstop.view.page.page import Page
 from bumpstop.view.page.result_panel import ResultPanel
 from bumpstop.view.page.scene_view import SceneView
+from bumpstop.view.page.tools import Tools
 from view.cases import HAND, LOWER_ARM
 
 LOWER_ARM_SCENARIO = bs.load_scenario(LOWER_ARM)
@@ -144,7 +146,7 @@ def test_the_plot_is_sent_first_and_the_force_in_the_picture_where_no_key_follow
     page: Any = Page.__new__(Page)
     document = page._document = ViewDocument(HAND)
     page._lock, page._serial, page._moved = threading.RLock(), 0, None
-    page._before = page._answer = None
+    page._before = page._answer = page._judged = None
     page._result, page._scene, page._further = Recorder(), Recorder(), Further()
     page._playback, page._tools = SimpleNamespace(pose=None), SimpleNamespace(dragging=False)
     page._compute(document)
@@ -217,3 +219,80 @@ def test_what_is_refused_has_the_plots_of_what_stays_on_screen(monkeypatch: pyte
     assert page._document is page._computed
     assert submitted[2][0] == "motion.speed"
     assert submitted[3:] == [(page._computed, answer)]
+
+
+class Sent:
+    """Takes whatever is sent to it, and remembers it."""
+
+    def __init__(self) -> None:
+        self.sent: list[tuple[Any, ...]] = []
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *values, **_: self.sent.append((name, *values))
+
+
+def save(answer: Answer, what: str) -> list[tuple[Any, ...]]:
+    """What the browser is sent when a button of the tools is pressed."""
+    tools, client = Tools.__new__(Tools), Sent()
+    page: Any = SimpleNamespace(answer=answer, client=client, document=ViewDocument(HAND))
+    tools._page, page.opened = page, SimpleNamespace(title="01_hand_downward.toml")
+    tools._save(what)
+    return client.sent
+
+
+def test_a_report_waits_for_its_verdict() -> None:
+    """The figures as they are given are acceptable: without [uncertainty] that is no verdict."""
+    answer = Answer.of(with_keys(HAND, {"uncertainty.contact.area_cm2": {"interval": [1.8, 2.5]}}))
+    assert answer.pending
+    ((told, button, words),) = save(answer, "Report")
+    assert (told, button) == ("add_notification", "Report")
+    assert words == "The verdict is still being computed: press again when it stands."
+    (refused,) = save(answer.without_verdict("cannot be used"), "Report")
+    assert refused[2] == "cannot be used"
+    ((told, file, _),) = save(answer, "Scenario")
+    assert (told, file) == ("send_file_download", "01_hand_downward.toml")
+
+
+def page_with(document: ViewDocument, answer: Answer | None) -> Any:
+    """A page on which nothing is drawn, with what it would show in ``said``."""
+    page: Any = Page.__new__(Page)
+    page._lock, page._serial, page._pause, page._moved = threading.RLock(), 0, 0.0, None
+    page._document = page._computed = document
+    page._answer, page._before, page._judged = answer, None, None
+    page.said = said = Sent()
+    page._playback, page._tools = SimpleNamespace(pose=None, follow=said.follow), SimpleNamespace(dragging=False)
+    page._scene, page._program, page._file = SimpleNamespace(show=said.scene, show_force=said.scene), said, Place("")
+    page._points, page._result, page._panel = said, said, SimpleNamespace(show=said.controls, refuse=said.refused)
+    page._panel.controls = {control.key: control for control in controls_of(HAND, Robot.load("sia5d"))}
+    page._further = SimpleNamespace(has_newer=lambda: False, newer_within=lambda _: False, submit=said.submit)
+    page._draw_forces = lambda _: None
+    return page
+
+
+def test_an_uncertainty_that_cannot_be_used_is_refused_at_its_control() -> None:
+    """Nothing says that before the verdict with an interval is computed: a clamped body has no mass."""
+    page, key = page_with(ViewDocument(HAND), None), "uncertainty.contact.body_mass_kg"
+    page._compute(page._document)
+    before = page._document
+    page._document = before.edit({key: {"distribution": "normal", "relative_sd": 0.05}})
+    page._moved = key
+    page._compute(page._document)
+    assert page._answer.word == "COMPUTING"
+    page._compute_details((page._document, page._answer))
+    assert page._document is page._computed is before
+    assert page._answer.word == "ACCEPTABLE"
+    refused = [sent[1:] for sent in page.said.sent if sent[0] == "refused"]
+    assert refused[-1][0] == key
+    assert "body_mass_kg" in refused[-1][1]
+    assert page.said.sent[-1] == ("submit", (before, page._answer))
+
+
+def test_an_uncertainty_of_a_file_that_cannot_be_used_is_the_sentence() -> None:
+    """There is nothing to go back to, and the file stays on screen to be mended."""
+    document = ViewDocument(with_keys(HAND, {"uncertainty.contact.body_mass_kg": {"interval": [1.0, 2.0]}}))
+    page = page_with(document, None)
+    page._compute(document)
+    page._compute_details((document, page._answer))
+    assert page._document is document
+    assert (page._answer.word, page._answer.conclusion) == ("NO VERDICT", "refused")
+    assert "body_mass_kg" in page._answer.sentence

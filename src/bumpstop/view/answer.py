@@ -25,6 +25,7 @@ _WORDS: dict[str, tuple[str, Tone]] = {
     "inconclusive": ("INCONCLUSIVE", "open"),
     "no_limits": ("NO VERDICT", "open"),
     "pending": ("COMPUTING", "open"),
+    "refused": ("NO VERDICT", "open"),
 }
 
 
@@ -39,12 +40,14 @@ class Answer:
         checked: the warnings beside the verdict are computed, which takes a second evaluation with finer steps.
         pending: the scenario has ``[uncertainty]``, and its verdict is not computed yet: ``result`` is of the figures
             as they are given, and no verdict.
+        refusal: why ``[uncertainty]`` cannot be used, and there is no verdict; else empty.
     """
 
     result: CollisionResult
     uncertain: UncertainResult | None = None
     pending: bool = False
     checked: bool = False
+    refusal: str = ""
 
     @classmethod
     def of(cls, scenario: Scenario) -> Answer:
@@ -88,9 +91,9 @@ class Answer:
 
     @property
     def conclusion(self) -> str:
-        """The verdict as ``bumpstop evaluate --json`` names it; ``"pending"`` where it is not known yet."""
-        if self.pending:
-            return "pending"
+        """The verdict as ``bumpstop evaluate --json`` names it; ``"pending"`` or ``"refused"`` where there is none."""
+        if self.pending or self.refusal:
+            return "refused" if self.refusal else "pending"
         return self.result.verdict.conclusion if self.uncertain is None else self.uncertain.conclusion
 
     @property
@@ -108,7 +111,13 @@ class Answer:
         """The verdict in a sentence, with its probability."""
         if self.pending:
             return "How sure the verdict is, is being computed. The figures are of the numbers as they are given."
+        if self.refusal:
+            return self.refusal
         return self.result.verdict.reason if self.uncertain is None else self.uncertain.reason
+
+    def without_verdict(self, refusal: str) -> Answer:
+        """The same, of which it is known that there is no verdict, and why."""
+        return replace(self, pending=False, refusal=refusal)
 
     def with_warnings(self) -> Answer:
         """The same with what makes the verdict mean less than it says."""

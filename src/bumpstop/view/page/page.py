@@ -61,6 +61,8 @@ class Page:
         self._document = self._computed = ViewDocument(opened.scenario)
         self._answer = first
         self._before: Answer | None = None
+        # The newest that has its verdict.
+        self._judged: tuple[ViewDocument, Answer] | None = None
         self._serial, self._last_edit, self._pause = 0, 0.0, _PAUSE_S
         self._moved: str | None = None
         self._result = ResultPanel(client)
@@ -104,7 +106,7 @@ class Page:
             part.close()
         with self._lock:
             # Results may have hundreds of megabytes, and what is left of a browser goes when Python looks for circles.
-            self._answer = self._before = None
+            self._answer = self._before = self._judged = None
 
     def wait(self, seconds: float) -> None:
         """Wait until nothing of a closed page is computed any more, but not longer."""
@@ -216,6 +218,8 @@ class Page:
             return
         with self._lock:
             self._computed, self._answer, moved = document, answer, self._moved
+            if not answer.pending:
+                self._judged = document, answer
             self._pause = max(_PAUSE_S, time.monotonic() - begin)
             self._serial += 1
         self._draw(answer)
@@ -256,6 +260,13 @@ class Page:
         try:
             if answer.pending:
                 answer = Answer.of_uncertain(document.scenario, self._further.has_newer)
+        except SupersededError:
+            return
+        except InputError as error:
+            if self._took_back(document, error):
+                return
+            answer = answer.without_verdict(str(error))
+        try:
             answer = answer.with_warnings()
             details = details_html(answer, self._further.has_newer)
         except SupersededError:
@@ -266,9 +277,27 @@ class Page:
             if self._computed is not document:
                 return
             self._answer = answer
+            if not answer.refusal:
+                self._judged = document, answer
             self._serial += 1
         self._draw(answer)
         self._result.show_details(details)
+
+    def _took_back(self, document: ViewDocument, error: InputError) -> bool:
+        """Go back to what had a verdict and refuse at the control that was moved; False where there is neither."""
+        with self._lock:
+            if self._document is not document:
+                return True
+            moved = self._moved
+            if self._judged is None or moved is None or moved not in self._panel.controls:
+                return False
+            judged = document, answer = self._judged
+            self._document, self._computed, self._answer = document, document, answer
+            self._serial += 1
+            self._refuse(moved, error)
+        self._draw(answer)
+        self._further.submit(judged)
+        return True
 
     def _draw_forces(self, answer: Answer) -> None:
         """Forces that no threshold detects: at the contact point, and all over the arm; and the result kept before."""

@@ -60,6 +60,11 @@ class Tools:
         page, answer = self._page, self._page.answer
         if answer is None:
             return
+        none = "The verdict is still being computed: press again when it stands." if answer.pending else answer.refusal
+        if what == "Report" and none:
+            # A report has a verdict, and that of the figures as they are given would be taken for it.
+            page.client.add_notification(what, none, color="red")
+            return
         name = Path(page.opened.title).stem
         try:
             if what == "Scenario":
