@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import threading
 import tomllib
@@ -17,6 +18,7 @@ from bumpstop.view.controls import Control, controls_of
 from bumpstop.view.document import ViewDocument, scenario_text, with_keys
 from bumpstop.view.latest import LatestWins
 from bumpstop.view.plots.distribution import exceedance_plot
+from bumpstop.view.plots.risk import body_parts_plot
 from bumpstop.view.uncertainty_text import spec_of, text_of
 from view.control_cases import needed, other_value
 
@@ -259,3 +261,27 @@ def test_waiting_for_a_newer_request_ends_with_it() -> None:
         threading.Event().wait(0.01)
     worker.close(5)
     assert found == [True, False]
+
+
+def bars_of(answer: Answer) -> dict[str, str]:
+    """What stands behind the bar of each body part."""
+    texts = re.findall(r"<text[^>]*>([^<]+)</text>", str(body_parts_plot(answer, lambda: False)))
+    return {name: value for name, value in itertools.pairwise(texts) if value.endswith(("%", "ed"))}
+
+
+def test_every_body_part_has_its_own_mass_and_stiffness() -> None:
+    """But for the one on screen: a light body pushes back a tenth of what a heavy one does."""
+    free = with_keys(HAND, {"contact.kind": "free", "contact.limits": "ts15066", "motion.velocity_mm_s": [0, 0, -250]})
+    light = Answer.of(with_keys(free, {"contact.body_mass_kg": 0.1, "contact.stiffness_N_mm": 5.0}))
+    chest = Answer.of(with_keys(free, {"contact.body": "chest"}))
+    bars = bars_of(light)
+    for label, answer in (("Hand/Finger", light), ("Chest", chest)):
+        share = answer.result.peak_force.quantile(0.99) / answer.lowest_limit_N
+        assert bars[label] == f"{100 * share:.0f} %"
+
+
+def test_a_force_without_a_bound_is_called_so() -> None:
+    """Contact with these parts is permitted: the detector does not feel how soft they are."""
+    bars = bars_of(Answer.of(with_keys(HAND, {"detector.thresholds_Nm": [2000.0] * 7})))
+    assert "unbounded" in bars.values()
+    assert "not permitted" not in bars.values()

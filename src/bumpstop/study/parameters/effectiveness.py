@@ -9,7 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from bumpstop.errors import InputError, near_matches
-from bumpstop.study.parameters.region_collisions import MIN_SPEED_MM_S, RegionCollisions
+from bumpstop.study.parameters.region_collisions import MIN_SPEED_MM_S, RegionCollisions, keys_of_the_body
 from bumpstop.study.study import Study, check_risk
 from bumpstop.study.variable import Variable
 
@@ -164,10 +164,8 @@ class EffectivenessStudy(Study):
 
         data = self.scenario.to_dict()
         contact = data["contact"]
-        for key in ("stiffness_N_m", "pressure_area"):
+        for key in keys_of_the_body(_load(self.scenario, table).region(body)):
             contact.pop(key, None)
-        if _load(self.scenario, table).region(body).effective_mass_kg is not None:
-            contact.pop("body_mass_kg", None)
         contact |= {"body": body, "limits": table, "area_cm2": area}
         motion_end = duration_s(self.scenario, speed / Variable("motion.speed").value(self.scenario))
         data["motion"] |= {"velocity_mm_s": [speed * x for x in DIRECTIONS[direction]], "duration_s": motion_end}

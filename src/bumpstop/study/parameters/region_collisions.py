@@ -12,11 +12,21 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bumpstop.collision import CollisionResult, Scenario
+    from bumpstop.contact.regions import Region
     from bumpstop.study.requirement.requirement import Requirement
 
 MIN_SPEED_MM_S = 1.0
 SPEED_STEP_MM_S = 0.1
 _SCAN = 10
+
+
+def keys_of_the_body(region: Region) -> tuple[str, ...]:
+    """Keys of ``[contact]`` that say what another body is like, and are left out where this region is hit.
+
+    A mass stays where the table gives none of the region: free contact needs one.
+    """
+    keys = ("stiffness_N_m", "stiffness_N_mm", "pressure_area")
+    return keys if region.effective_mass_kg is None else (*keys, "body_mass_kg")
 
 
 class RegionCollisions:

@@ -12,7 +12,8 @@ from bumpstop.contact import LimitTable
 from bumpstop.errors import InputError
 from bumpstop.report.colours import LAW
 from bumpstop.report.markup import Html
-from bumpstop.terminal import number
+from bumpstop.study.parameters.region_collisions import keys_of_the_body
+from bumpstop.terminal import UNBOUNDED, number
 from bumpstop.view.answer import Answer
 from bumpstop.view.controls import NOT_GIVEN, SPEED, controls_of
 from bumpstop.view.document import with_keys
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bumpstop.collision import Scenario
+    from bumpstop.contact.regions import Region
 
 _SPEEDS, _MIN_RISK = 11, 1e-9
 _MAX_ROWS = 12
@@ -90,25 +92,25 @@ def body_parts_plot(answer: Answer, superseded: Callable[[], bool]) -> Html:
     if scenario.motion.kind != "line":
         return nothing(title, "Drawn for straight lines.", name)
     table = LimitTable.load(scenario.contact.limits, relative_to=scenario.folder)
-    rows: list[tuple[float, str, str]] = []
+    chosen = scenario.contact.body or NOT_GIVEN
+    rows: list[tuple[float, str, str, str]] = []
     for region in table.regions:
         if superseded():
             raise SupersededError
         try:
-            there = Answer(evaluate(_with_body(scenario, region.name)))
+            # Of the part on screen what the scenario says of its stiffness and mass holds.
+            there = answer if region.name == chosen else Answer(evaluate(_with_body(scenario, region)))
         except InputError:
             continue
-        p99, limit = there.result.peak_force.quantile(0.99), there.lowest_limit_N
-        rows.append((p99 / limit if limit > 0 else math.inf, region.name, region.label))
+        share, text = _share_of_limit(there.result.peak_force.quantile(0.99), there.lowest_limit_N)
+        rows.append((share, region.name, region.label, text))
     rows.sort(key=lambda row: -row[0])
-    chosen = scenario.contact.body or NOT_GIVEN
     # The worst, and the one on screen.
     kept = [row for place, row in enumerate(rows) if place < _MAX_ROWS or row[1] == chosen]
     finite = [share for share, *_ in kept if math.isfinite(share)]
     most = min(max([1.25, *(1.1 * share for share in finite)]), 4.0)
     chart = Chart(title, (0.0, most), (0.0, 1.0), labels=("", ""), height=34 + 15.0 * len(kept) + 8, name=name)
-    for place, (share, region_name, label) in enumerate(kept):
-        text = f"{100 * share:.0f} %" if math.isfinite(share) else "not permitted"
+    for place, (share, region_name, label, text) in enumerate(kept):
         width = min(share, most * (1.0 if math.isfinite(share) else 0.8))
         chart.bar(34 + 15.0 * place, width, label[:22], text, over=share > 1, chosen=region_name == chosen)
     chart.rule(1.0, "limit")
@@ -131,9 +133,17 @@ def tornado_plot(answer: Answer) -> Html:
     return chart.svg(axes=False)
 
 
-def _with_body(scenario: Scenario, body: str) -> Scenario:
-    changes = {"contact.body": body, "contact.pressure_area": None}
-    if scenario.contact.body is not None:
-        # A stiffness that was given is that of the body on screen.
-        changes |= {"contact.stiffness_N_m": None, "contact.stiffness_N_mm": None}
-    return with_keys(scenario.without_uncertainty(), changes)
+def _share_of_limit(p99: float, limit: float) -> tuple[float, str]:
+    """A force as a share of a limit [N], and the text of its bar."""
+    if limit == 0:
+        return math.inf, "not permitted"
+    if math.isinf(limit):
+        return 0.0, "no limit"
+    share = p99 / limit
+    return share, f"{100 * share:.0f} %" if math.isfinite(share) else UNBOUNDED
+
+
+def _with_body(scenario: Scenario, region: Region) -> Scenario:
+    """A scenario that hits another part, whose stiffness and mass are those of the table."""
+    own = {f"contact.{key}": None for key in keys_of_the_body(region)}
+    return with_keys(scenario.without_uncertainty(), {"contact.body": region.name, **own})
