@@ -180,7 +180,6 @@ def _recording(path: Path, robot: str | None, watch: Watch | None) -> Opened:
     start = _scenario(name)
     recording.check_robot(start.robot)
     run = None if watch is None else watch(recording, start.robot)
-    notes = (*start.notes, *recording.report.notes)
-    if run is None:
-        notes = (*notes, "Without --thresholds there are no residuals and no alarms.")
+    without = (*recording.report.notes, "Without --thresholds there are no residuals and no alarms.")
+    notes = (*start.notes, *(without if run is None else run.notes))
     return Opened(start.scenario, start.robot, str(path), notes, recorded=Recorded(recording, run))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from bumpstop.report.colours import EVENT, LAW
 from bumpstop.report.markup import Html
@@ -34,12 +35,14 @@ class Playback:
         position: (N, dof) [rad or m].
         places: (M, 3) of the tip, evenly chosen [m].
         shown_values: (M,) by which they are coloured.
-        value: (N,) what is charted.
+        value: (N,) what is charted; NaN where it is not known.
         limit: (N,) what it is charted against.
         value_label: name and unit of the value.
         limit_label: name of the limit.
+        over: (N,) rows that are over their limit.
         worst: row in which the value is nearest its limit, or farthest over it.
         alarms: times [s].
+        unknown: what is said where the value is not known.
     """
 
     time: FloatArray
@@ -50,8 +53,10 @@ class Playback:
     limit: FloatArray
     value_label: str
     limit_label: str
+    over: npt.NDArray[np.bool_]
     worst: int
     alarms: tuple[float, ...] = ()
+    unknown: str = "no data"
 
     def pose_at(self, t: float) -> FloatArray:
         """The pose at a time, linear between rows (dof,) [rad or m]."""
@@ -61,21 +66,29 @@ class Playback:
     def words_at(self, t: float) -> str:
         """What holds at a time."""
         row = int(np.clip(np.searchsorted(self.time, t, side="right") - 1, 0, self.time.size - 1))
+        if np.isnan(self.value[row]):
+            return f"{t:.3f} s: {self.unknown}"
         pairs = ((self.value_label, self.value), (self.limit_label, self.limit))
         said = ", ".join(_figure(label, float(value[row])) for label, value in pairs)
-        over = "over" if self.value[row] > self.limit[row] else "within"
-        return f"{t:.3f} s: {said}: {over}"
+        if not self.over[row]:
+            return f"{t:.3f} s: {said}: within"
+        # A study looks as far ahead as a collision that begins here can go.
+        ahead = "" if self.value[row] > self.limit[row] else ", a collision that begins here gets faster"
+        return f"{t:.3f} s: {said}: over{ahead}"
 
     def chart(self, t: float) -> Html:
         """Value and limit over time, the time that is shown, and alarms."""
         kept = np.unique(np.linspace(0, self.time.size - 1, _MAX_CHART).astype(int))
         limit = self.limit[kept]
         finite = limit[np.isfinite(limit)]
-        top = 1.2 * max(float(np.nanmax(self.value, initial=0.0)), float(finite.min(initial=0.0)), 1e-9)
+        top = 1.2 * max(float(np.nan_to_num(self.value).max(initial=0.0)), float(finite.min(initial=0.0)), 1e-9)
         span = (float(self.time[0]), float(self.time[-1]))
         labels = ("time [s]", self.value_label)
         chart = Chart(self.limit_label, span, (0.0, top), labels=labels, height=150, name="playback")
-        chart.line(self.time[kept], np.nan_to_num(self.value[kept]), LAW)
+        known = np.isfinite(self.value[kept])
+        for part in np.split(np.arange(kept.size), np.flatnonzero(np.diff(known)) + 1):
+            if known[part].all():
+                chart.line(self.time[kept[part]], self.value[kept[part]], LAW)
         chart.line(self.time[kept], np.minimum(np.nan_to_num(limit, posinf=2 * top), 2 * top), "#D55E00", dash="6 3")
         for alarm in self.alarms[:50]:
             chart.mark(alarm, 0.0, "", EVENT)
@@ -112,6 +125,7 @@ def trajectory_playback(
     speed, limit = rows["speed_mm_s"].to_numpy(), rows["limit_mm_s"].to_numpy()
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(speed > 0, speed / np.maximum(limit, 1e-9), 0.0)
+    over = rows["over"].to_numpy()
     even = np.linspace(float(time[0]), float(time[-1]), _MAX_CHART)
     places = study.problem.robot.pose(study.given.at(even))[:, :3, 3]
     return Playback(
@@ -123,7 +137,8 @@ def trajectory_playback(
         limit,
         "speed of the tip, mm/s",
         "safe speed, mm/s",
-        int(share.argmax()),
+        over,
+        int(np.where(over | ~over.any(), share, -1.0).argmax()),
     )
 
 
@@ -133,15 +148,15 @@ def recorded_playback(recorded: Recorded, robot: Robot) -> Playback:
     kept = np.unique(np.linspace(0, recording.t.size - 1, _MAX_PLACES).astype(int))
     places = robot.pose(recording.q[kept])[:, :3, 3]
     if run is None:
-        still = np.zeros(recording.t.size)
+        none = np.full(recording.t.size, np.nan)
         return Playback(
-            recording.t, recording.q, places, recording.t[kept], still, still + np.inf,
-            "no residual", "no detector given", 0,
+            recording.t, recording.q, places, recording.t[kept], none, none + np.inf,
+            "no residual", "no detector given", none > 0, 0, unknown="no detector given",
         )  # fmt: skip
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = np.nan_to_num(np.nanmax(np.abs(run.residual) / run.threshold, axis=1, initial=0.0))
+    with np.errstate(invalid="ignore"):
+        share = np.fmax.reduce(np.abs(run.residual) / run.threshold, axis=1)
     return Playback(
         recording.t, recording.q, places, share[kept], share, np.ones(recording.t.size),
-        "largest residual over its threshold", "threshold", int(share.argmax()),
+        "largest residual over its threshold", "threshold", share > 1, int(np.nan_to_num(share, nan=-1.0).argmax()),
         tuple(event.t for event in run.events),
     )  # fmt: skip
