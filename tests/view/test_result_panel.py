@@ -192,7 +192,7 @@ def test_what_a_person_moves_meanwhile_is_not_written_over() -> None:
     page._lock, page._moved, page._pause = threading.RLock(), None, 0.0
     page._document, shown = ViewDocument(LOWER_ARM_SCENARIO), ViewDocument(HAND)
     nothing: Any = SimpleNamespace(show=lambda *_, **__: None, show_force=lambda _: None, follow=lambda _: None)
-    page._scene = page._program = page._playback = nothing
+    page._scene = page._program = page._playback = page._points = nothing
     nothing.pose, page._tools = None, SimpleNamespace(dragging=False)
     page._further = SimpleNamespace(has_newer=lambda: False, newer_within=lambda _: False)
     page._panel = SimpleNamespace(show=lambda *_, **__: pytest.fail("an old scenario was shown"))

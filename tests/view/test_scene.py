@@ -123,7 +123,7 @@ def test_every_region_can_be_clicked(table: str) -> None:
 def test_a_click_finds_the_point_under_it() -> None:
     rng = np.random.default_rng(3)
     place = rng.uniform(-1, 1, (61_000, 3))
-    rows = PointRows(place, np.zeros((61_000, 1)), np.zeros((61_000, 3)), place[:, 0], "x", np.arange(61_000))
+    rows = PointRows(place, place[:, :1], place, place, place[:, 0], "x", np.arange(61_000))
     eye = np.array([0.0, -6.0, 0.0])
     for row in rng.integers(0, 61_000, 20):
         found = rows.nearest(eye, place[row] - eye, 0.002)
@@ -136,7 +136,7 @@ def test_a_click_finds_the_point_under_it() -> None:
 def test_a_slice_has_the_rows_near_its_plane() -> None:
     rng = np.random.default_rng(6)
     place = rng.uniform(-1, 1, (5000, 3))
-    rows = PointRows(place, place[:, :2], place, place[:, 0], "x", np.arange(5000))
+    rows = PointRows(place, place[:, :2], place, place, place[:, 0], "x", np.arange(5000))
     found = rows.slice(2, 0.3)
     assert np.flatnonzero(np.abs(place[:, 2] - 0.3) <= SLICE_M).tolist() == found.number.tolist()
     assert 150 < found.number.size < 350

@@ -33,6 +33,7 @@ class PointRows:
         place: (N, 3) of the tip [m].
         q: (N, dof) [rad or m].
         velocity: (N, 3) of the tip [m/s]; NaN where a row has none.
+        direction: (N, 3) unit vectors along which a row's limit holds; NaN of other rows.
         value: (N,) by which a point is coloured.
         label: what the value is, with its unit.
         number: (N,) of the row in the file, from 0.
@@ -41,6 +42,7 @@ class PointRows:
     place: FloatArray
     q: FloatArray
     velocity: FloatArray
+    direction: FloatArray
     value: FloatArray
     label: str
     number: npt.NDArray[np.int64]
@@ -54,8 +56,28 @@ class PointRows:
         """
         near = np.abs(self.place[:, axis] - at) <= SLICE_M
         return PointRows(
-            self.place[near], self.q[near], self.velocity[near], self.value[near], self.label, self.number[near]
+            self.place[near],
+            self.q[near],
+            self.velocity[near],
+            self.direction[near],
+            self.value[near],
+            self.label,
+            self.number[near],
         )
+
+    def velocity_on_screen(self, row: int, speed: float) -> FloatArray | None:
+        """The velocity (3,) [m/s] that belongs to a row; None where it has none.
+
+        Args:
+            row: of the points.
+            speed: that a row gets along its direction where no speed is safe [m/s].
+        """
+        velocity = self.direction[row] * speed if self.none_safe(row) else self.velocity[row]
+        return np.asarray(velocity) if np.isfinite(velocity).all() and velocity.any() else None
+
+    def none_safe(self, row: int) -> bool:
+        """The limit of a row is 0: no speed is safe there."""
+        return bool(self.value[row] == 0 and np.isfinite(self.direction[row]).all())
 
     def nearest(self, origin: FloatArray, direction: FloatArray, near: float) -> int | None:
         """The row whose point a ray meets first; None where it passes none.
@@ -97,6 +119,7 @@ def point_rows(rows: Mapping[str, np.ndarray], dof: int, file: str) -> PointRows
         _side_by_side(rows, _TIP),
         _side_by_side(rows, joints),
         _velocity(rows),
+        _side_by_side(rows, _DIRECTION) if set(_DIRECTION) <= set(rows) else np.full((len(rows[_TIP[0]]), 3), np.nan),
         rows[named[0]].astype(np.float64),
         named[1],
         np.arange(len(rows[named[0]])),

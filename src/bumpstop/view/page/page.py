@@ -249,6 +249,7 @@ class Page:
             return
         self._playback.follow(document.scenario)
         self._program.follow(document.scenario)
+        self._points.follow(document.scenario)
         with self._lock:
             # A control that shows what was on screen before would put it there again.
             if self._document is not document:

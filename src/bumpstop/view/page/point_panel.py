@@ -14,6 +14,7 @@ from bumpstop.view.colour_scale import colours_of
 from bumpstop.view.point_rows import PointRows, point_rows
 
 if TYPE_CHECKING:
+    from bumpstop.collision import Scenario
     from bumpstop.view.page.panel_host import PanelHost
 
 _NEAR = 0.012
@@ -32,6 +33,8 @@ class PointPanel:
     def __init__(self, page: PanelHost) -> None:
         self._page = page
         self._rows: PointRows | None = page.opened.points
+        # What the points are of, and the text beside them.
+        self._scenario, self._text, self._earlier = page.opened.scenario, "", False
         self._cancelled = threading.Event()
         self._thread: threading.Thread | None = None
         with page.client.gui.add_folder("Workspace", expand_by_default=self._rows is not None):
@@ -56,6 +59,18 @@ class PointPanel:
         """Stop computing."""
         self._cancelled.set()
 
+    def follow(self, scenario: Scenario) -> None:
+        """Have the text beside the points say whether they are of a scenario, wherever its arm is."""
+        if self._rows is not None and self._earlier != self._is_earlier(self._rows, scenario):
+            self._tell(self._text)
+
+    def _is_earlier(self, rows: PointRows, scenario: Scenario) -> bool:
+        """The points are of a scenario that differs in more than the pose and a velocity of theirs."""
+        velocity = np.asarray(scenario.motion.velocity)
+        # Rows of a study have velocities of their own: those that were computed here have the one on screen.
+        own = rows is self._page.opened.points or np.isclose(rows.velocity, velocity, rtol=1e-5).all(axis=1).any()
+        return not own or _without_motion(scenario) != _without_motion(self._scenario)
+
     def _press(self, what: str) -> None:
         if what == "Compute" and not self.alive:
             self._cancelled.clear()
@@ -74,7 +89,7 @@ class PointPanel:
 
         scenario = self._page.document.scenario.without_uncertainty()
         try:
-            study = WorkspaceStudy(scenario=scenario, poses=_POSES, directions="scenario", joint_limits="ignore")
+            study = WorkspaceStudy(scenario=scenario, poses=_POSES, directions="scenario")
             found: list[dict[str, np.ndarray]] = []
             for shard in range(study.shards):
                 if self._cancelled.is_set():
@@ -83,6 +98,7 @@ class PointPanel:
                 found.append(study.shard_columns(shard))
                 self._say(f"computing: {100 * (shard + 1) / study.shards:.0f} %")
                 columns = {name: np.concatenate([each[name] for each in found]) for name in found[0]}
+                self._scenario = scenario
                 self._rows = point_rows(columns, self._page.opened.robot.dof, "workspace")
                 self._draw()
         except BumpstopError as error:
@@ -113,7 +129,7 @@ class PointPanel:
         )  # fmt: skip
         if finite.size:
             ends = f"dark {number(low)} or less, bright {number(high)} or more"
-            self._say(f"{len(rows.value)} points: {rows.label}, {ends}; click one to go there")
+            self._tell(f"{len(rows.value)} points: {rows.label}, {ends}; click one to go there")
 
     def _clicked(self, event: Any) -> None:
         rows = self._shown()
@@ -125,11 +141,29 @@ class PointPanel:
         row = rows.nearest(origin, direction, _NEAR)
         if row is None or self._page.document.scenario.motion.kind != "line":
             return
-        velocity = rows.velocity[row]
-        self._page.set_pose(rows.q[row], velocity if np.isfinite(velocity).all() and velocity.any() else None)
+        speed = float(np.linalg.norm(self._page.document.scenario.motion.velocity))
+        self._page.set_pose(rows.q[row], rows.velocity_on_screen(row, speed))
         name = int(rows.number[row])
-        self._say(f"row {name + 1}: {rows.label} {number(float(rows.value[row]))}", row=name)
+        # No motion on screen is as slow as that.
+        none = f", no speed is safe; on screen it is {number(1e3 * speed)} mm/s" if rows.none_safe(row) else ""
+        self._tell(f"row {name + 1}: {rows.label} {number(float(rows.value[row]))}{none}", row=name)
+
+    def _tell(self, text: str, row: int | None = None) -> None:
+        """Say something of the points, and whether they are of the scenario on screen."""
+        rows = self._rows
+        if rows is not None:
+            self._text, self._earlier = text, self._is_earlier(rows, self._page.document.scenario)
+            self._say(f"{text}; these points are of an earlier scenario" if self._earlier else text, row)
 
     def _say(self, text: str, row: int | None = None) -> None:
         marked = None if row is None else str(row)
         self._says.content = str(element("div", text, style="font-size:12px;padding:2px 8px", data_point=marked))
+
+
+def _without_motion(scenario: Scenario) -> dict[str, Any]:
+    """What a scenario says of anything but the pose and the velocity; the points are of numbers taken for known."""
+    data = scenario.without_uncertainty().to_dict()
+    for key in ("pose_deg", "pose_rad"):
+        data.pop(key, None)
+    del data["motion"]["velocity_mm_s"]
+    return data

@@ -1,0 +1,127 @@
+"""Points of a workspace: they are what the page would compute there, of the scenario that they say they are of."""
+
+from __future__ import annotations
+
+import re
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bumpstop.model import Robot
+from bumpstop.view.answer import Answer
+from bumpstop.view.document import ViewDocument, with_keys
+from bumpstop.view.page import point_panel
+from bumpstop.view.page.page import pose_values
+from bumpstop.view.page.point_panel import PointPanel
+from bumpstop.view.point_rows import PointRows
+from view.cases import HAND
+
+ARM = Robot.load("sia5d")
+
+
+class Gui:
+    """Inputs of a panel, which show what they begin with."""
+
+    def add_folder(self, *_: Any, **__: Any) -> Any:
+        return self
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def __getattr__(self, _: str) -> Any:
+        return self._made
+
+    def _made(self, *_: Any, **__: Any) -> Any:
+        def nothing(_: Any) -> None: ...
+
+        return SimpleNamespace(value="all points", on_click=nothing, on_update=nothing, disabled=False, content="")
+
+
+class Host:
+    """A page that has a document, and whose picture is not drawn."""
+
+    def __init__(self, points: PointRows | None = None) -> None:
+        scene = SimpleNamespace(add_point_cloud=lambda *_, **__: None, on_click=lambda: lambda _: None)
+        self.client, self.document = SimpleNamespace(gui=Gui(), scene=scene), ViewDocument(HAND)
+        self.scene = SimpleNamespace(arm_is_hit=lambda *_: False)
+        self.opened: Any = SimpleNamespace(robot=ARM, points=points, scenario=HAND)
+
+    def set_pose(self, q: np.ndarray, velocity: np.ndarray | None = None) -> None:
+        key, values = pose_values(self.opened, HAND, q)
+        moved = {} if velocity is None else {"motion.velocity_mm_s": (1e3 * velocity).tolist()}
+        self.change({key: values} | moved)
+
+    def change(self, changes: dict[str, Any]) -> None:
+        self.document = self.document.edit(changes)
+
+
+def said(panel: PointPanel) -> str:
+    return re.sub("<[^>]+>", "", panel._says.content)
+
+
+def click(panel: PointPanel, rows: PointRows, row: int) -> None:
+    ray = SimpleNamespace(ray_origin=rows.place[row] - [0, 0, 1e-3], ray_direction=[0, 0, 1.0])
+    panel._clicked(ray)
+
+
+def test_points_computed_on_a_page_are_what_it_says_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a joint meets its limit, the motion ends for both."""
+    monkeypatch.setattr(point_panel, "_POSES", 250)
+    host: Any = Host()
+    panel = PointPanel(host)
+    panel._work()
+    rows = panel._rows
+    assert rows is not None
+    assert "250 points" in said(panel)
+    # Some of the lowest end at a limit.
+    for row in np.argsort(rows.value)[[0, 1, 2, 125]]:
+        scenario = with_keys(HAND, {"pose_deg": None, "pose_rad": rows.q[row].tolist()})
+        scenario = with_keys(scenario, {"motion.velocity_mm_s": (1e3 * rows.velocity[row]).tolist()})
+        assert Answer.of(scenario).result.peak_force.quantile(0.99) == pytest.approx(rows.value[row], rel=1e-6)
+
+
+def points(limit_mm_s: float | None = None) -> PointRows:
+    """Two rows: of velocities of their own, or with a limit in a direction each."""
+    q = np.radians([HAND.pose_deg, [10, 30, 0, -20, 0, -40, 0]])
+    place, aside = ARM.pose(q)[:, :3, 3], np.array([[0, 0, -1.0], [0.6, 0, -0.8]])
+    value = np.array([50.0, 60.0] if limit_mm_s is None else [100.0, limit_mm_s])
+    speed = np.array([0.05, 0.05]) if limit_mm_s is None else np.where(value > 0, value / 1e3, np.nan)
+    direction = aside if limit_mm_s is not None else np.full((2, 3), np.nan)
+    return PointRows(place, q, aside * speed[:, None], direction, value, "a value", np.arange(2))
+
+
+def test_a_point_without_a_safe_speed_is_shown_in_its_own_direction() -> None:
+    """The motion on screen before had nothing to do with it, and its verdict may be a good one."""
+    host: Any = Host(points(limit_mm_s=0.0))
+    panel = PointPanel(host)
+    click(panel, host.opened.points, 0)
+    assert host.document.scenario.motion.velocity_mm_s == pytest.approx([0, 0, -100])
+    assert said(panel) == "row 1: a value 100"
+    click(panel, host.opened.points, 1)
+    assert host.document.scenario.motion.velocity_mm_s == pytest.approx([60, 0, -80])
+    assert said(panel) == "row 2: a value 0, no speed is safe; on screen it is 100 mm/s"
+
+
+def test_points_of_an_earlier_scenario_are_called_so() -> None:
+    host: Any = Host(points())
+    panel = PointPanel(host)
+    assert "earlier" not in said(panel)
+    click(panel, host.opened.points, 1)
+    panel.follow(host.document.scenario)
+    assert said(panel) == "row 2: a value 60"
+    host.change({"contact.area_cm2": 3.0})
+    panel.follow(host.document.scenario)
+    assert said(panel) == "row 2: a value 60; these points are of an earlier scenario"
+    host.document = host.document.undo()
+    panel.follow(host.document.scenario)
+    assert said(panel) == "row 2: a value 60"
+    # Points that were computed here are of the velocity on screen, and not of any.
+    panel._rows = points()
+    panel._tell("2 points")
+    assert said(panel) == "2 points"
+    host.change({"motion.velocity_mm_s": [0, 0, -300]})
+    panel.follow(host.document.scenario)
+    assert "earlier" in said(panel)
