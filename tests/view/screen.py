@@ -38,7 +38,7 @@ class Screen:
         return str(self.page.text_content("[data-scenario]"))
 
     def until(self, words: str) -> None:
-        """Wait until the exported scenario has these words and the plots are those of its answer."""
+        """Wait until the exported scenario has these words; its verdict stands beside it."""
         self.page.wait_for_function(
             "words => document.querySelector('[data-scenario]').textContent.includes(words)", arg=words,
             timeout=WAIT_MS,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -66,10 +67,15 @@ def change(screen: Screen, page: Page, control: Control) -> None:
     before, wanted = screen.scenario(), other_value(control)
     screen.set(control, wanted)
     screen.until_other_than(before)
+    same = pytest.approx(wanted) if isinstance(wanted, float | tuple) else wanted
+    until = time.monotonic() + WAIT_MS / 1e3
+    # Three numbers are three changes.
+    while control.read(page.document.scenario) != same and time.monotonic() < until:
+        screen.page.wait_for_timeout(20)
     assert screen.page.locator("[data-refusal]:visible").all_text_contents() == []
     # What the control shows is what the file says.
-    shown = control.read(page.document.scenario)
-    assert shown == pytest.approx(wanted) if isinstance(wanted, float | tuple) else shown == wanted
+    assert control.read(page.document.scenario) == same
+    screen.until_same_as(page.document.text)
     if control.panel == "Uncertainty":
         screen.page.wait_for_selector("[data-verdict]:not([data-verdict='pending'])", timeout=WAIT_MS)
 

@@ -70,8 +70,8 @@ def test_the_page_says_what_the_command_says(
     screen.page.get_by_role("button", name="Undo").click()
     screen.until("area_cm2 = 2")
     # The control shows what is in use again, and no reason to refuse it.
-    assert text.input_value() == ""
     screen.page.wait_for_selector("[data-refusal]", state="hidden", timeout=WAIT_MS)
+    assert text.input_value() == ""
     assert not screen.faults
     assert not screen.elsewhere
     # Closing the page frees its work.

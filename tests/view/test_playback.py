@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,10 +15,14 @@ import bumpstop as bs
 from bumpstop.model import Robot
 from bumpstop.recording import Recording
 from bumpstop.study import TrajectorySpeedLimits
+from bumpstop.view.document import with_keys
 from bumpstop.view.opened import Recorded, open_source
-from bumpstop.view.playback import recorded_playback, trajectory_playback
+from bumpstop.view.page import playback_panel
+from bumpstop.view.page.playback_panel import PlaybackPanel
+from bumpstop.view.playback import Playback, recorded_playback, trajectory_playback
 from bumpstop.view.study_rows import study_rows
 from view.cases import ROOT
+from view.panels import Host
 
 PICK_AND_PLACE = bs.load_scenario(ROOT / "examples" / "06_pick_and_place_trajectory.toml")
 ARM = Robot.load("ur10e")
@@ -75,3 +80,114 @@ def test_what_is_unusual_of_a_run_stands_on_its_page(tmp_path: Path) -> None:
     recording().save(tmp_path / "moved.parquet")
     opened = open_source(str(tmp_path / "moved.parquet"), watch=lambda *_: run_without_data(slice(20, 30)))
     assert "There was no data." in opened.notes
+
+
+@pytest.fixture
+def moving() -> Iterator[tuple[Any, PlaybackPanel]]:
+    """A page of a trajectory, and its panel, which has not begun to compute."""
+    host: Any = Host(PICK_AND_PLACE)
+    with pytest.MonkeyPatch.context() as patch:
+        # What a thread would compute is computed where a test says so.
+        patch.setattr(playback_panel, "LatestWins", lambda *_: Worker())
+        panel = PlaybackPanel(host)
+    yield host, panel
+    panel.close()
+
+
+class Worker:
+    """Takes requests, and leaves them."""
+
+    alive = False
+
+    def __init__(self) -> None:
+        self.submitted: list[bs.Scenario] = []
+
+    def submit(self, scenario: bs.Scenario) -> None:
+        self.submitted.append(scenario)
+
+    def close(self) -> None: ...
+
+    def has_newer(self) -> bool:
+        return False
+
+
+def played(
+    monkeypatch: pytest.MonkeyPatch, panel: PlaybackPanel, scenario: bs.Scenario, found: Playback | bs.InputError
+) -> None:
+    """Have a panel compute a motion of which a test knows the outcome."""
+
+    def compute(*_: Any) -> Playback:
+        if isinstance(found, bs.InputError):
+            raise found
+        return found
+
+    monkeypatch.setattr(playback_panel, "trajectory_playback", compute)
+    panel._compute(scenario)
+
+
+def said(panel: PlaybackPanel) -> str:
+    return re.sub("<svg.*</svg>|<[^>]+>", "", panel._says.content)
+
+
+def test_safe_speeds_of_an_earlier_scenario_are_not_shown(
+    monkeypatch: pytest.MonkeyPatch, moving: tuple[Any, PlaybackPanel]
+) -> None:
+    host, panel = moving
+    worker: Any = panel._worker
+    playback = recorded_playback(Recorded(recording(), run_without_data(slice(20, 30))), ARM)
+    played(monkeypatch, panel, PICK_AND_PLACE, playback)
+    assert "within" in said(panel)
+    assert host.drawn == ["/way"]
+    panel._press("Play")
+    other = with_keys(PICK_AND_PLACE, {"contact.area_cm2": 3.0})
+    panel.expire(other)
+    assert (said(panel), host.drawn) == ("computing ...", [])
+    panel._show()
+    panel._press("Worst")
+    assert said(panel) == "computing ..."
+    # What was computed for the scenario before comes too late.
+    played(monkeypatch, panel, PICK_AND_PLACE, playback)
+    assert (said(panel), host.drawn) == ("computing ...", [])
+    panel.follow(other)
+    assert worker.submitted == [PICK_AND_PLACE, other]
+    played(monkeypatch, panel, other, bs.InputError("contact.body", "has no limit"))
+    panel._show()
+    assert said(panel) == "contact.body: has no limit"
+    # There and back again, before anything was asked for.
+    panel.expire(PICK_AND_PLACE)
+    panel.expire(other)
+    panel.follow(other)
+    panel.follow(other)
+    assert worker.submitted == [PICK_AND_PLACE, other, other]
+    # Whatever happened while it played, it can be played again.
+    played(monkeypatch, panel, other, playback)
+    assert "within" in said(panel)
+    assert panel._player.is_alive()
+
+
+def test_safe_speeds_are_applied_to_what_they_are_of(
+    monkeypatch: pytest.MonkeyPatch, moving: tuple[Any, PlaybackPanel]
+) -> None:
+    """The scenario may be another one when they are found."""
+    host, panel = moving
+
+    def slow(*_: Any) -> Any:
+        if meanwhile:
+            host.document = host.document.edit(meanwhile)
+        return SimpleNamespace(changes={"motion.file": "slowed.csv"}, before_s=3.0, after_s=3.5, file="slowed.csv")
+
+    monkeypatch.setattr(playback_panel, "retimed_scenario", slow)
+    meanwhile = {"contact.area_cm2": 3.0}
+    panel._slow_down()
+    assert host.document.scenario.motion.file == PICK_AND_PLACE.motion.file
+    assert "The scenario was changed meanwhile: press again." in panel._times.content
+    panel.follow(host.document.scenario)
+    assert panel._times.content == ""
+    meanwhile = {}
+    panel._slow_down()
+    assert host.document.scenario.motion.file == "slowed.csv"
+    # What it cost stands there as long as the slowed trajectory is on screen.
+    panel.follow(host.document.scenario)
+    assert "3.5 s at safe speeds" in panel._times.content
+    panel.follow(host.document.undo().scenario)
+    assert panel._times.content == ""

@@ -11,51 +11,14 @@ import pytest
 
 from bumpstop.model import Robot
 from bumpstop.view.answer import Answer
-from bumpstop.view.document import ViewDocument, with_keys
+from bumpstop.view.document import with_keys
 from bumpstop.view.page import point_panel
-from bumpstop.view.page.page import pose_values
 from bumpstop.view.page.point_panel import PointPanel
 from bumpstop.view.point_rows import PointRows
 from view.cases import HAND
+from view.panels import Host
 
 ARM = Robot.load("sia5d")
-
-
-class Gui:
-    """Inputs of a panel, which show what they begin with."""
-
-    def add_folder(self, *_: Any, **__: Any) -> Any:
-        return self
-
-    def __enter__(self) -> None: ...
-
-    def __exit__(self, *_: object) -> None: ...
-
-    def __getattr__(self, _: str) -> Any:
-        return self._made
-
-    def _made(self, *_: Any, **__: Any) -> Any:
-        def nothing(_: Any) -> None: ...
-
-        return SimpleNamespace(value="all points", on_click=nothing, on_update=nothing, disabled=False, content="")
-
-
-class Host:
-    """A page that has a document, and whose picture is not drawn."""
-
-    def __init__(self, points: PointRows | None = None) -> None:
-        scene = SimpleNamespace(add_point_cloud=lambda *_, **__: None, on_click=lambda: lambda _: None)
-        self.client, self.document = SimpleNamespace(gui=Gui(), scene=scene), ViewDocument(HAND)
-        self.scene = SimpleNamespace(arm_is_hit=lambda *_: False)
-        self.opened: Any = SimpleNamespace(robot=ARM, points=points, scenario=HAND)
-
-    def set_pose(self, q: np.ndarray, velocity: np.ndarray | None = None) -> None:
-        key, values = pose_values(self.opened, HAND, q)
-        moved = {} if velocity is None else {"motion.velocity_mm_s": (1e3 * velocity).tolist()}
-        self.change({key: values} | moved)
-
-    def change(self, changes: dict[str, Any]) -> None:
-        self.document = self.document.edit(changes)
 
 
 def said(panel: PointPanel) -> str:
@@ -70,7 +33,7 @@ def click(panel: PointPanel, rows: PointRows, row: int) -> None:
 def test_points_computed_on_a_page_are_what_it_says_there(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where a joint meets its limit, the motion ends for both."""
     monkeypatch.setattr(point_panel, "_POSES", 250)
-    host: Any = Host()
+    host: Any = Host(HAND)
     panel = PointPanel(host)
     panel._work()
     rows = panel._rows
@@ -95,7 +58,7 @@ def points(limit_mm_s: float | None = None) -> PointRows:
 
 def test_a_point_without_a_safe_speed_is_shown_in_its_own_direction() -> None:
     """The motion on screen before had nothing to do with it, and its verdict may be a good one."""
-    host: Any = Host(points(limit_mm_s=0.0))
+    host: Any = Host(HAND, points(limit_mm_s=0.0))
     panel = PointPanel(host)
     click(panel, host.opened.points, 0)
     assert host.document.scenario.motion.velocity_mm_s == pytest.approx([0, 0, -100])
@@ -106,7 +69,7 @@ def test_a_point_without_a_safe_speed_is_shown_in_its_own_direction() -> None:
 
 
 def test_points_of_an_earlier_scenario_are_called_so() -> None:
-    host: Any = Host(points())
+    host: Any = Host(HAND, points())
     panel = PointPanel(host)
     assert "earlier" not in said(panel)
     click(panel, host.opened.points, 1)

@@ -148,7 +148,9 @@ def test_the_plot_is_sent_first_and_the_force_in_the_picture_where_no_key_follow
     page._lock, page._serial, page._moved = threading.RLock(), 0, None
     page._before = page._answer = page._judged = None
     page._result, page._scene, page._further = Recorder(), Recorder(), Further()
-    page._playback, page._tools = SimpleNamespace(pose=None), SimpleNamespace(dragging=False)
+    page._file, page.client = Place(""), Client()
+    page._program = page._points = Sent()
+    page._playback, page._tools = SimpleNamespace(pose=None, expire=lambda _: None), SimpleNamespace(dragging=False)
     page._compute(document)
     assert done == ["show", "submit"]
     page._compute_details((document, page._answer))
@@ -260,9 +262,17 @@ def page_with(document: ViewDocument, answer: Answer | None) -> Any:
     page._document = page._computed = document
     page._answer, page._before, page._judged = answer, None, None
     page.said = said = Sent()
-    page._playback, page._tools = SimpleNamespace(pose=None, follow=said.follow), SimpleNamespace(dragging=False)
+    page._playback, page._tools = (
+        SimpleNamespace(pose=None, follow=said.follow, expire=said.expire),
+        SimpleNamespace(dragging=False),
+    )
     page._scene, page._program, page._file = SimpleNamespace(show=said.scene, show_force=said.scene), said, Place("")
-    page._points, page._result, page._panel = said, said, SimpleNamespace(show=said.controls, refuse=said.refused)
+    page.client, page._points, page._result, page._panel = (
+        Client(),
+        said,
+        said,
+        SimpleNamespace(show=said.controls, refuse=said.refused),
+    )
     page._panel.controls = {control.key: control for control in controls_of(HAND, Robot.load("sia5d"))}
     page._further = SimpleNamespace(has_newer=lambda: False, newer_within=lambda _: False, submit=said.submit)
     page._draw_forces = lambda _: None
@@ -296,3 +306,16 @@ def test_an_uncertainty_of_a_file_that_cannot_be_used_is_the_sentence() -> None:
     assert page._document is document
     assert (page._answer.word, page._answer.conclusion) == ("NO VERDICT", "refused")
     assert "body_mass_kg" in page._answer.sentence
+
+
+def test_the_text_of_the_scenario_comes_with_its_verdict() -> None:
+    """It was copied with the verdict of another beside it, for seconds where a picture took long."""
+    page = page_with(ViewDocument(HAND), None)
+    page._result = SimpleNamespace(show=lambda answer, **_: shown.append((answer.scenario, page._file.content)))
+    shown: list[Any] = []
+    for area in (2.5, 3.0):
+        page._document = page._document.edit({"contact.area_cm2": area})
+        page._compute(page._document)
+        assert shown[-1][0] == page._document.scenario
+        assert f"area_cm2 = {area}" in shown[-1][1]
+        assert page.said.sent[-2] == ("follow", page._document.scenario)

@@ -201,7 +201,7 @@ class Page:
     def _show_first(self) -> None:
         """Show the result before anything else is built."""
         if self._answer is not None:
-            self._draw(self._answer)
+            self._result.show(self._answer, serial=self._serial)
             time.sleep(_FIRST_S)
 
     def _compute(self, document: ViewDocument) -> None:
@@ -222,7 +222,11 @@ class Page:
                 self._judged = document, answer
             self._pause = max(_PAUSE_S, time.monotonic() - begin)
             self._serial += 1
-        self._draw(answer)
+        self._draw(answer, document)
+        # At once, and not after the pause: what is of another scenario stands beside this verdict.
+        self._playback.expire(document.scenario)
+        self._program.follow(document.scenario)
+        self._points.follow(document.scenario)
         if moved is not None:
             self._panel.refuse(moved, "")
         self._further.submit((document, answer))
@@ -248,14 +252,11 @@ class Page:
         if self._further.newer_within(self._pause):
             return
         self._playback.follow(document.scenario)
-        self._program.follow(document.scenario)
-        self._points.follow(document.scenario)
         with self._lock:
             # A control that shows what was on screen before would put it there again.
             if self._document is not document:
                 return
             self._panel.show(document.scenario, but=self._moved)
-        self._file.content = str(_file_html(document.text))
         self._draw_forces(answer)
         self._result.show_tail(answer)
         try:
@@ -281,7 +282,7 @@ class Page:
             if not answer.refusal:
                 self._judged = document, answer
             self._serial += 1
-        self._draw(answer)
+        self._draw(answer, document)
         self._result.show_details(details)
 
     def _took_back(self, document: ViewDocument, error: InputError) -> bool:
@@ -296,7 +297,7 @@ class Page:
             self._document, self._computed, self._answer = document, document, answer
             self._serial += 1
             self._refuse(moved, error)
-        self._draw(answer)
+        self._draw(answer, document)
         self._further.submit(judged)
         return True
 
@@ -310,8 +311,15 @@ class Page:
             before = self._before
         self._overlay.show_before(before)
 
-    def _draw(self, answer: Answer) -> None:
-        self._result.show(answer, serial=self._serial, before=self._before)
+    def _draw(self, answer: Answer, document: ViewDocument) -> None:
+        """Show a result and the text of its scenario at once: whoever copies the text has what the verdict is of."""
+        text = str(_file_html(document.text))
+        with self.client.atomic():
+            if self._file.content != text:
+                self._file.content = text
+            self._result.show(answer, serial=self._serial, before=self._before)
+        # What stands together is sent when it is whole.
+        self.client.flush()
 
 
 def pose_of(opened: Opened, scenario: Scenario) -> FloatArray:

@@ -38,8 +38,13 @@ class PlaybackPanel:
         self.pose: FloatArray | None = None
         self._closed = threading.Event()
         self._running = threading.Event()
+        self._lock = threading.Lock()
         self._playback: Playback | None = None
-        self._scenario: Scenario | None = None
+        # The scenario whose motion is to be played, and the one that it was last asked for.
+        self._wanted: Scenario | None = None
+        self._submitted: Scenario | None = None
+        # What "Apply safe speeds" put on screen.
+        self._slowed: Scenario | None = None
         self._worker: LatestWins[Scenario] | None = None
         if page.opened.recorded is None and page.opened.scenario.motion.kind == "line":
             return
@@ -61,13 +66,31 @@ class PlaybackPanel:
         if self._worker is not None:
             self._worker.close()
 
+    def expire(self, scenario: Scenario) -> None:
+        """Take away what is of another scenario: its safe speeds would be taken for those of this one.
+
+        Args:
+            scenario: on screen. A recording stays what it is.
+        """
+        with self._lock:
+            recorded = self._page.opened.recorded is not None
+            if self._worker is None or scenario == self._wanted or (recorded and self._wanted is not None):
+                return
+            self._wanted, self._submitted, self._playback = scenario, None, None
+            self._running.clear()
+            self._time.disabled = True
+            self._says.content = _line("computing ...", times=None)
+            self._page.client.scene.remove_by_name("/way")
+            if scenario != self._slowed:
+                self._times.content = ""
+
     def follow(self, scenario: Scenario) -> None:
         """Have the motion be that of a scenario: a trajectory is computed anew, a recording stays what it is."""
-        if self._worker is None or scenario == self._scenario:
-            return
-        if self._scenario is None or self._page.opened.recorded is None:
-            self._worker.submit(scenario)
-        self._scenario = scenario
+        self.expire(scenario)
+        with self._lock:
+            if self._worker is not None and self._wanted is not None and self._wanted != self._submitted:
+                self._submitted = self._wanted
+                self._worker.submit(self._wanted)
 
     def _build(self, gui: Any) -> None:
         with gui.add_folder("Motion in time"):
@@ -82,25 +105,32 @@ class PlaybackPanel:
             self._says = gui.add_html("computing ...")
 
     def _press(self, what: str) -> None:
-        if self._playback is None:
+        playback = self._playback
+        if playback is None:
             return
         if what == "Play":
             self._running.set()
             return
         self._running.clear()
         if what == "Worst":
-            self._time.value = float(self._playback.time[self._playback.worst])
+            self._time.value = float(playback.time[playback.worst])
 
     def _slow_down(self) -> None:
         """Put the slowed trajectory on screen, one step to undo, and say what it costs."""
         try:
-            found = retimed_scenario(self._page.document.scenario, self._page.opened.folder, self._closed.is_set)
+            scenario = self._page.document.scenario
+            found = retimed_scenario(scenario, self._page.opened.folder, self._closed.is_set)
         except BumpstopError as error:
             self._times.content = _line(str(error), times=None)
             return
         if found is None:
             return
+        if self._page.document.scenario != scenario:
+            # Safe speeds of what was on screen need not be safe for what is.
+            self._times.content = _line("The scenario was changed meanwhile: press again.", times=None)
+            return
         self._page.change(found.changes, "motion.file")
+        self._slowed = self._page.document.scenario
         longer = 100 * (found.after_s / found.before_s - 1)
         took = f"{number(found.before_s)} s before, {number(found.after_s)} s at safe speeds ({longer:+.1f} %)"
         self._times.content = _line(f"{took}: {found.file}", times=f"{found.before_s!r} {found.after_s!r}")
@@ -134,26 +164,32 @@ class PlaybackPanel:
             else:
                 playback = trajectory_playback(scenario, worker.has_newer, self._progress)
         except BumpstopError as error:
-            self._says.content = _line(str(error), times=None)
+            with self._lock:
+                if scenario == self._wanted:
+                    self._says.content = _line(str(error), times=None)
             return
-        if playback is None:
-            return
-        self._playback = playback
-        self._time.min, self._time.max = float(playback.time[0]), float(playback.time[-1])
-        if not playback.time[0] <= self._time.value <= playback.time[-1]:
-            self._time.value = float(playback.time[-1])
-        self._time.disabled = False
-        self._page.client.scene.add_point_cloud(
-            "/way", playback.places.astype(np.float32), colours_of(playback.shown_values), point_size=0.012
-        )
+        with self._lock:
+            if playback is None or scenario != self._wanted:
+                return
+            self._playback = playback
+            self._time.min, self._time.max = float(playback.time[0]), float(playback.time[-1])
+            if not playback.time[0] <= self._time.value <= playback.time[-1]:
+                self._time.value = float(playback.time[-1])
+            self._time.disabled = False
+            self._page.client.scene.add_point_cloud(
+                "/way", playback.places.astype(np.float32), colours_of(playback.shown_values), point_size=0.012
+            )
         self._show()
 
     def _play(self) -> None:
         while not self._closed.is_set():
             self._running.wait()
             playback = self._playback
-            if self._closed.is_set() or playback is None:
+            if self._closed.is_set():
                 return
+            if playback is None:
+                self._running.clear()
+                continue
             t = float(self._time.value) + _FRAME_S
             if t >= playback.time[-1]:
                 self._running.clear()
