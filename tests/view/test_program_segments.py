@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import bumpstop as bs
 from bumpstop.view.answer import Answer
-from bumpstop.view.document import ViewDocument
+from bumpstop.view.document import ViewDocument, with_keys
 from bumpstop.view.opened import open_source
+from bumpstop.view.page.program_panel import ProgramPanel
 from view.cases import ROOT
+from view.panels import Host
 
 PROGRAMS = ROOT / "examples" / "programs"
 
@@ -28,9 +31,9 @@ def test_segments_have_the_verdicts_of_the_program(name: str) -> None:
     for number, one in enumerate(result.segments):
         if one.present.verdict is None:
             with pytest.raises(bs.InputError, match="segment"):
-                opened.program.changes(number)
+                opened.program.changes(number, document.scenario)
             continue
-        document = document.edit(opened.program.changes(number))
+        document = document.edit(opened.program.changes(number, document.scenario))
         answer = Answer.of(document.scenario)
         seen.add(answer.conclusion)
         assert answer.conclusion == one.present.conclusion
@@ -47,3 +50,36 @@ def test_a_program_needs_its_cell(tmp_path: Path) -> None:
         open_source(str(PROGRAMS / "place.mod"))
     with pytest.raises(bs.InputError, match="has no meaning without a program"):
         open_source("ur10e", cell=PROGRAMS / "cell.toml")
+
+
+def test_contact_is_sought_with_what_is_on_screen() -> None:
+    """With another detector a segment is hardest elsewhere: where it was hardest before, it is acceptable."""
+    pytest.importorskip("ruckig")
+    from bumpstop.program.cell import Cell
+
+    opened = open_source(str(PROGRAMS / "place.script"), cell=PROGRAMS / "cell.toml")
+    program = opened.program
+    assert program is not None
+    host: Any = Host(opened.scenario, program=program)
+    panel = ProgramPanel(host)
+    panel._choose(program.names[3])
+    panel.follow(host.document.scenario)
+    assert "harder" not in panel._says.content
+    chosen = host.document
+    other = {"detector.thresholds_Nm": [21, 80, 80, 12, 12, 12], "detector.noise_sd_Nm": [3, 7, 5, 2, 2, 2]}
+    host.change(other)
+    panel.follow(host.document.scenario)
+    assert Answer.of(host.document.scenario).word == "ACCEPTABLE"
+    assert "it may be harder elsewhere now" in panel._says.content
+    # What the button does.
+    panel._choose(panel._segment.value)
+    panel.follow(host.document.scenario)
+    assert "harder" not in panel._says.content
+    judged = Cell(with_keys(bs.load_scenario(PROGRAMS / "cell.toml"), other)).judge(program.source.segments[3].at(1.0))
+    assert host.document.scenario.motion.contact_onset_s == judged.worst_s
+    assert Answer.of(host.document.scenario).conclusion == judged.conclusion == "not_acceptable"
+    # Back where it was sought before; and with what was slowed down.
+    panel.follow(chosen.scenario)
+    assert "harder" not in panel._says.content
+    panel.follow(with_keys(chosen.scenario, {"motion.file": "retimed-1.csv"}))
+    assert "before the segment was slowed down" in panel._says.content

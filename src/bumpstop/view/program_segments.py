@@ -64,30 +64,39 @@ class ProgramSegments:
         """Where the motion of a segment, from 0, is written."""
         return self.folder / f"segment-{number + 1}.csv"
 
-    def scenario(self, number: int) -> Scenario:
+    def scenario(self, number: int, cell: Cell | None = None) -> Scenario:
         """The scenario of a segment, from 0: its motion, with contact where it is hardest.
+
+        Args:
+            number: of the segment.
+            cell: it is judged in; None: that of the program.
 
         Raises:
             InputError: the segment cannot be judged.
         """
+        cell = cell or self.cell
         segment = self.source.segments[number]
         field = f"segment {self.names[number]}"
         if segment.why:
             raise InputError(field, segment.why, "choose another segment")
         motion = segment.at(1.0)
-        judgement = self.cell.judge(motion)
+        judgement = cell.judge(motion)
         if judgement.verdict is None:
             raise InputError(field, judgement.why, "choose another segment")
         write_trajectory(self.file(number), motion)
-        return self.cell.of(self.file(number), judgement.worst_s)
+        return cell.of(self.file(number), judgement.worst_s)
 
-    def changes(self, number: int) -> dict[str, Any]:
+    def changes(self, number: int, on_screen: Scenario) -> dict[str, Any]:
         """The keys that make the scenario on screen that of a segment, from 0.
+
+        Args:
+            number: of the segment.
+            on_screen: where contact is hardest depends on its detector, its contact, its reaction and its arm.
 
         Raises:
             InputError: the segment cannot be judged.
         """
-        motion = self.scenario(number).motion
+        motion = self.scenario(number, Cell(on_screen.without_uncertainty())).motion
         return {"motion.file": motion.file, "motion.contact_onset_s": motion.contact_onset_s}
 
     def first(self) -> Scenario:

@@ -28,7 +28,13 @@ class ProgramPanel:
             start = self._name(page.opened.scenario)
             self._segment: Any = gui.add_dropdown("segment", self._program.names, initial_value=start)
             self._segment.on_update(lambda event: self._choose(event.target.value) if event.client else None)
+            seek = gui.add_button(
+                "Seek hardest contact", hint="of the segment, with the detector and the body on screen"
+            )
+            seek.on_click(lambda _: self._choose(self._segment.value))
             self._says = gui.add_html("")
+        # Those in which contact is where it is hardest.
+        self._sought = [page.opened.scenario]
 
     def follow(self, scenario: Scenario) -> None:
         """Have the list show the segment that a scenario moves; what was slowed down is of the one chosen last."""
@@ -36,6 +42,15 @@ class ProgramPanel:
             name = self._name(scenario)
             if name is not None and self._segment.value != name:
                 self._segment.value = name
+            if scenario in self._sought:
+                self._say("")
+            elif name is None:
+                self._say("Contact is where it was hardest before the segment was slowed down.")
+            else:
+                self._say(
+                    "Contact is where it was hardest before the last changes; it may be harder elsewhere now. "
+                    '"Seek hardest contact" puts it there.'
+                )
 
     def _name(self, scenario: Scenario) -> str | None:
         assert self._program is not None
@@ -45,12 +60,13 @@ class ProgramPanel:
     def _choose(self, name: str) -> None:
         assert self._program is not None
         try:
-            changes = self._program.changes(self._program.names.index(name))
+            changes = self._program.changes(self._program.names.index(name), self._page.document.scenario)
         except BumpstopError as error:
             self._say(str(error))
             return
-        self._say("")
         self._page.change(changes, "motion.file")
+        self._sought.append(self._page.document.scenario)
+        self._say("")
 
     def _say(self, text: str) -> None:
         self._says.content = str(element("div", text, style="font-size:12px;padding:2px 8px"))
