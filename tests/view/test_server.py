@@ -147,6 +147,8 @@ def opened_place(q: np.ndarray) -> np.ndarray:
         (["ur10ee"], "did you mean"),
         (["ur10e", "--port", "70000"], "--port"),
         (["ur10e", "--robot", "ur10e"], "has no meaning without a recording"),
+        (["absent.parquet", "--robot", "ur10e"], "absent.parquet: there is no such file"),
+        (["absent.parquet", "--thresholds", "40,40,40,20,20,20"], "absent.parquet: there is no such file"),
         (["ur10e", "--model", "m.toml"], "has no meaning without --thresholds"),
         (["absent.toml"], "absent.toml"),
     ],

@@ -96,6 +96,8 @@ def open_source(
     Raises:
         InputError: it is none of these, or cannot be used.
     """
+    from bumpstop.model import robots
+
     if source is not None and Path(source).suffix.lower() in PROGRAM_ENDINGS:
         return _program(Path(source), cell)
     if cell is not None:
@@ -106,6 +108,8 @@ def open_source(
             return _study(rows)
         return _recording(Path(source), robot, watch)
     for option, given in (("--robot", robot is not None), ("--thresholds", watch is not None)):
+        if given and source is not None and source not in robots() and not Path(source).exists():
+            raise InputError(source, "there is no such file", "wanted a recording")
         if given:
             raise InputError(option, "has no meaning without a recording", "leave it out, or name a recording")
     return _scenario(source)
