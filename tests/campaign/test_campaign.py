@@ -6,6 +6,7 @@ import json
 import os
 import pickle
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -166,6 +167,26 @@ def test_settings_are_the_campaign_and_commands_need_the_folder_alone(whole: Pat
     assert result(whole) == before
 
 
+def test_files_that_a_scenario_names_do_not_make_it_another_campaign(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    built_in = REPOSITORY / "src" / "bumpstop" / "contact" / "data" / "bgia2011.toml"
+    limits = built_in.read_text(encoding="utf-8").replace('name = "bgia2011"', 'name = "mine"')
+    (tmp_path / "mine.toml").write_text(limits)
+    scenario = (REPOSITORY / "examples" / "01_hand_downward.toml").read_text(encoding="utf-8")
+    (tmp_path / "hand.toml").write_text(scenario.replace('"bgia2011"', '"mine.toml"'))
+    (tmp_path / "sub").mkdir()
+    robot = '[[robots]]\nscenario = "../hand.toml"\n'
+    (tmp_path / "sub" / "c.toml").write_text(f'poses = 1\ndirections = ["down"]\nspeeds_mm_s = [50]\n{robot}')
+    monkeypatch.chdir(tmp_path)
+    for file in ("sub/c.toml", f"{tmp_path}/sub/../sub/c.toml"):
+        out = tmp_path / f"out{len(file)}"
+        ran = run("campaign", "run", file, "--out", out, "--shard", "1/1", "--workers", "1")
+        assert (ran.status, ran.err) == (0, "")
+        merged, resumed = run("campaign", "merge", out), run("campaign", "resume", out)
+        assert (merged.status, merged.err, resumed.status, resumed.err) == (0, "", 0, "")
+
+
 @pytest.mark.parametrize("name", ["rows/00000.parquet", "manifest.json", "summary.json", "shards/000002.arrow"])
 def test_a_flipped_bit_is_named_and_only_that_computed_again(
     name: str, campaign: Campaign, whole: Path, tmp_path: Path
@@ -180,13 +201,24 @@ def test_a_flipped_bit_is_named_and_only_that_computed_again(
     content[5 if name == "manifest.json" else len(content) // 2] ^= 1
     file.write_bytes(content)
     status = run("campaign", "status", tmp_path, "--check")
-    assert status.status in (2, 3)
-    assert f"{name}' is damaged" in status.out + status.err
+    assert (status.status, status.err) == (3, "")
+    assert f"{name}' is damaged" in status.out
     _, account = complete(campaign, ResultFolder(tmp_path, campaign), Workers())
     assert [name in problem for problem in account.damaged] == [True]
     redone = {"shards/000002.arrow": 1, "summary.json": 0}
     assert account.shards == redone.get(name, campaign.shards)
     assert result(tmp_path) == result(whole)
+
+
+def test_a_manifest_that_was_cut_short_is_damage(campaign: Campaign, whole: Path, tmp_path: Path) -> None:
+    shutil.copytree(whole, tmp_path, dirs_exist_ok=True)
+    manifest = tmp_path / "manifest.json"
+    manifest.write_bytes(manifest.read_bytes()[:20])
+    status = run("campaign", "status", tmp_path, "--check", "--json")
+    found = json.loads(status.out)
+    assert (status.status, status.err, found["done"], found["joined"]) == (3, "", 0, False)
+    assert ["manifest.json' is damaged" in problem for problem in found["damaged"]] == [True]
+    assert run("campaign", "status", tmp_path).status == 3
 
 
 def test_a_folder_in_use_is_refused_and_shares_accompany_each_other(campaign: Campaign, tmp_path: Path) -> None:
@@ -246,6 +278,7 @@ def test_options_that_cannot_be_used(case: str, tmp_path: Path) -> None:
     refused = run("campaign", "run", small(tmp_path), *where, *options)
     assert (refused.status, refused.out) == (2, "")
     assert message in refused.err
+    assert not (tmp_path / "o").exists()
 
 
 def test_acceptable_is_what_a_verdict_says(tmp_path: Path) -> None:

@@ -253,7 +253,9 @@ class Campaign(ShardedJob):
         return "A campaign", tables
 
     def fingerprint(self) -> str:  # noqa: D102
-        paths = {path for setup in range(len(self.setups)) for path in files_of(self.scenario_of(setup)).values()}
+        setups = range(len(self.setups))
+        # Resolved, as in the settings file, from which merge and resume read the campaign.
+        paths = {path.resolve() for setup in setups for path in files_of(self.scenario_of(setup)).values()}
         files = {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(paths)}
         return digest([self.name, self.document()[1], files, code_digest(), *versions().values()])
 

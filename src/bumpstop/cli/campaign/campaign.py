@@ -17,7 +17,7 @@ from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
     from bumpstop.campaign import Campaign
-    from bumpstop.shards import ResultFolder
+    from bumpstop.shards import ResultFolder, Workers
     from bumpstop.shards.run import Account
 
 app = group("Compute force distributions of many arms, tools, poses, bodies and detectors, on one machine or many.")
@@ -55,7 +55,7 @@ def run(
     from bumpstop.text_files import running_command
 
     campaign = load_campaign(file)
-    share = _share(shard)
+    who, share = _workers(workers, cluster), _share(shard)
     if dry_run:
         found = estimate(campaign, workers)
         typer.echo(json.dumps(found.to_json(), indent=2) if as_json else "\n".join(found.lines()))
@@ -64,7 +64,7 @@ def run(
         raise InputError("--out", "is missing", "wanted a folder, or --dry-run")
     folder = ResultFolder(out, campaign)
     folder.open(campaign, running_command())
-    _compute(campaign, folder, workers, cluster, share, as_json)
+    _compute(campaign, folder, who, share, as_json)
 
 
 @app.command("resume")
@@ -76,8 +76,9 @@ def resume(
     as_json: AsJson = False,
 ) -> None:
     """Go on with the campaign of a folder; what is damaged is named and computed again."""
+    who, share = _workers(workers, cluster), _share(shard)
     campaign, store = _opened(folder)
-    _compute(campaign, store, workers, cluster, _share(shard), as_json)
+    _compute(campaign, store, who, share, as_json)
 
 
 @app.command("merge")
@@ -98,27 +99,34 @@ def status(
     check: Annotated[bool, typer.Option("--check", help="Compare every file with its checksum.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Say how far a campaign is; exit status 3 where something is damaged."""
+    """Say how far a campaign is; exit status 3 where damage shows."""
+    from bumpstop.shards import DamagedError
+
     campaign, store = _opened(folder, to_read=True)
-    done = store.done()
+    try:
+        done, joined = store.done(), store.complete
+        damaged = _damaged(store, done) if check else None
+    except DamagedError as manifest:  # without it nothing counts as done, as resume has it
+        done, joined, damaged = set(), False, [manifest.problem]
     files = store.storage.sizes("shards") | store.storage.sizes("rows")
     found: dict[str, Any] = {
         "shards": campaign.shards,
         "done": len(done),
-        "joined": store.complete,
+        "joined": joined,
         "bytes": sum(files.values()),
-        "damaged": _damaged(store, done) if check else None,
+        "damaged": damaged,
     }
     if as_json:
         typer.echo(json.dumps(found, indent=2))
     else:
-        joined = ", joined" if found["joined"] else ""
-        typer.echo(f"{len(done)} of {campaign.shards} shards done{joined}; {found['bytes'] / 1e6:.3g} MB")
-        for problem in found["damaged"] or []:
+        typer.echo(
+            f"{len(done)} of {campaign.shards} shards done{', joined' if joined else ''}; {found['bytes'] / 1e6:.3g} MB"
+        )
+        for problem in damaged or []:
             typer.echo(f"damaged: {problem}")
-        if check and not found["damaged"]:
+        if check and not damaged:
             typer.echo("every file is what was written")
-    if found["damaged"]:
+    if damaged:
         raise typer.Exit(3)
 
 
@@ -166,15 +174,19 @@ def _opened(location: str, *, to_read: bool = False) -> tuple[Campaign, ResultFo
     return campaign, store
 
 
-def _compute(
-    campaign: Campaign, store: ResultFolder, workers: int, cluster: str, share: tuple[int, int], as_json: bool
-) -> None:
+def _workers(workers: int, cluster: str) -> Workers:
     from bumpstop.shards import Workers
+
+    if cluster == "local":
+        return Workers(processes=workers)
+    if "://" not in cluster:
+        raise InputError("--cluster", f"{cluster!r} is no address", "wanted local, or tcp://HOST:PORT")
+    return Workers(cluster=cluster)
+
+
+def _compute(campaign: Campaign, store: ResultFolder, who: Workers, share: tuple[int, int], as_json: bool) -> None:
     from bumpstop.shards.run import complete, compute_missing
 
-    if cluster != "local" and "://" not in cluster:
-        raise InputError("--cluster", f"{cluster!r} is no address", "wanted local, or tcp://HOST:PORT")
-    who = Workers(processes=workers) if cluster == "local" else Workers(cluster=cluster)
     k, n = share
     begin = time.perf_counter()
     summary = None
