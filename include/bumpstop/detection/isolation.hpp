@@ -116,10 +116,12 @@ inline ContactEstimate estimate_contact(const Chain& chain, const Posture<double
     double along = 0, along_square = 0;
     for (int j = 0; j < columns; ++j) {
         const Point3<double> column = linear_column(chain, posture, p, j);
-        const double a[3] = {column.x * weight[j], column.y * weight[j], column.z * weight[j]};
+        const double a[3] = {column.x, column.y, column.z};
+        const double least = negligible_square(chain, posture, p, j);
         right[j] = residual[j] * weight[j];
-        for (int k = 0; k < 3; ++k) lever[k][j] = a[k];
-        const double share = a[0] * direction[0] + a[1] * direction[1] + a[2] * direction[2];
+        for (int k = 0; k < 3; ++k) lever[k][j] = dot(column, column) > least ? a[k] * weight[j] : 0;
+        double share = a[0] * direction[0] + a[1] * direction[1] + a[2] * direction[2];
+        share = share * share > least ? share * weight[j] : 0;
         along += share * right[j];
         along_square += share * share;
     }

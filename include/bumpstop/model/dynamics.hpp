@@ -213,8 +213,8 @@ MaskOf<T> cholesky(T (*m)[max_joints], int n) noexcept {
 }
 
 /// 1 / (n' J M^-1 J' n) [kg]: what the arm, free in its joints, weighs to a push along the unit vector n at a point of a
-/// link. Infinite where no joint moves the point along n by more than 1e-15 of what it moves it at all, NaN where the
-/// mass matrix is singular.
+/// link. Infinite where no joint moves the point along n by more than a negligible_square, NaN where the mass matrix is
+/// singular.
 template <class T>
 T effective_mass(const Chain& chain, const Inertias& inertias, const T* q, const JointAngles<T>& angle,
                  const LinkPoint& point, const Point3<T>& direction) noexcept {
@@ -225,10 +225,8 @@ T effective_mass(const Chain& chain, const Inertias& inertias, const T* q, const
     for (int j = 0; j < chain.dof; ++j) {
         x[j] = 0.0;
         if (j > point.link) continue;
-        const Point3<T> column = linear_column(chain, posture, p, j);
-        const T share = dot(column, direction);
-        // Across n, but for rounding.
-        x[j] = select(share * share > 1e-30 * dot(column, column), share, x[j]);
+        const T share = dot(linear_column(chain, posture, p, j), direction);
+        x[j] = select(share * share > negligible_square(chain, posture, p, j), share, x[j]);
     }
     mass_matrix(chain, inertias, q, angle, m);
     const MaskOf<T> definite = cholesky(m, chain.dof);

@@ -143,6 +143,14 @@ Point3<T> linear_column(const Chain& chain, const Posture<T>& posture, const Poi
     return cross(posture.axis[j], p - posture.origin[j]);
 }
 
+/// Square of what of column j at p counts for nothing [(m/rad)^2 or 1]: what the rounding of positions, and of a robot's
+/// angles written with ten digits, leaves where the joint does not move the point, or not along some direction.
+template <class T>
+T negligible_square(const Chain& chain, const Posture<T>& posture, const Point3<T>& p, int j) {
+    if (chain.joint[j].prismatic) return T(1e-18);
+    return 1e-18 * (dot(p, p) + dot(posture.origin[j], posture.origin[j]));
+}
+
 /// Velocity of a point of a link that is at p [m/s]. `qd`: by joint.
 template <class T>
 Point3<T> point_velocity(const Chain& chain, const Posture<T>& posture, int link, const Point3<T>& p, const T* qd) {

@@ -89,7 +89,8 @@ class Detector(LoopDetector):
         n = as_float_array(direction, "direction", (3,))
         if abs(np.linalg.norm(n) - 1) > 1e-9:
             raise InputError("direction", f"has length {np.linalg.norm(n):.6g}", "wanted a unit vector")
-        lever = np.abs(self.robot.jacobian(q, link, point)[:3].T @ n)
+        pose = as_float_array(q, "q", (self.robot.dof,))
+        lever = np.abs(self.robot.jacobian(pose, link, point)[:3].T @ n)
         with np.errstate(divide="ignore", invalid="ignore"):
             forces = np.where(lever > 1e-12, self.smallest_torque(resting=resting) / lever, np.inf)
         return float(forces.min())

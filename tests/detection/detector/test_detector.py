@@ -13,7 +13,7 @@ import bumpstop as bs
 from bumpstop.detection import Detector, DetectorSettings, Thresholds, residual_record
 from bumpstop.detection.tuning.residual_record import ResidualRecord, write_residuals
 from bumpstop.joint import JointTorqueModel
-from bumpstop.model import Robot, inverse_dynamics
+from bumpstop.model import Joint, LinkInertia, Robot, inverse_dynamics
 from bumpstop.recording import Recording
 from detection.moving_arms import DT, FILLING, UR5E, live, moving, parabola
 
@@ -197,6 +197,28 @@ def test_rows_have_the_period_of_the_thresholds_to_a_tenth(share: float, fits: b
         return
     with pytest.raises(bs.InputError, match=r"the detector is made for thresholds period_s = 0.002"):
         made.run_rows(t, q, tau)
+
+
+@pytest.mark.parametrize(
+    ("link", "point", "direction"),
+    [("link_u", (0.1, 0.0, 0.2), (0.0, 1.0, 0.0)), ("link_e", (0.0, 0.0, 0.3), (0.0, 0.0, 1.0))],
+)
+def test_a_lever_that_is_only_rounding_tells_no_force(
+    link: str, point: tuple[float, float, float], direction: tuple[float, float, float]
+) -> None:
+    settings = DetectorSettings(link=link, point=point, direction=direction)
+    # The joints that count move the point in the plane of the arm and nowhere else.
+    thresholds = [math.inf, 10.0, math.inf, 10.0, math.inf, 10.0, 10.0]
+    found = Detector(Robot.load("sia5d"), None, thresholds, settings).explain(np.zeros(7), np.ones(7))
+    assert (found.force_along, found.force_along_sd) == (0, math.inf)
+
+
+def test_a_point_on_the_only_axis_tells_no_force() -> None:
+    axis = np.array([0.6, 0.0, 0.8])
+    joint = Joint(name="j", link="l", origin=(0.1, 0.2, 0.35), axis=tuple(axis), inertia=LinkInertia(mass=1.0))
+    robot = Robot(name="mill", joints=(joint,), tip_origin=tuple(0.3 * axis))
+    found = Detector(robot, None, [1.0], DetectorSettings(direction=(1.0, 0.0, 0.0))).explain([0.4], [5.0])
+    assert (found.force_along, found.force_along_sd, list(found.force)) == (0, math.inf, [0, 0, 0])
 
 
 # --- Noise ------------------------------------------------------------------------------------------------------------

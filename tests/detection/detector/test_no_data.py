@@ -113,6 +113,8 @@ def test_parts_of_different_arms_are_refused() -> None:
         Detector(UR5E, None, [10.0] * 6).run_rows([], np.zeros((0, 6)), np.zeros((0, 6)))
     with pytest.raises(bs.InputError, match="direction: has length 2; wanted a unit vector"):
         Detector(UR5E, None, [10.0] * 6).smallest_force(q[0], (0.0, 0.0, 2.0))
+    with pytest.raises(bs.InputError, match=r"q: .*\(6,\)"):
+        Detector(UR5E, None, [10.0] * 6).smallest_force(q[:2], (0.0, 0.0, 1.0))
     for made in (
         Detector(UR5E, None, [10.0] * 6, DetectorSettings(period_s=0.004)),
         Detector(UR5E, None, Thresholds(np.full(6, 10.0), period_s=0.004)),

@@ -44,6 +44,27 @@ def test_effective_mass_of_what_cannot_move() -> None:
     assert effective_mass(robot, [0.0], (0.0, 1.0, 0.0)) == pytest.approx(2.0)
 
 
+@pytest.mark.parametrize(
+    ("name", "pose", "link", "direction"),
+    [
+        ("sia5d", 0.0, "link_e", (0.0, 1.0, 0.0)),
+        ("panda", 0.0, "panda_link3", (0.0, 1.0, 0.0)),
+        ("panda", 0.0, "panda_link5", (0.0, 1.0, 0.0)),
+        ("ur10", np.pi / 2, "forearm_link", (1.0, 0.0, 0.0)),
+    ],
+)
+def test_effective_mass_where_rounding_alone_moves_the_point(
+    name: str, pose: float, link: str, direction: tuple[float, float, float]
+) -> None:
+    robot = Robot.load(name)
+    q = np.full(robot.dof, pose)
+    assert 0 < np.abs(robot.jacobian(q, link)[:3].T @ direction).max() < 1e-15
+    assert effective_mass(robot, q, direction, link) == np.inf
+    # What is small and no rounding counts: a joint turned by a millionth moves the point by a millionth.
+    turned = effective_mass(robot, q + 1e-6, direction, link)
+    assert 1e6 < turned < 1e15
+
+
 @pytest.mark.parametrize(("rows", "count"), [("linear", 3), ("all", 6)])
 def test_singular_values_by_numpy(rows: str, count: int) -> None:
     rng = np.random.default_rng(31)
