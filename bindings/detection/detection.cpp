@@ -259,7 +259,7 @@ void bind_description(nb::module_& module) {
     };
     nb::class_<Description>(module, "DetectorDescription", "What a detector's file says.")
         .def_prop_ro("robot", [](const Description& self) { return self.robot.name; })
-        .def_prop_ro("tip", [](const Description& self) { return self.robot.tip_name; })
+        .def_prop_ro("force_at", &Description::force_at)
         .def_prop_ro("joints",
                      [joints](const Description& self) { return joints(self, &RobotDescription::Joint::name); })
         .def_prop_ro("links",
@@ -276,7 +276,7 @@ void bind_description(nb::module_& module) {
                      })
         .def_prop_ro("settings", [](const Description& self) { return self.settings; })
         .def_prop_ro("fitted", [](const Description& self) { return self.fitted.has_value(); })
-        .def("detector", [](const Description& self) { return self.detector(); });
+        .def("detector", &Description::detector, nb::arg("latched") = false);
     module.def(
         "read_detector",
         [](const std::string& text) -> std::pair<std::optional<Description>, std::string> {

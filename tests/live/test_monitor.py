@@ -12,14 +12,18 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from bumpstop.detection import Detector, DetectorSettings
+from bumpstop.detection import Detector, DetectorSettings, Thresholds, save_detector
 from bumpstop.detection.detection_run import STATES
+from bumpstop.errors import InputError
 from bumpstop.live import JointSample, SourceEvent, SourceEventKind
+from bumpstop.live.loaded_detector import LoadedDetector
 from bumpstop.live.monitor import Monitor, MonitorSettings
+from bumpstop.live.sources.names import SourceOptions, source_of
 from bumpstop.live.summary import MonitorSummary
 from bumpstop.live.unit_check import UnitCheck
+from bumpstop.live.view import alarm_line
 from detection.moving_arms import UR5E
-from live.cases import DT, FILLING, THRESHOLD_NM, Heard, N, ScriptedSource, at, loaded, motion, samples
+from live.cases import DT, FILLING, NAMES, THRESHOLD_NM, Heard, N, ScriptedSource, at, loaded, motion, samples
 
 K = SourceEventKind
 
@@ -46,6 +50,64 @@ def test_it_says_what_the_detector_says_over_the_recording(tmp_path: Path) -> No
     np.testing.assert_array_equal(heard.alarms[0].event.force, run.events[0].force)
     assert (summary.alarms, summary.judged, summary.status) == (1, 500 - FILLING, 3)
     assert summary.found == {}
+
+
+def test_an_alarm_that_stands_for_good_is_the_only_one(tmp_path: Path) -> None:
+    log, again = motion(600, push_Nm=25.0, at=250, until=300), motion(600, push_Nm=25.0, at=400, until=450)
+    assert log.tau is not None
+    assert again.tau is not None
+    log.tau[400:450] = again.tau[400:450]
+    settings = DetectorSettings(period_s=DT, window_s=0.02)
+    run = Detector(UR5E, None, np.full(N, THRESHOLD_NM), settings).run(log, rearm_s=math.inf)
+    assert len(run.events) == 1
+    for rearm_s, alarms in ((math.inf, 1), (0.5, 2)):
+        summary, heard = watch(tmp_path, list(samples(log)), MonitorSettings(rearm_s=rearm_s))
+        assert (summary.alarms, heard.alarms[0].event.t) == (alarms, run.events[0].t)
+
+
+def test_the_largest_share_is_of_the_whole_threshold(tmp_path: Path) -> None:
+    thresholds = Thresholds(np.full(N, THRESHOLD_NM), speed=np.full(N, 50.0))
+    settings = DetectorSettings(period_s=DT, window_s=0.02)
+    save_detector(Detector(UR5E, None, thresholds, settings), tmp_path / "fast.detector")
+    heard = Heard()
+    script = samples(motion(300, push_Nm=25.0, at=150, until=200))
+    summary = Monitor(LoadedDetector.load(tmp_path / "fast.detector"), ScriptedSource(script), [heard]).run()
+    limit = np.array([tick.threshold for tick in heard.ticks])[FILLING:]
+    assert limit.max() > 1.5 * THRESHOLD_NM
+    np.testing.assert_array_equal(summary.largest_share, (np.abs(heard.residual()[FILLING:]) / limit).max(axis=0))
+
+
+@pytest.mark.parametrize(
+    ("link", "point"),
+    [(None, (0.0, 0.0, 0.0)), ("forearm_link", (0.0, 0.0, 0.05)), (UR5E.joints[-1].link, (0.01, 0.0, 0.0))],
+)
+def test_an_alarm_names_the_place_of_its_force_as_the_detector_does(
+    tmp_path: Path, link: str | None, point: tuple[float, float, float]
+) -> None:
+    log = motion(300, push_Nm=25.0, at=150, until=200)
+    settings = DetectorSettings(period_s=DT, window_s=0.02, link=link, point=point)
+    run = Detector(UR5E, None, np.full(N, THRESHOLD_NM), settings).run(log)
+    detector, heard = loaded(tmp_path, link=link, point=point), Heard()
+    Monitor(detector, ScriptedSource(samples(log)), [heard]).run()
+    place = run.force_at.partition(" along")[0]
+    assert place == f"at {link or UR5E.tip_name}"
+    assert f" N {place} along 0 0 -1" in alarm_line(heard.alarms[0], detector)
+
+
+def test_joints_are_chosen_from_a_bag_by_name(tmp_path: Path) -> None:
+    log = motion(300, push_Nm=25.0, at=150, until=200)
+    assert log.tau is not None
+    # A gripper's finger, and the arm's joints backwards.
+    q, tau = (np.insert(values[:, ::-1], 0, 0.1, axis=1) for values in (log.q, log.tau))
+    replace(log, q=q, qd=None, tau=tau, joint_names=("finger", *NAMES[::-1])).save(tmp_path / "hand.mcap")
+    heard = Heard()
+    with source_of(str(tmp_path / "hand.mcap"), loaded(tmp_path), SourceOptions(speed=math.inf)) as source:
+        Monitor(loaded(tmp_path), source, [heard], MonitorSettings(paced=False)).run()
+    np.testing.assert_array_equal(heard.ticks[200].sample.position_rad, log.q[200])
+    assert [alarm.event.joints for alarm in heard.alarms] == [(1,)]
+    replace(log, joint_names=("finger", *NAMES[1:])).save(tmp_path / "other.mcap")
+    with pytest.raises(InputError, match="no joint is called 'shoulder_pan_joint'"):
+        source_of(str(tmp_path / "other.mcap"), loaded(tmp_path))
 
 
 def nan(s: list[JointSample]) -> list[JointSample]:

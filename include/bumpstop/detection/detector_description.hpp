@@ -16,10 +16,19 @@ struct DetectorDescription {
     DetectorSettings settings;
     std::optional<FittedDynamics> fitted;  ///< dynamics that predict the torque; then there is no joint model
 
-    Detector detector() const {
+    /// `latched`: the first alarm stands for good, so that nothing behind it is another event.
+    Detector detector(bool latched = false) const {
         std::vector<LinkInertia> links;
         for (const RobotDescription::Joint& joint : robot.joints) links.push_back(*joint.inertia);
-        return Detector(robot.chain(), links, joints, errors, settings, fitted);
+        DetectorSettings given = settings;
+        if (latched) given.alarm.event_pause = std::numeric_limits<double>::infinity();
+        return Detector(robot.chain(), links, joints, errors, given, fitted);
+    }
+    /// Where the force of an event is given: the tip, or the link that the point belongs to.
+    const std::string& force_at() const {
+        const LinkPoint tip = robot.tip(robot.chain());
+        const bool at_tip = settings.contact.link == tip.link && settings.contact.offset == tip.offset;
+        return at_tip ? robot.tip_name : robot.joints[settings.contact.link].link;
     }
 };
 

@@ -33,8 +33,8 @@ class LoadedDetector:
         measured_rates: samples must have measured rates.
         thresholds: (n,) constant part; infinite: not monitored [Nm or N].
         fitted: its dynamics are fitted.
-        tip: name of the tip.
-        direction: forces are given along it, base frame.
+        force_at: where the forces of alarms are given: name of the tip, or of the link that was chosen.
+        direction: they are given along it, base frame.
     """
 
     path: str
@@ -48,7 +48,7 @@ class LoadedDetector:
     measured_rates: bool
     thresholds: FloatArray
     fitted: bool
-    tip: str
+    force_at: str
     direction: tuple[float, float, float]
     description: _native.DetectorDescription
 
@@ -78,7 +78,7 @@ class LoadedDetector:
             measured_rates=settings.samples.measured_rates,
             thresholds=np.array(found.constant),
             fitted=found.fitted,
-            tip=found.tip,
+            force_at=found.force_at,
             direction=(settings.direction[0], settings.direction[1], settings.direction[2]),
             description=found,
         )
@@ -98,6 +98,10 @@ class LoadedDetector:
         """(n,) whether a joint has a threshold of the residual."""
         return tuple(bool(seen) for seen in np.isfinite(self.thresholds))
 
-    def kernel(self) -> _native.LoopDetector:
-        """The detector of a control loop, new."""
-        return self.description.detector()
+    def kernel(self, *, latched: bool = False) -> _native.LoopDetector:
+        """The detector of a control loop, new.
+
+        Args:
+            latched: the first alarm stands for good, so that nothing behind it is another event.
+        """
+        return self.description.detector(latched)

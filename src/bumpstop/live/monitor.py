@@ -79,7 +79,7 @@ class Monitor:
     ) -> None:
         self.detector, self._source, self._outputs = detector, source, tuple(outputs)
         self._settings = settings or MonitorSettings()
-        self._kernel = detector.kernel()
+        self._kernel = detector.kernel(latched=math.isinf(self._settings.rearm_s))
         self._checks = StreamChecks(detector, paced=self._settings.paced)
         self._units = UnitCheck(detector)
         self._limiter = EventLimiter()
@@ -220,7 +220,7 @@ class Monitor:
             self._was_judged = False
         else:
             self.judged += 1
-            share = np.abs(residual) / self.detector.thresholds
+            share = np.abs(residual) / tick.threshold
             np.maximum(self.largest_share, share, out=self.largest_share)
             unit = self._units.look(sample.stamp_s, signal, residual)
             if unit:

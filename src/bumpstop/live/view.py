@@ -163,7 +163,7 @@ def alarm_line(alarm: CollisionAlarm, detector: LoadedDetector) -> str:
     )
     along = " ".join(f"{x:g}" for x in detector.direction)
     if math.isfinite(event.force_along_sd):
-        force = f"{event.force_along:.3g} +- {2 * event.force_along_sd:.2g} N at {detector.tip} along {along}"
+        force = f"{event.force_along:.3g} +- {2 * event.force_along_sd:.2g} N at {detector.force_at} along {along}"
     else:
         force = f"no joint shows a force along {along}"
     link = f", likeliest link {event.link}" if event.link else ""

@@ -38,6 +38,8 @@ _FIELDS = {
     "torque": "tau",
     "wrench": "wrench",
 }
+# Formats whose joints have names, which choose and order them.
+_BAGS = ("ros2bag", "mcap")
 # Units that a kind of joint cannot have, and what it may have instead.
 _OTHER_UNIT: dict[str, dict[str, dict[str, str]]] = {
     "position": {"prismatic": {"deg": "mm"}, "revolute": {"mm": "deg"}},
@@ -53,6 +55,7 @@ def read(
     max_bad: float,
     robot: Robot | None,
     topic: str | None,
+    joint_names: tuple[str, ...] = (),
     rate_hz: float | None = None,
 ) -> dict[str, Any]:
     """Fields of a ``Recording``; arguments and errors as ``Recording.load``."""
@@ -63,6 +66,8 @@ def read(
             raise InputError(str(path), "there is no such file")
         given = Columns.load(columns, path.parent)
         kind = _format(path, given)
+        if kind in _BAGS and not given.joint_names:
+            given = replace(given, joint_names=joint_names)
         _check_places(given, kind)
         notes = check_memory(path, kind)
         raw = _raw(path, kind, given, robot, topic)
@@ -73,8 +78,8 @@ def read(
     raw = _on_joint_side(raw, given)
     if robot is not None:
         # Whoever reads a bag has put its joints into the robot's order already.
-        _check_units(raw, given, robot, in_order=kind in ("ros2bag", "mcap"))
-    if kind not in ("ros2bag", "mcap"):
+        _check_units(raw, given, robot, in_order=kind in _BAGS)
+    if kind not in _BAGS:
         raw = _in_order(raw, given, robot)
     if rate_hz is not None:
         raw = retimed(raw, rate_hz)
@@ -105,7 +110,7 @@ def _format(path: Path, columns: Columns) -> str:
 
 def _check_places(columns: Columns, kind: str) -> None:
     """Refuse what was written of a quantity's place and would not count: the numbers read would be others."""
-    bag = kind in ("ros2bag", "mcap")
+    bag = kind in _BAGS
     for name, quantity in columns.quantities.items():
         where = f"columns.{name}"
         if bag and (quantity.columns or quantity.variable or quantity.file or quantity.rate_hz is not None):
@@ -116,7 +121,7 @@ def _check_places(columns: Columns, kind: str) -> None:
 
 
 def _raw(path: Path, kind: str, columns: Columns, robot: Robot | None, topic: str | None) -> RawRecording:
-    if kind in ("ros2bag", "mcap"):
+    if kind in _BAGS:
         from bumpstop.recording.formats.ros import read_bag
 
         return read_bag(path, columns, robot, topic)

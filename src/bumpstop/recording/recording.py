@@ -53,6 +53,7 @@ class Recording(Signals):
         max_bad: float = 0.01,
         robot: Robot | None = None,
         topic: str | None = None,
+        joint_names: tuple[str, ...] = (),
         rate_hz: float | None = None,
     ) -> Recording:
         """Read a file: CSV, Parquet, Excel, MATLAB, or a ROS 2 bag.
@@ -63,6 +64,7 @@ class Recording(Signals):
             max_bad: share of bad rows up to which they are dropped and reported, 0 to 1.
             robot: whose limits tell what is impossible and whose joint names order those of a bag.
             topic: of the bag; default: the column file's, else the only one with joint states.
+            joint_names: chosen from a bag, in this order, unless the column file has some, else the robot's, else all.
             rate_hz: rows were sampled evenly at this rate; their times are those of a PC, which came later [Hz].
 
         Raises:
@@ -71,7 +73,8 @@ class Recording(Signals):
         from bumpstop.recording.reading import read
         from bumpstop.text_files import as_path
 
-        return cls(**read(as_path(path, "path"), columns, as_number(max_bad, "max_bad"), robot, topic, rate_hz))
+        share = as_number(max_bad, "max_bad")
+        return cls(**read(as_path(path, "path"), columns, share, robot, topic, joint_names, rate_hz))
 
     @classmethod
     def from_frame(cls, frame: pl.DataFrame, *, joint_names: tuple[str, ...] = (), robot: str = "") -> Recording:

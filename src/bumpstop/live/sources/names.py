@@ -74,7 +74,7 @@ def _recording(text: str, detector: LoadedDetector, given: SourceOptions) -> Sou
 
     if not Path(text).exists():
         raise InputError("SOURCE", f"{text!r} does not exist", WANTED)
-    log = Recording.load(text, columns=given.columns, topic=given.topic)
+    log = Recording.load(text, columns=given.columns, topic=given.topic, joint_names=detector.joints)
     if log.dof != detector.dof:
         raise InputError(
             "SOURCE", f"{text!r} has {log.dof} joints", f"the detector's {detector.robot} has {detector.dof}"
