@@ -173,6 +173,8 @@ def test_batches_refuse_what_they_cannot_use() -> None:
         bs.evaluate_batch(base, bad_q, good_v)
     with pytest.raises(bs.InputError, match="not real numbers"):
         bs.evaluate_batch(base, good_q.astype(str), good_v)
+    with pytest.raises(bs.InputError, match="limits_N: values of type"):
+        bs.evaluate_batch(base, good_q, good_v, limits_N="abc")
     # Views, other orders and other float types are the same numbers.
     wide = np.zeros((3, 14))
     wide[:, ::2] = good_q

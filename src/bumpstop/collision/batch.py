@@ -86,7 +86,7 @@ def evaluate_batch(
     poses = as_float_array(q, "q", (None, robot.dof))
     velocities = as_float_array(velocity, "velocity", (len(poses), 3))
     quantiles = as_float_array(probabilities, "probabilities", (None,))
-    limits = as_float_array(np.asarray(limits_N, dtype=np.float64), "limits_N", (None,))
+    limits = as_float_array(limits_N, "limits_N", (None,))
     if threads < 1:
         raise InputError("threads", f"{threads} is too few", "wanted at least 1")
     if ((quantiles <= 0) | (quantiles >= 1)).any():

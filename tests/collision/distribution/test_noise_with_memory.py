@@ -146,6 +146,12 @@ def test_detectors_that_always_alarm_have_a_law(threshold: float, correlation: f
     np.testing.assert_allclose(1 - result.trigger_joint_probability, silent, rtol=1e-4)
 
 
+@pytest.mark.parametrize("correlation", [0.0, 0.6])
+def test_detectors_that_never_alarm_by_mistake_say_zero_and_not_minus_zero(correlation: float) -> None:
+    found = bs.evaluate(fixed(1.0, detector__noise_correlation=correlation, detector__noise_sd_Nm=1e-3))
+    assert str(found.false_alarm_probability) == "0.0"
+
+
 def test_a_faster_observer_hits_more_softly() -> None:
     means = [
         bs.evaluate(control_group(detector__residual="observer", detector__observer_gain_1_s=gain)).peak_force.mean

@@ -38,7 +38,7 @@ class PreContactAlarms {
         }
         for (double log : log_survival) {
             survival_.push_back(std::exp(log));
-            false_alarm_.push_back(-std::expm1(log));
+            false_alarm_.push_back(0 - std::expm1(log));  // -expm1 of zero is -0
         }
     }
 
