@@ -228,6 +228,11 @@ def test_bad_input() -> None:
         plan_measurements([])
     with pytest.raises(InputError, match="situation: 'a' is named twice"):
         plan_measurements([("a", rigid()), ("a", rigid())])
+    for name in ("=1+1", " +2", "-a", "@b", "a\rb", "", "a" * 81):
+        with pytest.raises(
+            InputError, match=r"situation: .* is no name; wanted a text .* does not begin with = \+ - @"
+        ):
+            plan_measurements([(name, rigid())])
     with pytest.raises(InputError, match="robot: the situations are of 2 robots: sia5d, ur10e"):
         plan_measurements([("a", rigid()), ("b", bs.load_scenario("examples/01_hand_downward.toml"))])
     with pytest.raises(InputError, match=r"speeds: 1.5 cannot be used; wanted shares of the speed"):

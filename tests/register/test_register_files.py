@@ -9,6 +9,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.register import RegisterError
+from bumpstop.register.rows import MAX_NAME
 from register.cases import EXAMPLES, SCENARIO, write_register
 
 ROWS_TOML = """
@@ -80,6 +81,7 @@ def test_every_fault_of_every_row_at_once(tmp_path: Path) -> None:
         {"name": "b", "direction": [0, 0, 0], "colour": "red", "contact.area": 3},
         {"speed_mm_s": 1e9, "contact.body": "face", "body": "chest"},
         {"name": "normal", "contact.normal": [0, 0, 1]},
+        {"name": "=1+1"},
         inputs=({"key": "detector.threshold", "status": "fine"}, {"key": "detector", "status": "measured"}),
     )
     told = faults_of(path)
@@ -100,9 +102,10 @@ def test_every_fault_of_every_row_at_once(tmp_path: Path) -> None:
         f"{register} 4, speed_mm_s: 1000000000.0 cannot be used",
         f"{register} 4, body: and contact.body are both given",
         f"{register} 5 ('normal'), contact.normal: the contact point",
+        f"{register} 6 ('=1+1'), name: '=1+1' cannot be used; wanted a text of 1 to 80 letters on one line that does",
     ):
         assert sum(line.startswith(fault) for line in told) == 1, (fault, told)
-    assert len(told) == 15
+    assert len(told) == 16
     rows = [int(line.split("[[situation]] ")[1][0]) for line in told if "[[situation]]" in line.partition(",")[0]]
     assert rows == sorted(rows)
 
@@ -142,6 +145,15 @@ def test_scenarios_are_situations_of_their_own() -> None:
     assert [one.name for one in register.situations][:2] == ["01_hand_downward", "02_lower_arm_downward"]
     assert len(register.situations) == 6
     assert register.situations[1].scenario == bs.load_scenario(other)
+
+
+def test_a_path_is_not_cut_into_a_name_that_begins_a_formula(tmp_path: Path) -> None:
+    short = MAX_NAME - 1 - len(f"/{SCENARIO.name}")
+    copy = tmp_path / f"cell-{'a' * short}" / SCENARIO.name
+    copy.parent.mkdir()
+    copy.write_text(SCENARIO.read_text(encoding="utf-8"), encoding="utf-8")
+    names = [one.name for one in bs.load_register(SCENARIO, copy).situations]
+    assert names[1] == f"{'a' * short}/{SCENARIO.name}"
 
 
 def test_the_same_scenario_twice_is_refused_and_files_of_one_name_are_told_apart(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from bumpstop.collision.scenario.scenario_file import read_tables
 from bumpstop.errors import InputError
 from bumpstop.register.faults import RegisterError
 from bumpstop.register.register_file import RegisterFile, is_register, read_register
-from bumpstop.register.rows import MAX_NAME, Base, Fault, Row
+from bumpstop.register.rows import FORMULA, MAX_NAME, Base, Fault, Row
 from bumpstop.register.situation import Situation
 from bumpstop.text_files import as_path
 
@@ -53,7 +53,9 @@ def load_register(*paths: str | os.PathLike[str], changes: Mapping[str, Any] | N
             reader.read(read_register(path))
         else:
             name = path.stem if stems[path.stem] == 1 else str(path)
-            reader.read(RegisterFile(path, [Row(path, "", {"name": name[-MAX_NAME:]})], path.name))
+            if len(name) > MAX_NAME:  # may be cut where no name begins
+                name = name[-MAX_NAME:].lstrip("".join(FORMULA))
+            reader.read(RegisterFile(path, [Row(path, "", {"name": name})], path.name))
     if reader.faults:
         raise RegisterError(", ".join(dict.fromkeys(str(path) for path in names)), reader.faults)
     return Register(tuple(reader.situations), tuple(dict.fromkeys(reader.files)))

@@ -31,6 +31,10 @@ _PAYLOAD = ("payload_kg", "reaction.payload_kg")  # where a stopping table asks 
 _MAX_PAYLOAD_KG = 1e4
 MAX_NAME = 80
 """Letters of a name: names stand in tables."""
+FORMULA = ("=", "+", "-", "@")
+"""What no name begins with: a spreadsheet, in which such tables are opened, would compute the rest."""
+NAME = f"wanted a text of 1 to {MAX_NAME} letters on one line that does not begin with {' '.join(FORMULA)}"
+"""What a name may be."""
 
 
 @dataclass(frozen=True)
@@ -189,9 +193,13 @@ def _own_fault(key: str, value: Any) -> InputError | None:
         return InputError(key, problem, f"wanted a number from 0 to {_MAX_PAYLOAD_KG:g}")
     if not isinstance(value, str):
         return InputError(key, problem, "wanted a text")
-    if key == "name" and not (0 < len(value.strip()) <= MAX_NAME and value.isprintable()):
-        return InputError(key, problem, f"wanted a text of 1 to {MAX_NAME} letters on one line")
-    return None
+    return None if key != "name" or is_name(value) else InputError(key, problem, NAME)
+
+
+def is_name(text: str) -> bool:
+    """Whether a situation can have this name."""
+    plain = text.strip()
+    return 0 < len(plain) <= MAX_NAME and text.isprintable() and not plain.startswith(FORMULA)
 
 
 def _name_faults(data: Mapping[str, Any], scenario: Scenario | None) -> list[InputError]:

@@ -14,6 +14,7 @@ from bumpstop.collision.problem import CollisionProblem
 from bumpstop.errors import InputError
 from bumpstop.measure.planning.gauge import Gauge, gauge_of
 from bumpstop.measure.planning.trajectory_place import TrajectoryPlace
+from bumpstop.register.rows import NAME, is_name
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -143,11 +144,14 @@ def situations_of(named: Iterable[tuple[str, Scenario]], device: str | None = No
     """Situations of anything that yields names and scenarios, in its order.
 
     Raises:
-        InputError: there is none, two have one name, they are of different robots, or one cannot be measured.
+        InputError: there is none, a name cannot be used, two have one name, they are of different robots, or one cannot
+            be measured.
     """
     found: list[MeasuredSituation] = []
     names: set[str] = set()
     for name, scenario in named:
+        if not is_name(name):
+            raise InputError("situation", f"{name!r} is no name", NAME)
         if name in names:
             raise InputError("situation", f"{name!r} is named twice", "give each situation a name of its own")
         names.add(name)
