@@ -259,7 +259,13 @@ def _body(tree: UrdfTree, first: str) -> _Body:
 
 
 def _inertia(tree: UrdfTree, body: _Body) -> LinkInertia | None:
-    """Of all links of the body, in the frame of the first; None where the file has none of them."""
+    """Of all links of the body, in the frame of the first; None where the file has none of them.
+
+    None, too, where the first has a shape and no inertia: what is fixed to it, as a pad, does not tell what it weighs.
+    """
+    first = tree.links[next(iter(body.placed))]
+    if first.inertia is None and first.has_shape:
+        return None
     parts = []
     for name, (origin, rotation) in body.placed.items():
         inertia = tree.links[name].inertia

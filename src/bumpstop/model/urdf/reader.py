@@ -65,13 +65,15 @@ class UrdfLink:
         name: of the link.
         inertia: in the link's frame, or None where the file has none.
         doubt: why no body can have that inertia; empty: one can.
-        meshes: file names of its visual and collision geometry, as written.
+        has_shape: it has visual or collision geometry, and so is no mere frame.
+        meshes: file names of that geometry, as written.
         fault: what is wrong with it, or None.
     """
 
     name: str
     inertia: LinkInertia | None = None
     doubt: str = ""
+    has_shape: bool = False
     meshes: tuple[str, ...] = ()
     fault: InputError | None = None
 
@@ -197,7 +199,7 @@ def _link(element: Element, path: str) -> UrdfLink:
         fault = error
     shapes = [shape for tag in ("visual", "collision") for shape in children(element, tag)]
     meshes = [mesh.get("filename", "") for shape in shapes for mesh in shape.iter() if local(mesh) == "mesh"]
-    return UrdfLink(name=name, inertia=inertia, doubt=doubt, meshes=tuple(meshes), fault=fault)
+    return UrdfLink(name=name, inertia=inertia, doubt=doubt, has_shape=bool(shapes), meshes=tuple(meshes), fault=fault)
 
 
 def _inertia(inertial: Element, where: str) -> tuple[LinkInertia, str]:
