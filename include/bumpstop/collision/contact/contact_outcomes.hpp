@@ -173,8 +173,19 @@ class ContactOutcomes {
         for (int i : {(node[0] + node[1]) / 2, (node[1] + node[2]) / 2}) {
             const Values& direct = whole(run_[std::size_t(i)], likely);
             const Values told = mixed(interpolation, i), allowed = tolerances(direct, run_[std::size_t(i)].likely);
-            for (std::size_t at = 0; at < direct.size(); ++at)
-                if (told[at] != direct[at] && !(std::fabs(told[at] - direct[at]) <= allowed[at / order_])) return false;
+            // Nor may all slots together be off to one side by more.
+            Values off(quantities * order_, 0.0);
+            for (std::size_t row = 0; row < allowed.size(); ++row) {
+                if (std::isinf(allowed[row])) continue;
+                const std::size_t q = row < quantities * slots_ ? row / slots_ : row - quantities * slots_;
+                for (std::size_t g = 0; g < order_; ++g) {
+                    const double a = told[row * order_ + g], b = direct[row * order_ + g],
+                                 share = a == b ? 0.0 : (a - b) / allowed[row];
+                    if (!(std::fabs(share) <= 1)) return false;
+                    off[q * order_ + g] += share;
+                }
+            }
+            if (std::any_of(off.begin(), off.end(), [](double share) { return std::fabs(share) > 1; })) return false;
         }
         return true;
     }
