@@ -53,18 +53,6 @@ def test_fixed_links_give_their_mass_and_keep_their_name(tmp_path: Path) -> None
     np.testing.assert_array_equal(arm.jacobian(q, "camera"), arm.jacobian(q, "slide", (0, 0.05, 0)))
 
 
-def test_what_is_fixed_to_a_link_does_not_tell_what_it_weighs(tmp_path: Path) -> None:
-    """A link with a shape has a mass that the file keeps to itself; a mere frame has none."""
-    begin = ARM.index("<inertial>", ARM.index('<link name="slide">'))
-    end = ARM.index("</inertial>", begin) + len("</inertial>")
-    shape = "<collision><geometry><box size='0.1 0.1 0.3'/></geometry></collision>"
-    shaped, frame = (read(ARM[:begin] + text + ARM[end:], tmp_path) for text in (shape, ""))
-    assert shaped.joints[1].inertia is None
-    assert shaped.warnings == ("arm.urdf has no inertia for 'slide', 'wrist'.",)
-    assert frame.joints[1].inertia is not None
-    assert frame.joints[1].inertia.mass == pytest.approx(0.3)
-
-
 @pytest.mark.parametrize(
     ("rpy", "said"), [("0 0 2", False), ("1e-5 0 1", False), ("0.1 0 0", True), ("3.14 0 0", True)]
 )

@@ -13,7 +13,7 @@ import pytest
 from bumpstop import evaluate
 from bumpstop.collision import CollisionProblem, Scenario
 from bumpstop.errors import InputError
-from model.urdf_cases import ARM
+from model.urdf_cases import ARM, read
 from validation import facts
 
 TX40 = facts.folder() / "data" / "staubli_tx40" / "tx40_mdh_modified.urdf"
@@ -82,3 +82,15 @@ def test_a_file_that_nobody_here_wrote() -> None:
         pose = data.oMf[model.getFrameId("tool0")].homogeneous
         np.testing.assert_allclose(arm.pose(q), pose, rtol=0, atol=1e-14)
     assert sum(joint.inertia.mass for joint in arm.joints if joint.inertia) == pytest.approx(23.01)
+
+
+def test_what_is_fixed_to_a_link_does_not_tell_what_it_weighs(tmp_path: Path) -> None:
+    """A link with a shape has a mass that the file keeps to itself; a mere frame has none."""
+    begin = ARM.index("<inertial>", ARM.index('<link name="slide">'))
+    end = ARM.index("</inertial>", begin) + len("</inertial>")
+    shape = "<collision><geometry><box size='0.1 0.1 0.3'/></geometry></collision>"
+    shaped, frame = (read(ARM[:begin] + text + ARM[end:], tmp_path) for text in (shape, ""))
+    assert shaped.joints[1].inertia is None
+    assert shaped.warnings == ("arm.urdf has no inertia for 'slide', 'wrist'.",)
+    assert frame.joints[1].inertia is not None
+    assert frame.joints[1].inertia.mass == pytest.approx(0.3)

@@ -64,12 +64,18 @@ def min_cost(scenario: Scenario, cost_rates: Sequence[CostRate]) -> DesignGuide:
     combined = combined and search.rounded(combined)
     if combined is None:
         conservative = search.design(search.conservative)
-        reason = conservative.untouched and f"No design in these ranges is put to the test. {conservative.untouched}"
-        reason = reason or (
-            f"No design in these ranges is enough: with the most conservative value of each the force that is exceeded "
-            f"with the accepted risk is {math.exp(-conservative.margin):.3g} times what is allowed"
-            + ("." if conservative.false_alarm_margin >= 0 else ", and false alarms are more frequent than accepted.")
-        )
+        if conservative.untouched:
+            reason = f"No design in these ranges is put to the test. {conservative.untouched}"
+        else:
+            reason = (
+                "No design in these ranges is enough: with the most conservative value of each the force that is "
+                f"exceeded with the accepted risk is {math.exp(-conservative.margin):.3g} times what is allowed"
+                + (
+                    "."
+                    if conservative.false_alarm_margin >= 0
+                    else ", and false alarms are more frequent than accepted."
+                )
+            )
     return DesignGuide(now, single_change, combined, reason)
 
 
