@@ -23,6 +23,7 @@ from bumpstop.collision.stopping import braking_keys
 from bumpstop.collision.verdict import finer_steps, verdict_notes
 from bumpstop.contact import ContactLimits, LimitTable, builtin_tables
 from bumpstop.model import Robot, robots
+from bumpstop.model.dynamics import FREE_FALL
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -45,6 +46,7 @@ def page_data() -> dict[str, Any]:
             "negligible": NEGLIGIBLE,
             "max_steps": MAX_STEPS,
             "max_bytes": scenario_file._MAX_BYTES,
+            "free_fall": FREE_FALL,
             "min_speed_mm_s": tables._MIN_SPEED_MM_S,
             "min_substep_s": tables._MIN_SUBSTEP_S,
             "min_threshold_Nm": tables._MIN_THRESHOLD_NM,

@@ -129,6 +129,10 @@ function checkScenario(tables) {
         const second = other.find((key) => given(tables, key) !== undefined);
         if (first && second) throw new Refusal(first, `and ${second} are both given`, "give one of them");
     }
+    const fall = Math.hypot(...scenario.gravity_m_s2);
+    const [low, high] = DATA.numbers.free_fall;
+    if (!(low <= fall && fall <= high))
+        throw new Refusal("gravity_m_s2", `is ${general(fall)} m/s2 in all`, `wanted ${low} to ${high}`);
     checkMotion(scenario.motion);
     checkContact(scenario.contact);
     checkDetector(scenario.detector);

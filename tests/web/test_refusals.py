@@ -95,6 +95,8 @@ REFUSED: tuple[tuple[str, dict[str, Any]], ...] = (
     ("pose_deg", {"pose_deg": [0, 30]}),
     ("pose_deg", {"pose_deg": None}),
     ("pose_deg", {"pose_rad": [0.0] * 7}),
+    ("gravity_m_s2", {"gravity_m_s2": [0, 0, -1.6]}),
+    ("gravity_m_s2", {"gravity_m_s2": [0, -9.8]}),
     ("motion.velocity_mm_s", {"motion.velocity_mm_s": [0, 0, 0]}),
     ("motion.velocity_mm_s", {"motion.velocity_mm_s": [0, 0, 1e-4]}),
     ("motion.velocity_mm_s", {"motion.velocity_mm_s": None}),

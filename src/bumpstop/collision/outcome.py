@@ -174,9 +174,8 @@ class CollisionOutcome:
         if limit is not None:
             return (
                 f"{share} of collisions are not detected within {self.scenario.motion.duration_s:g} s "
-                f"(motion.duration_s). They count with the most that the drives press with: {limit.static_force:.4g} N "
-                f"at the torque limit of joint {limit.joint} with the base upright, {limit.peak_force:.4g} N with the "
-                "blow."
+                f"(motion.duration_s). They count with the most that the drives press with: "
+                f"{limit.words(self.scenario)}."
             )
         if self.unbounded_because is None:
             return (

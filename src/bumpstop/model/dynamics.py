@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     Vector = Sequence[float] | npt.ArrayLike
 
 JacobianRows = Literal["linear", "all"]
-STANDARD_GRAVITY = (0.0, 0.0, -9.80665)
+STANDARD_GRAVITY = (0.0, 0.0, -9.80665)  # acceleration of free fall, frame of an upright base [m/s2]
+FREE_FALL = (9.7, 9.9)  # its size on this planet, at any height that robots stand at [m/s2]
 
 
 def inverse_dynamics(

@@ -28,7 +28,7 @@ _NONE = "no contact permitted"
 # Tables of which every key is a fact of the cell, and further keys that are.
 _REQUIRED_TABLES = ("motion", "detector", "reaction", "arm")
 _REQUIRED = (
-    *("robot", "base", "tip", "pose_deg", "pose_rad"),
+    *("robot", "base", "tip", "pose_deg", "pose_rad", "gravity_m_s2"),
     *("contact.body", "contact.kind", "contact.link", "contact.point_m", "contact.stiffness_N_m"),
     *("contact.body_mass_kg", "contact.padding_N_m", "contact.gauge_spring_N_m", "contact.gauge_mass_kg"),
 )

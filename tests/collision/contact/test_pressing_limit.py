@@ -22,9 +22,12 @@ def pressed(**changes: dict[str, Any]) -> bs.CollisionResult:
     return bs.evaluate(scenario(**(DEAF | changes)))
 
 
-def test_the_static_force_is_the_most_that_the_torques_allow() -> None:
+@pytest.mark.parametrize("gravity", [(0, 0, -9.80665), (0, 0, 9.80665), (-9.80665, 0, 0), (0, 9.80665, 0)])
+def test_the_static_force_is_the_most_that_the_torques_allow(gravity: tuple[float, float, float]) -> None:
     """The same as a linear program: the greatest force for which torques within the limits hold arm and force."""
-    result = pressed(contact={"offset_law": "fixed", "offset_mm": 0.0}, motion={"velocity_mm_s": [0, 0, -1.0]})
+    case = scenario(**DEAF, contact={"offset_law": "fixed", "offset_mm": 0.0})
+    case = case.with_values({"gravity_m_s2": list(gravity), "motion.velocity_mm_s": [0, 0, -1.0]})
+    result = bs.evaluate(case)
     limit = result.pressing_limit
     assert limit is not None
     q, robot = np.radians([0, -60, 90, -120, -90, 0]), Robot.load("ur10e")
@@ -33,7 +36,7 @@ def test_the_static_force_is_the_most_that_the_torques_allow() -> None:
     found = linprog(
         [-1.0],
         A_ub=np.concatenate([lever, -lever])[:, None],
-        b_ub=np.tile(torque + np.abs(gravity_torque(robot, q)), 2),
+        b_ub=np.tile(torque + np.abs(gravity_torque(robot, q, gravity=gravity)), 2),
     )
     # The constraint that holds the force back is the weakest joint's.
     assert limit.joint == 1 + int(np.argmin(found.slack)) % 6
@@ -80,6 +83,20 @@ def test_the_verdict_uses_it(samples: int | None) -> None:
     assert alike.to_json()["arm"]["pressing_limit"]["peak_force_N"] == force
     weak = case.with_values({"arm.torque_limit_Nm": 20.0, "motion.velocity_mm_s": [0, 0, -5.0]})
     assert bs.evaluate(weak, samples=samples).verdict.acceptable is True
+
+
+def test_a_note_says_how_the_arm_is_mounted() -> None:
+    assert "with the base upright" in " ".join(pressed().notes)
+    hung = " ".join(bs.evaluate(scenario(**DEAF).with_values({"gravity_m_s2": [0, 0, 9.80665]})).notes)
+    assert "with gravity_m_s2 as given" in hung
+    assert "upright" not in hung
+    assert "no effect" not in hung
+
+
+@pytest.mark.parametrize("gravity", [[0, 0, 0], [0, 0, -9.6], [7.0, 7.0, -7.0], [0, 0, -9806.65]])
+def test_nothing_falls_otherwise_on_earth(gravity: list[float]) -> None:
+    with pytest.raises(InputError, match=r"^gravity_m_s2"):
+        scenario().with_values({"gravity_m_s2": gravity})
 
 
 def test_without_limits_there_is_no_bound() -> None:

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
-_FREE_FALL = (9.7, 9.9)  # on this planet, at any height that robots stand at [m/s2]
-
 
 def built_in_or_path(robot: str) -> str:
     """The name of a built-in robot, or the whole path of a URDF."""
@@ -128,6 +126,7 @@ def carried_of(given: Sequence[str] | None, recordings: int) -> list[Payload | N
 
 def gravity_of(given: str | None) -> tuple[float, float, float] | None:
     """Acceleration of free fall in the base frame from ``X,Y,Z`` [m/s2]; None: an upright base."""
+    from bumpstop.model.dynamics import FREE_FALL
     from bumpstop.model.inertia import vector3
 
     if given is None:
@@ -136,7 +135,7 @@ def gravity_of(given: str | None) -> tuple[float, float, float] | None:
         found = [float(figure) for figure in list_items(given)]
     except ValueError:
         found = []
-    low, high = _FREE_FALL
+    low, high = FREE_FALL
     if len(found) != 3 or not low <= math.hypot(*found) <= high:
         size = f"is {math.hypot(*found):.4g} m/s2 in all" if len(found) == 3 else f"{given!r} cannot be used"
         valid = f"wanted X,Y,Z of {low:g} to {high:g} in all, as 0,0,9.80665 on a ceiling or -9.80665,0,0 on a wall"

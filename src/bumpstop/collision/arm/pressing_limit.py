@@ -12,9 +12,11 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.curve import AT_REST, StoppingCurve, states_at_reactions, stopping_curve
 from bumpstop.model import gravity_torque, mass_matrix
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from bumpstop.collision.problem import CollisionProblem
+    from bumpstop.collision.scenario.scenario import Scenario
 
 # Standard deviations of a half-normal gap within which a body may be: the rest is rarer than 1e-8.
 _REACH_SD = 6.0
@@ -37,6 +39,15 @@ class PressingLimit:
     def to_json(self) -> dict[str, Any]:
         """The object that ``bumpstop evaluate --json`` prints."""
         return {"static_force_N": self.static_force, "peak_force_N": self.peak_force, "joint": self.joint}
+
+    def words(self, scenario: Scenario) -> str:
+        """Both forces, and what the first rests on: a part of a sentence."""
+        upright = tuple(scenario.gravity_m_s2) == STANDARD_GRAVITY
+        held = "with the base upright" if upright else "with gravity_m_s2 as given"
+        return (
+            f"{self.static_force:.4g} N at the torque limit of joint {self.joint} {held}, {self.peak_force:.4g} N with "
+            "the blow"
+        )
 
     @classmethod
     def greatest(cls, static: FloatArray, joint: npt.NDArray[np.int64], peak: FloatArray) -> PressingLimit | None:
@@ -94,7 +105,7 @@ class Drives:
         robot, train = problem.robot, problem.drive_train
         inertia = mass_matrix(robot, q) + np.diag(train.rotor_inertia)
         return cls(
-            holding=train.torque_limit + np.abs(gravity_torque(robot, q)),
+            holding=train.torque_limit + np.abs(gravity_torque(robot, q, gravity=problem.scenario.gravity_m_s2)),
             doubled_energy=np.einsum("ki,kij,kj->k", qd, inertia, qd),
             stiffness=problem.stiffness,
         )

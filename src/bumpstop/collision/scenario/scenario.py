@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from bumpstop.collision.scenario.scenario_words import as_written, explain, expl
 from bumpstop.collision.scenario.uncertainty_table import check_uncertainty, flattened
 from bumpstop.collision.scenario.unused_keys import given_without_effect, keys_without_effect
 from bumpstop.errors import InputError
+from bumpstop.model.dynamics import FREE_FALL
 
 # Keys of [motion] that say its velocity in parts.
 _SPEED = ("speed_mm_s", "direction")
@@ -40,6 +42,14 @@ class Scenario(ScenarioTables):
                 raise InputError(
                     key, f"has no meaning with the built-in robot {self.robot!r}", "give it with the path of a URDF"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _falls_as_on_earth(self) -> Scenario:
+        size, (low, high) = math.hypot(*self.gravity_m_s2), FREE_FALL
+        if not low <= size <= high:
+            valid = f"wanted {low:g} to {high:g} in all, as [0, 0, 9.80665] on a ceiling or [-9.80665, 0, 0] on a wall"
+            raise InputError("gravity_m_s2", f"is {size:.4g} m/s2 in all", valid)
         return self
 
     @model_validator(mode="after")
@@ -174,8 +184,8 @@ class Scenario(ScenarioTables):
         if not self.uncertainty:
             del data["uncertainty"]
         for key in keys_without_effect(self).keys() - given_without_effect(self).keys():
-            table, _, name = key.partition(".")
-            data[table].pop(name, None)
+            table, _, name = key.rpartition(".")
+            (data[table] if table else data).pop(name, None)
         return data
 
 

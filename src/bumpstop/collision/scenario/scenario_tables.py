@@ -15,10 +15,12 @@ from bumpstop.collision.scenario.spellings import check_one_spelling
 from bumpstop.collision.scenario.table import Table, between
 from bumpstop.collision.stopping.braking_keys import BrakingKeys
 from bumpstop.errors import InputError
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 from bumpstop.text_files import is_path
 
 Probability = Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)]
 JointPosition = Annotated[float, between(-1e6, 1e6)]
+FreeFall = Annotated[list[Annotated[float, between(-10, 10)]], Field(min_length=3, max_length=3)]
 Velocity = Annotated[list[Annotated[float, between(-1e5, 1e5)]], Field(min_length=3, max_length=3)]
 NoiseSd = Annotated[float, between(0, 1e6)]
 NoiseMean = Annotated[float, between(-1e6, 1e6)]
@@ -191,6 +193,7 @@ class ScenarioTables(Table):
     tip: Annotated[str, Field(description="the name of a link of the URDF")] | None = None
     pose_deg: list[JointPosition] | None = None
     pose_rad: list[JointPosition] | None = None
+    gravity_m_s2: FreeFall = Field(list(STANDARD_GRAVITY))
     motion: MotionTable
     contact: ContactTable
     arm: ArmTable = ArmTable()

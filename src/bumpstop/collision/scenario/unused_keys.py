@@ -25,6 +25,8 @@ def keys_without_effect(scenario: ScenarioTables) -> dict[str, str]:
         found["detector.noise_sd_Nm"] = "with detector.residuals, whose noise counts"
     if contact.kind == "free":
         found["arm.torque_limit_Nm"] = "on a body that gets away"
+    if contact.kind == "free" or scenario.arm.model == "rigid":
+        found["gravity_m_s2"] = "but where the drives of an elastic arm press a clamped body"
     if not scenario.uncertainty:
         found["verdict.confidence"] = "without [uncertainty]"
     if scenario.reaction.stop_category in (1, 2):
@@ -43,6 +45,6 @@ def unused_notes(scenario: ScenarioTables) -> list[str]:
 
 
 def _is_given(scenario: ScenarioTables, key: str) -> bool:
-    table, _, name = key.partition(".")
-    keys = getattr(scenario, table)
+    table, _, name = key.rpartition(".")
+    keys = getattr(scenario, table) if table else scenario
     return name in keys.model_fields_set and getattr(keys, name) is not None

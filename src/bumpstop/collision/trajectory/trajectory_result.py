@@ -145,8 +145,7 @@ class TrajectoryCollisionResult(CollisionResult):
                 count = (
                     "They count with the most that the drives press with"
                     + (", or with the force of the path, where it is less" if self._rests else "")
-                    + f": {drives.static_force:.4g} N at the torque limit of joint {drives.joint} with the base "
-                    f"upright, {drives.peak_force:.4g} N with the blow"
+                    + f": {drives.words(self.scenario)}"
                 )
             if because is not None:
                 count = f"They are not detected {because} and count as over every limit, whatever their force"
