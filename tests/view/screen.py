@@ -9,7 +9,7 @@ import numpy as np
 from bumpstop.view.controls import Control, Shown
 from bumpstop.view.page.server import ViewServer
 
-WAIT_MS = 15_000
+WAIT_MS = 60_000
 
 
 class Screen:
