@@ -14,6 +14,7 @@ from bumpstop.collision.stopping.deceleration import Deceleration
 from bumpstop.errors import InputError, near_matches
 from bumpstop.joint import JointTorqueModel
 from bumpstop.model import Robot
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 from bumpstop.plant.command import Command, PlantReaction, along, line
 from bumpstop.plant.drive import Gears
 from bumpstop.plant.experiment_tables import (
@@ -54,7 +55,7 @@ class Experiment(ExperimentTable):
     pose_deg: list[float] | None = None
     pose_rad: list[float] | None = None
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
-    gravity_m_s2: Three = Field(default=[0.0, 0.0, -9.80665])
+    gravity_m_s2: Three = Field(default=list(STANDARD_GRAVITY))
     contact_link: str | None = None
     contact_point_mm: Three = Field(default=[0.0, 0.0, 0.0])
     motion: ExperimentMotion | None = None

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.errors import InputError
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 from bumpstop.plant.objects import quoted
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ def mjcf(
     joint_stiffness: Sequence[float] | FloatArray | None = None,
     joint_damping: Sequence[float] | FloatArray | None = None,
     objects: Sequence[PlantObject] = (),
-    gravity: Sequence[float] = (0.0, 0.0, -9.80665),
+    gravity: Sequence[float] = STANDARD_GRAVITY,
     step: float = 2e-4,
     contact_link: str | None = None,
     contact_point: Sequence[float] = (0.0, 0.0, 0.0),

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.errors import InputError
 from bumpstop.model import Robot, gravity_torque, inverse_dynamics, mass_matrix, with_rotors
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 from bumpstop.plant.command import COMMAND_STEP, Command, PlantReaction
 from bumpstop.plant.drive import Drives, Gears, per_joint
 from bumpstop.plant.mjcf import import_mujoco, mjcf
@@ -61,7 +62,7 @@ class Plant:
         servo: Servo | None = None,
         contact_link: str | None = None,
         contact_point: Sequence[float] = (0.0, 0.0, 0.0),
-        gravity: Sequence[float] = (0.0, 0.0, -9.80665),
+        gravity: Sequence[float] = STANDARD_GRAVITY,
     ) -> None:
         self._mujoco = import_mujoco()
         self.robot, self.joint_model = robot, joint_model

@@ -36,12 +36,12 @@ def identify_drive_train_of(
 ) -> int:
     """Fit what recordings and pushes show of a drive train, write it, and print what was found."""
     from bumpstop.identification.drive_train import Pushes, identify_drive_train
-    from bumpstop.identification.segments.motion import GRAVITY
+    from bumpstop.model.dynamics import STANDARD_GRAVITY
 
     table = None if pushes is None else Pushes.load(pushes, arm)
     with progress("fitting"):
         found = identify_drive_train(
-            logs, arm, pushes=table, payloads=payloads, cutoff_hz=cutoff_hz, gravity=gravity or GRAVITY
+            logs, arm, pushes=table, payloads=payloads, cutoff_hz=cutoff_hz, gravity=gravity or STANDARD_GRAVITY
         )
     file = out if out is None or out.suffix == ".toml" else out / "drive_train.toml"
     if file is not None and out is not None and found.identified:

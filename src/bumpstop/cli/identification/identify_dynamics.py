@@ -43,9 +43,9 @@ def identify_dynamics_of(
 ) -> int:
     """Fit dynamics, with the gains of the drives where only currents were recorded; write and print what was found."""
     from bumpstop.identification import consistent_inertias, identify_dynamics, identify_gains, judge_dynamics
-    from bumpstop.identification.segments.motion import GRAVITY
+    from bumpstop.model.dynamics import STANDARD_GRAVITY
 
-    falls = GRAVITY if gravity is None else gravity
+    falls = STANDARD_GRAVITY if gravity is None else gravity
 
     if any(log.tau is None for log in logs) and all(log.current is not None for log in logs):
         if groups:

@@ -42,9 +42,9 @@ def identify_joint(
     """Fit a joint torque model, write it, and print what was found."""
     from bumpstop.identification import compare_currents, identify_joint_model, judge_joint_model
     from bumpstop.identification.drive.error_sources import INERTIA_UNCERTAINTY
-    from bumpstop.identification.segments.motion import GRAVITY
+    from bumpstop.model.dynamics import STANDARD_GRAVITY
 
-    falls = GRAVITY if gravity is None else gravity
+    falls = STANDARD_GRAVITY if gravity is None else gravity
     uncertainty = INERTIA_UNCERTAINTY if inertia_uncertainty is None else inertia_uncertainty
     options = {"cutoff_hz": "--cutoff", "inertia_uncertainty": "--inertia-uncertainty"}
     with progress("fitting") as report:
@@ -97,10 +97,10 @@ def validate_joint(
 ) -> int:
     """Print how well a joint model predicts currents, and torques from them; write a page on the torques."""
     from bumpstop.identification import compare_currents, judge_currents
-    from bumpstop.identification.segments.motion import GRAVITY
+    from bumpstop.model.dynamics import STANDARD_GRAVITY
 
     with progress("comparing"):
-        falls = GRAVITY if gravity is None else gravity
+        falls = STANDARD_GRAVITY if gravity is None else gravity
         found = compare_currents(model, logs, arms, filter_hz=filter_hz, gravity=falls)
         currents, torques = found.current_scores(), found.torque_scores()
         verdict = judge_currents(found, logs, arms[0])

@@ -19,6 +19,7 @@ from bumpstop.identification.design.clearance import Clearance, usable_joint_ran
 from bumpstop.identification.design.plan import loaded_robot
 from bumpstop.identification.design.timed_path import TimedPath
 from bumpstop.identification.dynamics.regressor import inertial_names, inertial_regressor
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
@@ -53,7 +54,7 @@ class ExcitationSettings:
     speed_share: float = 0.6
     floor: float | None = 0.0
     radius: float = 0.08
-    gravity: tuple[float, float, float] = (0.0, 0.0, -9.80665)
+    gravity: tuple[float, float, float] = STANDARD_GRAVITY
     seed: int = 0
     rounds: int = 300
 

@@ -16,6 +16,7 @@ from bumpstop.identification.design.gravity_pose import GravityPose, Unobservabl
 from bumpstop.identification.design.timed_path import PathBuilder, TimedPath, top_speed
 from bumpstop.identification.payload.payload import with_payload
 from bumpstop.model import gravity_torque, with_rotors
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
@@ -63,7 +64,7 @@ class ProtocolSettings:
     floor: float | None = 0.0
     radius: float = 0.08
     min_torque: float = 0.5
-    gravity: tuple[float, float, float] = (0.0, 0.0, -9.80665)
+    gravity: tuple[float, float, float] = STANDARD_GRAVITY
     load_kg: float = 0.0
     load_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 

@@ -10,6 +10,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.model import inverse_dynamics, with_rotors
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 from bumpstop.recording import Recording
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ def simulated_recording(
     rate_hz: float = 250.0,
     noise: SensorNoise | None = None,
     seed: int = 0,
-    gravity: tuple[float, float, float] = (0.0, 0.0, -9.80665),
+    gravity: tuple[float, float, float] = STANDARD_GRAVITY,
 ) -> Recording:
     """Positions and motor currents along a path, as the joint model turned round gives them.
 

@@ -15,11 +15,11 @@ from bumpstop.errors import InputError
 from bumpstop.identification.comparison import Comparison, JointScore, joint_score, one_after_another
 from bumpstop.identification.drive.drive_model import DriveModel, JointMotion, motor_current
 from bumpstop.identification.segments.drive_samples import DriveSamples, drive_samples
-from bumpstop.identification.segments.motion import GRAVITY
 from bumpstop.identification.segments.rest import resting
 from bumpstop.joint.model import JointTorqueModel, TorqueState
 from bumpstop.joint.parameters import JointParameters
 from bumpstop.model import unit_of
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
@@ -138,7 +138,7 @@ def compare_currents(
     *,
     cutoff_hz: float | None = None,
     filter_hz: float | None = None,
-    gravity: tuple[float, float, float] = GRAVITY,
+    gravity: tuple[float, float, float] = STANDARD_GRAVITY,
 ) -> CurrentComparison:
     """Put a joint torque model beside recorded currents.
 

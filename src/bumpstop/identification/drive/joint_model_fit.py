@@ -18,11 +18,11 @@ from bumpstop.identification.drive.joint_fit import JointFit, JointFitSettings, 
 from bumpstop.identification.fit import Quantity
 from bumpstop.identification.recording_consistency import inconsistent_joints
 from bumpstop.identification.segments.drive_samples import DriveSamples, drive_samples
-from bumpstop.identification.segments.motion import GRAVITY
 from bumpstop.identification.segments.torque_samples import as_list
 from bumpstop.joint.friction_law import OF_FRICTION
 from bumpstop.joint.model import JointTorqueModel
 from bumpstop.joint.parameters import BOUNDS, OF_MAP
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 from bumpstop.terminal import share, table, text_of
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ class JointModelFit(Displayed):
     rows_left: int
     rows_at_ends: int
     inconsistent: tuple[str, ...] = ()
-    gravity: tuple[float, float, float] = GRAVITY
+    gravity: tuple[float, float, float] = STANDARD_GRAVITY
     inertia_uncertainty: float = INERTIA_UNCERTAINTY
 
     def to_frame(self) -> pl.DataFrame:
@@ -162,7 +162,7 @@ def identify_joint_model(
     frictions: Sequence[str] = tuple(OF_FRICTION),
     known: Mapping[str, Mapping[str, float]] | None = None,
     unit: str = "A",
-    gravity: tuple[float, float, float] = GRAVITY,
+    gravity: tuple[float, float, float] = STANDARD_GRAVITY,
     joints: Sequence[int] | None = None,
     inertia_uncertainty: float = INERTIA_UNCERTAINTY,
     progress: Callable[[float], None] | None = None,

@@ -13,9 +13,9 @@ from bumpstop.identification.drive_train.gear_stiffness import Pushes, identify_
 from bumpstop.identification.drive_train.joint_values import JointValues
 from bumpstop.identification.drive_train.rotors import identify_rotors
 from bumpstop.identification.drive_train.servo_fit import identify_servo
-from bumpstop.identification.segments.motion import GRAVITY
 from bumpstop.model import unit_of
 from bumpstop.model.drive_train.entry import QUANTITIES
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     import os
@@ -80,7 +80,7 @@ def identify_drive_train(
     pushes: Pushes | None = None,
     payloads: Sequence[Payload | None] = (),
     cutoff_hz: float | None = None,
-    gravity: tuple[float, float, float] = GRAVITY,
+    gravity: tuple[float, float, float] = STANDARD_GRAVITY,
 ) -> DriveTrainFit:
     """Find what recordings and static pushes tell of a drive train.
 

@@ -10,10 +10,10 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.drive_train.joint_values import JointValues, judged
-from bumpstop.identification.segments.motion import GRAVITY
 from bumpstop.identification.segments.torque_samples import TorqueSamples, joints_at_rest
 from bumpstop.identification.statistics.robust_fit import robust_fit
 from bumpstop.model import inverse_dynamics, with_rotors
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from bumpstop.identification.payload.payload import Payload
@@ -32,7 +32,7 @@ def identify_rotors(
     *,
     payloads: Sequence[Payload | None] = (),
     cutoff_hz: float | None = None,
-    gravity: tuple[float, float, float] = GRAVITY,
+    gravity: tuple[float, float, float] = STANDARD_GRAVITY,
 ) -> JointValues:
     """Fit the rotors to what recorded torques or currents leave beside the torque of the links.
 

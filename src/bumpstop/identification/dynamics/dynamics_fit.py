@@ -17,10 +17,10 @@ from bumpstop.identification.dynamics.dynamics_system import FIT_PER_CUTOFF
 from bumpstop.identification.dynamics.fit_file import DynamicsEstimate, load_fit, save_fit
 from bumpstop.identification.dynamics.regressor_columns import checked_group, column_unit
 from bumpstop.identification.fit import Quantity
-from bumpstop.identification.segments.motion import GRAVITY
 from bumpstop.identification.segments.seen_motion import SeenMotion
 from bumpstop.identification.segments.torque_samples import TorqueSamples, as_list, joints_at_rest
 from bumpstop.model import unit_of
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     import os
@@ -240,7 +240,7 @@ def identify_dynamics(
     cutoff_hz: float | None = None,
     couplings: Sequence[Sequence[tuple[int, float]]] = (),
     payloads: Sequence[Payload | None] = (),
-    gravity: tuple[float, float, float] = GRAVITY,
+    gravity: tuple[float, float, float] = STANDARD_GRAVITY,
 ) -> DynamicsFit:
     """Fit base inertial parameters, Coulomb and viscous friction, offsets and rotor inertia to recorded torque.
 

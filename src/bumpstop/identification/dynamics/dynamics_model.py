@@ -13,9 +13,9 @@ from bumpstop.identification.dynamics.coulomb_sign import coulomb_signs
 from bumpstop.identification.dynamics.dynamics_system import FIT_PER_CUTOFF
 from bumpstop.identification.dynamics.regressor import inertial_torque
 from bumpstop.identification.dynamics.regressor_columns import column_names, torque_of
-from bumpstop.identification.segments.motion import GRAVITY
 from bumpstop.identification.segments.torque_samples import TorqueSamples, as_list, recorded_motion
 from bumpstop.model import unit_of
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -63,7 +63,7 @@ class DynamicsModel:
     couplings: tuple[tuple[tuple[int, float], ...], ...] = ()
     loaded: tuple[int, ...] = ()
     cutoff_hz: float
-    gravity: tuple[float, float, float] = GRAVITY
+    gravity: tuple[float, float, float] = STANDARD_GRAVITY
     gains: FloatArray | None = None
     unscaled: tuple[int, ...] = ()
 

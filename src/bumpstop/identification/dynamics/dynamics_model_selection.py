@@ -12,8 +12,8 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.dynamics.dynamics_system import FIT_PER_CUTOFF, System
 from bumpstop.identification.segments.drive_samples import split_at_gaps
-from bumpstop.identification.segments.motion import GRAVITY
 from bumpstop.identification.segments.torque_samples import TorqueSamples
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from bumpstop.identification.dynamics.dynamics_system import Groups
@@ -51,7 +51,7 @@ def choose_cutoff(
     payloads: Sequence[Payload | None],
     *,
     currents: bool = False,
-    gravity: tuple[float, float, float] = GRAVITY,
+    gravity: tuple[float, float, float] = STANDARD_GRAVITY,
 ) -> tuple[float, dict[float, float]]:
     """The cut-off [Hz] of the motion's filter, and the mean over joints of 1 - R2 on held-out fifths by cut-off.
 

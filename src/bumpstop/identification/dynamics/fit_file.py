@@ -15,9 +15,9 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
 from bumpstop.identification.dynamics.regressor_columns import checked_group, column_names
-from bumpstop.identification.segments.motion import GRAVITY
 from bumpstop.identification.segments.seen_motion import SeenMotion
 from bumpstop.model import Robot
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 from bumpstop.model.inertia import vector3
 from bumpstop.text_files import is_path, parse_toml, read_text, toml_value, write_text
 
@@ -70,7 +70,7 @@ def save_fit(fit: DynamicsEstimate, path: str | os.PathLike[str]) -> None:
         lines.append(
             f"loaded = {toml_value([j + 1 for j in model.loaded])}  # joints whose friction grows with the load"
         )
-    if model.gravity != GRAVITY:
+    if model.gravity != STANDARD_GRAVITY:
         lines.append(f"gravity = {toml_value(list(model.gravity))}  # acceleration of free fall, base frame [m/s2]")
     if fit.verdict:
         lines.append(f"verdict = {toml_value(fit.verdict)}")
@@ -135,7 +135,7 @@ def load_fit(path: str | os.PathLike[str], make: Callable[..., Fit]) -> Fit:
             presliding = np.where(presliding > 0, presliding, np.nan)
         loaded, by_all = (_joints(data.get(key, ()), key, robot.dof) for key in ("loaded", "predicted_by_all"))
         names = column_names(robot, couplings, top_speed, loaded)
-        gravity = vector3(_finite(data.get("gravity", GRAVITY)))
+        gravity = vector3(_finite(data.get("gravity", STANDARD_GRAVITY)))
         parameters = data["parameter"]
         gains, gain_errors = _gains(data.get("gain"), robot)
         predicting = [parameter["predicting"] for parameter in parameters if "predicting" in parameter]

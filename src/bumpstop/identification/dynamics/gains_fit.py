@@ -19,12 +19,12 @@ from bumpstop.identification.dynamics.dynamics_fit import DynamicsFit
 from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
 from bumpstop.identification.dynamics.dynamics_model_selection import ENOUGH_TO_CHOOSE, best_friction, choose_cutoff
 from bumpstop.identification.dynamics.dynamics_system import FIT_PER_CUTOFF
-from bumpstop.identification.segments.motion import GRAVITY
 from bumpstop.identification.segments.seen_motion import SeenMotion
 from bumpstop.identification.segments.torque_samples import TorqueSamples, as_list, joints_at_rest
 from bumpstop.identification.statistics.clusters import clustered_covariance
 from bumpstop.identification.statistics.independent_columns import condition_of, independent, label_of, triangle_of
 from bumpstop.identification.statistics.robust_fit import visible_share
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from bumpstop.identification.dynamics.dynamics_system import System
@@ -52,7 +52,7 @@ def identify_gains(
     payloads: Sequence[Payload | None] = (),
     known: Mapping[str, float] | None = None,
     cutoff_hz: float | None = None,
-    gravity: tuple[float, float, float] = GRAVITY,
+    gravity: tuple[float, float, float] = STANDARD_GRAVITY,
 ) -> DynamicsFit:
     """Fit base parameters, gains and friction to motor currents.
 

@@ -18,11 +18,11 @@ from bumpstop.identification.dynamics.regressor import INERTIAL
 from bumpstop.identification.fit import Quantity
 from bumpstop.identification.payload.payload_samples import FIT_PER_CUTOFF, PayloadSamples, PayloadSource
 from bumpstop.identification.payload.tip_parameters import point_moments
-from bumpstop.identification.segments.motion import GRAVITY
 from bumpstop.identification.statistics.held_out import held_out_share
 from bumpstop.identification.statistics.independent_columns import condition_of
 from bumpstop.identification.statistics.robust_fit import long_run_covariance, visible_share
 from bumpstop.model import unit_of
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 from bumpstop.model.inertia import vector3
 from bumpstop.signal import correlation_time
 from bumpstop.text_files import toml_value, write_text
@@ -235,7 +235,7 @@ def identify_payload(
     if mass is not None and not 0 < mass < _MAX_MASS:
         raise InputError("mass", f"is {mass:g} kg", f"wanted above 0 and below {_MAX_MASS:g}")
     if gravity is None:
-        gravity = GRAVITY if dynamics is None else dynamics.gravity
+        gravity = STANDARD_GRAVITY if dynamics is None else dynamics.gravity
     cutoff = min(5.0, 0.1 * recording.rate_hz) if cutoff_hz is None else cutoff_hz
     source = PayloadSource(robot=robot, model=model, dynamics=dynamics, cutoff_hz=cutoff, gravity=gravity)
     samples = PayloadSamples.of(recording, source)

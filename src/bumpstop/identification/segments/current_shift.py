@@ -10,7 +10,8 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.dynamics.regressor import inertial_regressor
-from bumpstop.identification.segments.motion import GRAVITY, UniformGrid, lowpass
+from bumpstop.identification.segments.motion import UniformGrid, lowpass
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
@@ -78,7 +79,7 @@ def shift_of(recording: Recording, robot: Robot, effort: FloatArray) -> tuple[fl
     rows = np.arange(edge, grid.t.size - edge, every)
     if rows.size < _MIN_ROWS:
         return _NONE
-    inertial = inertial_regressor(robot, q[rows], qd[rows], qdd[rows], GRAVITY)
+    inertial = inertial_regressor(robot, q[rows], qd[rows], qdd[rows], STANDARD_GRAVITY)
     shifts = np.linspace(-_MAX_S, _MAX_S, 2 * _STEPS + 1)
     left, joints = np.zeros(shifts.size), 0
     for j in range(robot.dof):

@@ -13,7 +13,8 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.drive.drive_model import JointMotion, stiction_share
-from bumpstop.identification.segments.motion import GRAVITY, MIN_ROWS, UniformGrid, lowpass
+from bumpstop.identification.segments.motion import MIN_ROWS, UniformGrid, lowpass
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
@@ -138,7 +139,7 @@ def drive_samples(
     every_row: bool = False,
     smooth_current: bool = True,
     trim_s: float | None = None,
-    gravity: tuple[float, float, float] = GRAVITY,
+    gravity: tuple[float, float, float] = STANDARD_GRAVITY,
 ) -> DriveSamples:
     """Filter, differentiate and thin out recordings, and compute the torque of their motion.
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 from bumpstop.signal import filter_even, filter_reach
 
 # A time this near to that of a grid, as a share of its step, is its own.
 _EVEN = 1e-3
-GRAVITY = (0.0, 0.0, -9.80665)  # acceleration of free fall in the frame of an upright base [m/s2]
 
 # What is filtered at a cut-off is kept at this many times its rate.
 _RATE_PER_CUTOFF = 10.0
@@ -41,7 +41,7 @@ class UniformMotion:
     qd: FloatArray
     qdd: FloatArray
     rate_hz: float
-    gravity: tuple[float, float, float] = GRAVITY
+    gravity: tuple[float, float, float] = STANDARD_GRAVITY
 
     def part(self, rows: slice | np.ndarray) -> UniformMotion:
         """Some rows of it."""

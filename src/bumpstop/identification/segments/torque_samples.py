@@ -17,7 +17,6 @@ from bumpstop.identification.payload.tip_parameters import payload_torque
 from bumpstop.identification.segments.covariance_blocks import Segment, blocks_of_segments
 from bumpstop.identification.segments.drive_samples import split_at_gaps
 from bumpstop.identification.segments.motion import (
-    GRAVITY,
     MIN_ROWS,
     UniformGrid,
     UniformMotion,
@@ -28,6 +27,7 @@ from bumpstop.identification.segments.motion import (
 )
 from bumpstop.identification.segments.padded_segments import PaddedSegments
 from bumpstop.identification.segments.rest import resting, used_rows
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 from bumpstop.recording.checks.checks import gaps_of
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ class TorqueSamples:
         rate_hz: float | None = None,
         trim_s: float | None = None,
         ends: bool = False,
-        gravity: tuple[float, float, float] = GRAVITY,
+        gravity: tuple[float, float, float] = STANDARD_GRAVITY,
     ) -> TorqueSamples:
         """Filter motions at a cut-off, and put torques beside them.
 
