@@ -201,7 +201,7 @@ function notesOf(parts) {
         notes.push(
             `${missed[0].toUpperCase()}${missed.slice(1)} of collisions are not detected ` +
                 (because === null
-                    ? "before the motion ends. They count with the greatest force until then, and then the arm stands."
+                    ? "before the motion ends. They count with the greatest force until the arm stands."
                     : `${because}. They count as over every limit: their force is unbounded and the mean is not given.`),
         );
     if (result.no_contact_probability > DATA.numbers.negligible)

@@ -18,12 +18,20 @@ from bumpstop.measure.learning.calibration import calibrate
 from bumpstop.measure.learning.peak_force_ensemble import PeakForceEnsemble, Surfaces
 from bumpstop.measure.learning.posterior import ErrorModel, forces_after, sample_posterior
 from bumpstop.measure.learning.response_surface import ResponseSurface, normal_points
-from bumpstop.measure.parameters import CONTACT, LATENCY, THRESHOLDS, Parameters
+from bumpstop.measure.parameters import (
+    CONTACT,
+    DECELERATION,
+    LATENCY,
+    PADDING,
+    STOPPING_TIME,
+    THRESHOLDS,
+    Parameters,
+)
 from bumpstop.measure.peak_force_model import shot_force
 from bumpstop.measure.planning.measured_situation import situations_of
 from bumpstop.measure.planning.plan import conditions_of
 from bumpstop.measure.planning.plan_file import COLUMNS, read_shots, shots_text
-from measure.cells import rigid
+from measure.cells import elastic, rigid
 from measure.gauge_cases import pressed, write
 
 
@@ -194,6 +202,35 @@ def test_calibrated_scenario() -> None:
     assert CONTACT not in spread
     assert all(spread[each.key].get("assumed") is True for each in made.assumed if each.key in spread)
     assert "assumed" not in spread[THRESHOLDS]
+
+
+def test_a_scenario_is_given_only_keys_that_it_has() -> None:
+    """A cell of several kinds of links and stops: a rigid arm has no rotors, a bare link no padding."""
+    table = Path(__file__).resolve().parents[2] / "examples" / "stopping" / "tm5_700.toml"
+    named = {
+        "bare": rigid(),
+        "padded": rigid(contact__padding_N_m=50000.0),
+        "elastic": elastic(),
+        "constant time": rigid(reaction__deceleration="constant_time", reaction__stopping_time_s=0.05),
+        "table": rigid(reaction__deceleration="table", reaction__stopping_table=str(table)),
+    }
+    situations = situations_of(list(named.items()))
+    parameters = Parameters.of([each.measured for each in situations])
+    conditions = conditions_of(situations, parameters, (1.0,))
+    mixed = PeakForceEnsemble.of(parameters, conditions, points=32, seed=3)
+    shots = [
+        MeasuredShot(each.situation.name, each.speed_mm_s, 100.0, number) for number, each in enumerate(conditions)
+    ]
+    made = calibrate(mixed, shots, refine=0)
+    for name, scenario in named.items():
+        data = tomllib.loads(calibrated_toml(made, scenario))
+        bs.Scenario.from_dict(data)
+        spread = set(data["uncertainty"])
+        assert ("arm.rotor_inertia_kg_m2" in spread) == (name == "elastic")
+        assert (PADDING in spread) == (name == "padded")
+        assert (DECELERATION in spread) == (name not in ("constant time", "table"))
+        assert (STOPPING_TIME in spread) == (name == "constant time")
+        assert LATENCY in spread
 
 
 @pytest.mark.parametrize("size", [-1.2, 1.2])

@@ -91,6 +91,10 @@ WARNINGS = {
     # No warnings, but the other reasons of a verdict.
     "false_alarms": ("", {"detector.noise_sd_Nm": [3.6, 2.6, 3.6, 3.6, 3.6, 3.6, 3.6]}),
     "never_detected": ("", {"detector.thresholds_Nm": [1e6] * 7, "motion.duration_s": 0.6}),
+    "never_detected_to_the_end": (
+        "",
+        {"detector.thresholds_Nm": [1e6] * 7, "motion.velocity_mm_s": [0, 0, -300.0]},
+    ),
     "everything": ("", {"detector.noise_sd_Nm": 2.6, "contact.stiffness_N_m": 2e5, "contact.area_cm2": 1.0}),
     "untouched": ("", {"motion.duration_s": 0.02}),
     "normal": ("contact.normal lies 78.7 degrees off", {"contact.normal": [1.0, 0.0, -0.2]}),

@@ -111,7 +111,7 @@ class Parameters:
                 raise InputError(key, f"a spread of {sd:g} cannot be used", "wanted a number above 0 and below 10")
         found = []
         for key, (_, sd) in _KNOWN.items():
-            if key in fixed or not any(_has(scenario, key) for scenario in scenarios):
+            if key in fixed or not any(has_key(scenario, key) for scenario in scenarios):
                 continue
             if key == LATENCY:
                 sd = max(_latency_sd(scenario) for scenario in scenarios)
@@ -140,7 +140,7 @@ class Parameters:
         return {
             parameter.key: parameter.changed(nominal(scenario, parameter.key), float(z[i]))
             for i, parameter in enumerate(self.each)
-            if _has(scenario, parameter.key)
+            if has_key(scenario, parameter.key)
         }
 
     def at(self, scenario: Scenario, z: FloatArray) -> Scenario:
@@ -177,7 +177,8 @@ def nominal(scenario: Scenario, key: str) -> Any:
     return values[key].tolist()
 
 
-def _has(scenario: Scenario, key: str) -> bool:
+def has_key(scenario: Scenario, key: str) -> bool:
+    """Whether a parameter is one of a scenario: rigid arms have no rotors, a stopping table no deceleration."""
     table, _, name = key.partition(".")
     law = scenario.reaction.deceleration
     if key == DECELERATION:

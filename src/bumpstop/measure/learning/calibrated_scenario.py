@@ -8,7 +8,7 @@ import numpy as np
 
 from bumpstop.collision.scenario.keys import set_key
 from bumpstop.collision.scenario.settings_file import scenario_data
-from bumpstop.measure.parameters import CONTACT, nominal
+from bumpstop.measure.parameters import CONTACT, has_key, nominal
 from bumpstop.text_files import to_toml
 
 if TYPE_CHECKING:
@@ -73,7 +73,8 @@ def calibrated_toml(calibration: Calibration, scenario: Scenario) -> str:
         if found.kind == "shift":
             sure = f"{1e3 * found.median:+.3g} ms [{1e3 * found.low:+.3g}, {1e3 * found.high:+.3g}]"
         if not _carried(found, scenario):
-            lines.append(f"# {found.key}: of the gauge's pad, {sure}; no key of this scenario")
+            where = "of the gauge's pad" if found.key == CONTACT else "of other situations"
+            lines.append(f"# {found.key}: {where}, {sure}; no key of this scenario")
         elif found.shown:
             lines.append(f"# {found.key}: measured, {sure}")
         else:
@@ -85,6 +86,8 @@ def calibrated_toml(calibration: Calibration, scenario: Scenario) -> str:
 
 def _carried(found: FoundParameter, scenario: Scenario) -> bool:
     """Whether the scenario has a place for it: the pad of a gauge is none of a body."""
+    if not has_key(scenario, found.key):
+        return False
     return found.key != CONTACT or scenario.contact.body is None or scenario.contact.stiffness_N_m is not None
 
 
