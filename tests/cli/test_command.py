@@ -45,6 +45,16 @@ def test_statuses_and_streams() -> None:
     assert bad.stderr == "error: contact.area_cm2: 0 cannot be used; wanted a number from 0.0001 to 10000\n"
 
 
+def test_python_runs_the_package_as_the_command() -> None:
+    module = [sys.executable, "-m", "bumpstop"]
+    said = subprocess.run([*module, "--version"], capture_output=True, text=True, timeout=60, check=False)
+    assert (said.returncode, said.stdout, said.stderr) == (0, bumpstop("--version").stdout, "")
+    bad = subprocess.run(
+        [*module, "bodies", "--limits", "none"], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (bad.returncode, bad.stderr) == (2, bumpstop("bodies", "--limits", "none").stderr)
+
+
 def test_version_and_help() -> None:
     assert bumpstop("--version").stdout == f"bumpstop {version('bumpstop')}\n"
     help_text, help_of_evaluate = bumpstop("--help").stdout, bumpstop("evaluate", "--help").stdout
