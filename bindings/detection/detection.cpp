@@ -259,7 +259,10 @@ void bind_description(nb::module_& module) {
     };
     nb::class_<Description>(module, "DetectorDescription", "What a detector's file says.")
         .def_prop_ro("robot", [](const Description& self) { return self.robot.name; })
-        .def_prop_ro("force_at", &Description::force_at)
+        .def_prop_ro("tip_name", [](const Description& self) { return self.robot.tip_name; })
+        .def_prop_ro("tip_origin", [](const Description& self) { return self.robot.tip_origin; })
+        .def_prop_ro("contact_link", [](const Description& self) { return self.settings.contact.link; })
+        .def_prop_ro("contact_point", &Description::contact_point)
         .def_prop_ro("joints",
                      [joints](const Description& self) { return joints(self, &RobotDescription::Joint::name); })
         .def_prop_ro("links",

@@ -77,12 +77,22 @@ def test_the_largest_share_is_of_the_whole_threshold(tmp_path: Path) -> None:
     np.testing.assert_array_equal(summary.largest_share, (np.abs(heard.residual()[FILLING:]) / limit).max(axis=0))
 
 
+LAST = UR5E.joints[-1].link
+
+
 @pytest.mark.parametrize(
-    ("link", "point"),
-    [(None, (0.0, 0.0, 0.0)), ("forearm_link", (0.0, 0.0, 0.05)), (UR5E.joints[-1].link, (0.01, 0.0, 0.0))],
+    ("link", "point", "named"),
+    [
+        (None, (0.0, 0.0, 0.0), UR5E.tip_name),
+        (UR5E.tip_name, (0.0, 0.0, 0.0), UR5E.tip_name),
+        (None, (0.0, 0.0, 0.1), f"point {' '.join(f'{x:g}' for x in UR5E.frame(None, (0, 0, 0.1))[1])} m of {LAST}"),
+        ("forearm_link", (0.0, 0.0, 0.0), "forearm_link"),
+        ("forearm_link", (0.0, -0.02, 0.05), "point 0 -0.02 0.05 m of forearm_link"),
+        (LAST, (0.01, 0.0, 0.0), f"point 0.01 0 0 m of {LAST}"),
+    ],
 )
 def test_an_alarm_names_the_place_of_its_force_as_the_detector_does(
-    tmp_path: Path, link: str | None, point: tuple[float, float, float]
+    tmp_path: Path, link: str | None, point: tuple[float, float, float], named: str
 ) -> None:
     log = motion(300, push_Nm=25.0, at=150, until=200)
     settings = DetectorSettings(period_s=DT, window_s=0.02, link=link, point=point)
@@ -90,7 +100,7 @@ def test_an_alarm_names_the_place_of_its_force_as_the_detector_does(
     detector, heard = loaded(tmp_path, link=link, point=point), Heard()
     Monitor(detector, ScriptedSource(samples(log)), [heard]).run()
     place = run.force_at.partition(" along")[0]
-    assert place == f"at {link or UR5E.tip_name}"
+    assert place == f"at {named}"
     assert f" N {place} along 0 0 -1" in alarm_line(heard.alarms[0], detector)
 
 

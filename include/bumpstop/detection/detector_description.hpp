@@ -24,11 +24,9 @@ struct DetectorDescription {
         if (latched) given.alarm.event_pause = std::numeric_limits<double>::infinity();
         return Detector(robot.chain(), links, joints, errors, given, fitted);
     }
-    /// Where the force of an event is given: the tip, or the link that the point belongs to.
-    const std::string& force_at() const {
-        const LinkPoint tip = robot.tip(robot.chain());
-        const bool at_tip = settings.contact.link == tip.link && settings.contact.offset == tip.offset;
-        return at_tip ? robot.tip_name : robot.joints[settings.contact.link].link;
+    /// Where the force of an event is given, in the frame of the link `settings.contact.link` [m].
+    Vector3 contact_point() const {
+        return transposed(robot.chain().joint[settings.contact.link].to_link) * settings.contact.offset;
     }
 };
 

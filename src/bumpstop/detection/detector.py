@@ -10,6 +10,7 @@ import numpy as np
 
 from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_float_array
+from bumpstop.detection.contact_place import contact_place
 from bumpstop.detection.detection_run import FAULTS, DetectionRun, frozen_notes
 from bumpstop.detection.events import Event
 from bumpstop.detection.loop_detector import LoopDetector
@@ -179,10 +180,10 @@ class Detector(LoopDetector):
     @property
     def in_words(self) -> dict[str, Any]:
         """Units of the joints' torques, and where and along what forces act: fields of a :class:`DetectionRun`."""
-        at, along = self.settings.link or self.robot.tip_name, list(self.settings.direction)
+        at = contact_place(self.links, *self._contact, self.robot.tip_name, self.robot.tip_origin)
         return {
             "units": tuple(unit_of(joint) for joint in self.robot.joints),
-            "force_at": f"at {at} along {along}",
+            "force_at": f"at {at} along {list(self.settings.direction)}",
         }
 
     def _beyond_limits(self, rows: FloatArray) -> list[str]:

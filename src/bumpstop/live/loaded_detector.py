@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop import _native
+from bumpstop.detection.contact_place import contact_place
 from bumpstop.errors import InputError
 from bumpstop.text_files import as_path, read_text
 
@@ -33,7 +34,7 @@ class LoadedDetector:
         measured_rates: samples must have measured rates.
         thresholds: (n,) constant part; infinite: not monitored [Nm or N].
         fitted: its dynamics are fitted.
-        force_at: where the forces of alarms are given: name of the tip, or of the link that was chosen.
+        force_at: where the forces of alarms are given: the tip, a link or a point of one [m], in words.
         direction: they are given along it, base frame.
     """
 
@@ -78,7 +79,9 @@ class LoadedDetector:
             measured_rates=settings.samples.measured_rates,
             thresholds=np.array(found.constant),
             fitted=found.fitted,
-            force_at=found.force_at,
+            force_at=contact_place(
+                found.links, found.contact_link, found.contact_point, found.tip_name, found.tip_origin
+            ),
             direction=(settings.direction[0], settings.direction[1], settings.direction[2]),
             description=found,
         )
