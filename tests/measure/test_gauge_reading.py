@@ -114,6 +114,54 @@ def test_pressure(tmp_path: Path) -> None:
     assert reading.lasting_pressure_N_cm2 == pytest.approx(force[time > 0.501].max(), rel=0.02)
 
 
+def _with_pressure(path: Path, pressure: Array) -> GaugeReading:
+    time, force = pressed()
+    rows = zip(time.tolist(), force.tolist(), pressure.tolist(), strict=True)
+    path.write_text("time_s;force_N;pressure_N_cm2\n" + "".join(f"{t!r};{f!r};{p!r}\n" for t, f, p in rows))
+    return read_gauge(path)
+
+
+@pytest.mark.parametrize("digit", [1e-9, 0.1, 1.0])
+@pytest.mark.parametrize("held", [1, 10, 50])
+@pytest.mark.parametrize("noise", [0.0, 0.2])
+def test_a_saturated_pressure_sensor_is_named(tmp_path: Path, noise: float, held: int, digit: float) -> None:
+    """The peak force counts all the same. A sensor that is slower than the gauge, or has few digits, is none."""
+    smooth = pressed(noise=noise, seed=1)[1] / 3
+    slow = smooth[(np.arange(smooth.size) // held) * held]
+    whole = np.round(slow / digit) * digit
+    assert _with_pressure(tmp_path / "whole.csv", whole).faults == ()
+    if digit == 1:
+        return  # of 30 digits: the last eight below the top are no sharper than those of a smooth peak
+    whole[3000:3010] = np.nan
+    cut = np.minimum(whole, 30.0)
+    reading = _with_pressure(tmp_path / "cut.csv", cut)
+    fault = next(each for each in reading.faults if each.name == "saturated")
+    stands = int((cut == 30).sum())
+    assert (fault.count, fault.spoils, reading.usable) == (stands, False, True)
+    assert fault.text == f"{stands} pressures stand at 30 N/cm²: the highest pressure is at least what is told."
+
+
+def test_a_gauge_cannot_show_more_than_its_range(tmp_path: Path) -> None:
+    """Told or stated in the file, pressing or pulling: the range or the unit is wrong."""
+    time, force = pressed()
+    path = write(tmp_path / "curve.csv", time, force)
+    highest = force.max()
+    said = f"A force of {highest:.4g} N is beyond the device's range of 100 N: the range or the unit of force, 'N', is"
+    stated = tmp_path / "stated.csv"
+    stated.write_text("Range: 0.1 kN\n" + path.read_text())
+    pulled = write(tmp_path / "pulled.csv", time, -force)
+    for reading in (
+        read_gauge(path, GaugeFormat(full_scale_N=100)),
+        read_gauge(stated),
+        read_gauge(pulled, GaugeFormat(full_scale_N=100)),
+    ):
+        (fault,) = (each for each in reading.faults if each.name == "wrong_unit")
+        assert fault.text.startswith(said)
+        assert not reading.usable
+    # Devices are read a little beyond the end of their range.
+    assert read_gauge(path, GaugeFormat(full_scale_N=highest / 1.01)).faults == ()
+
+
 Damage = Callable[[Array, Array], tuple[Array, Array]]
 
 
@@ -130,6 +178,7 @@ DAMAGES: dict[str, tuple[str, bool, Damage, GaugeFormat]] = {
     "saturated": ("saturated", True, lambda t, f: (t, np.minimum(f, 90)), GaugeFormat()),
     "saturated at its range": ("saturated", True, lambda t, f: (t, np.minimum(f, 100)), GaugeFormat(full_scale_N=100)),
     "clipped below its range": ("clipped", True, lambda t, f: (t, np.minimum(f, 90)), GaugeFormat(full_scale_N=500)),
+    "beyond its range": ("wrong_unit", True, lambda t, f: (t, f), GaugeFormat(full_scale_N=100)),
     "clipped at zero": ("clipped", False, lambda t, f: (t, np.maximum(f, 0)), GaugeFormat()),
     "shifted": ("shifted", False, lambda t, f: (t, f + 12.0), GaugeFormat()),
     "inverted": ("inverted", False, lambda t, f: (t, -f), GaugeFormat()),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +21,7 @@ NAMES = (
 
 # Equal samples at the top; of a smooth peak there are at least such a share beside them in the next digits.
 _MIN_FLAT, _NEAR_DIGITS, _SMOOTH = 3, 8, 0.25
-_AT_END = 0.999  # of the device's range
+_AT_END, _BEYOND = 0.999, 1.02  # of the device's range; a reading that is farther beyond it is none of that device
 # From the begin of contact to the peak.
 _MIN_RISE_SAMPLES = 5
 _MIN_RATE_HZ = 500.0
@@ -132,12 +131,20 @@ def curve_faults(
             "wrong, or nothing was hit."
         )
         found.append(GaugeFault("wrong_unit", 1, text, spoils=True))
+    highest = float(np.abs(raw).max())
+    if highest > _BEYOND * curve.full_scale_N:
+        text = (
+            f"A force of {highest:.4g} N is beyond the device's range of {curve.full_scale_N:.4g} N: the range or the "
+            f"unit of force, {curve.units[1]!r}, is wrong."
+        )
+        found.append(GaugeFault("wrong_unit", 1, text, spoils=True))
     hole = float(np.diff(curve.time[max(at - 1, 0) : at + 2]).max(initial=0.0))
     if hole > _GAP * curve.step:
         text = f"Samples are missing beside the highest one, for {1e3 * hole:.3g} ms: the peak may be among them."
         found.append(GaugeFault("gaps", 1, text, spoils=True))
     stairs = _repeats(force, first, at)
     found += _flat(curve, raw, at, stairs)
+    found += _flat_pressure(curve, onset)
     lines = _straight(force, first, at)
     if stairs or lines:
         every = max(stairs, lines)
@@ -174,9 +181,9 @@ def _wrong_column(curve: GaugeCurve) -> GaugeFault | None:
 def _flat(curve: GaugeCurve, raw: FloatArray, at: int, held: int) -> list[GaugeFault]:
     found = []
     level, scale = float(np.abs(raw[at])), curve.full_scale_N
-    top = _cut_at_top(curve.force, at, held, at_end=level >= _AT_END * scale)
+    known = level <= _BEYOND * scale
+    top = _cut_at_top(curve.force, at, held, at_end=known and level >= _AT_END * scale)
     if top:
-        known = math.isfinite(scale)
         name = "clipped" if known and level < 0.98 * scale else "saturated"
         where = f"the device's range of {scale:.4g} N" if name == "saturated" and known else f"{level:.4g} N"
         text = f"{top} samples stand at {where}: the peak is higher than what is recorded."
@@ -187,6 +194,24 @@ def _flat(curve: GaugeCurve, raw: FloatArray, at: int, held: int) -> list[GaugeF
         text = f"{count} samples stand at the lowest value while others scatter above: what lies below was cut off."
         found.append(GaugeFault("clipped", count, text))
     return found
+
+
+def _flat_pressure(curve: GaugeCurve, onset: float) -> list[GaugeFault]:
+    """Whether the pressure of the first half second of contact is cut off: the force can be relied on all the same."""
+    if curve.pressure is None:
+        return []
+    known = np.isfinite(curve.pressure)
+    pressure, since = curve.pressure[known], curve.time[known] - onset
+    early = np.flatnonzero((since >= 0) & (since <= FIRST_PHASE_S))
+    if not early.size:
+        return []
+    at = int(early[np.argmax(pressure[early])])
+    # A pressure sensor is slower than a gauge: how long it holds a value shows in all of the contact.
+    top = _cut_at_top(pressure, at, _repeats(pressure, int(early[0]), pressure.size - 1), at_end=False)
+    if not top:
+        return []
+    text = f"{top} pressures stand at {pressure[at]:.4g} N/cm²: the highest pressure is at least what is told."
+    return [GaugeFault("saturated", top, text)]
 
 
 def _cut_at_top(force: FloatArray, at: int, held: int, *, at_end: bool) -> int:
@@ -225,9 +250,9 @@ def _one_sided(force: FloatArray, lowest: FloatArray) -> bool:
     return bool(scattered.size > 0.1 * lowest.sum())
 
 
-def _repeats(force: FloatArray, first: int, at: int) -> int:
-    """For how many samples each value is held on the way to the peak; 0: none."""
-    rise = force[max(first - 1, 0) : at + 1]
+def _repeats(force: FloatArray, first: int, last: int) -> int:
+    """For how many samples each value is held from one sample to another, as on the way to the peak; 0: none."""
+    rise = force[max(first - 1, 0) : last + 1]
     if rise.size < 2 * _MIN_STAIR:
         return 0
     changes = np.flatnonzero(np.diff(rise) != 0)
