@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -165,11 +166,26 @@ def test_a_bad_shot_is_named_and_hardly_counts() -> None:
     columns = [0, 1, 2, 3, 0, 1, 2, 3, 1, 3]
     whole = calibrate(ensemble(), shots_at(z, columns), refine=0)
     spoilt = calibrate(ensemble(), shots_at(z, columns, bad={6: 2.0}), refine=0)
-    assert whole.bad_shots == {}
-    assert list(spoilt.bad_shots) == [6]
-    assert spoilt.bad_shots[6] == pytest.approx(2.0, rel=0.15)
+    assert whole.bad_shots == ()
+    (bad,) = spoilt.bad_shots
+    assert bad.shot.number == 6
+    assert bad.ratio == pytest.approx(2.0, rel=0.15)
     for a, b in zip(whole.forces, spoilt.forces, strict=True):
         assert b.expected_N[0] == pytest.approx(a.expected_N[0], rel=0.03)
+
+
+def test_bad_shots_of_one_number_are_told_apart() -> None:
+    """As of two plans that were measured one after the other."""
+    columns = [0, 1, 2, 3, 0, 1, 2, 3, 1, 3]
+    shots = shots_at(np.zeros(len(ensemble().parameters)), columns, bad={2: 2.0, 7: 0.5})
+    numbered = [replace(shot, number=(shot.number - 1) % 5 + 1) for shot in shots]
+    made = calibrate(ensemble(), numbered, refine=0)
+    assert [each.shot for each in made.bad_shots] == [numbered[1], numbered[6]]
+    notes = [note for note in made.notes if "hardly counts" in note]
+    for each, note, shot in zip(made.to_json()["bad_shots"], notes, (numbered[1], numbered[6]), strict=True):
+        about = (2, shot.situation, shot.speed_mm_s, shot.force_N)
+        assert (each["shot"], each["situation"], each["speed_mm_s"], each["force_N"]) == about
+        assert note.startswith(f"Shot 2, {shot.situation} at {shot.speed_mm_s:.4g} mm/s with {shot.force_N:.4g} N, ")
 
 
 def test_same_seed_same_figures() -> None:

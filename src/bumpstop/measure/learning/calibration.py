@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -57,6 +57,38 @@ class MeasuredShot:
     speed_mm_s: float
     force_N: float
     number: int
+
+
+@dataclass(frozen=True)
+class BadShot:
+    """A shot that does not fit the others.
+
+    Attributes:
+        shot: as measured.
+        ratio: of measured to expected force [1].
+    """
+
+    shot: MeasuredShot
+    ratio: float
+
+    def __str__(self) -> str:
+        """What is wrong with it, in one sentence: several plans may number their shots alike."""
+        shot = self.shot
+        return (
+            f"Shot {shot.number}, {shot.situation} at {shot.speed_mm_s:.4g} mm/s with {shot.force_N:.4g} N, shows "
+            f"{self.ratio:.3g} times what the others make expected: it hardly counts."
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """By name, with what tells it from others of its number."""
+        shot = self.shot
+        return {
+            "shot": shot.number,
+            "situation": shot.situation,
+            "speed_mm_s": shot.speed_mm_s,
+            "force_N": shot.force_N,
+            "ratio": self.ratio,
+        }
 
 
 @dataclass(frozen=True)
@@ -150,7 +182,7 @@ class Calibration:
         ensemble: peak forces that were computed.
         surfaces: polynomials of them about the posterior.
         shots: measured.
-        bad_shots: numbers of shots that do not fit the others, with the ratio of measured to expected force.
+        bad_shots: those of them that do not fit the others.
         forces: of every situation and speed.
         next_shot: the best one to take now.
         notes: what a reader should know.
@@ -162,7 +194,7 @@ class Calibration:
     ensemble: PeakForceEnsemble
     surfaces: Surfaces
     shots: tuple[MeasuredShot, ...]
-    bad_shots: Mapping[int, float]
+    bad_shots: tuple[BadShot, ...]
     forces: tuple[CalibratedForce, ...]
     next_shot: NextShot
     notes: tuple[str, ...]
@@ -184,7 +216,7 @@ class Calibration:
             "parameters": [each.to_json() for each in self.found],
             "gauge_error": {"median": float(np.median(error)), "interval": list(interval(error))},
             "shots": len(self.shots),
-            "bad_shots": [{"shot": number, "ratio": ratio} for number, ratio in self.bad_shots.items()],
+            "bad_shots": [each.to_json() for each in self.bad_shots],
             "forces": [each.to_json() for each in self.forces],
             "next_shot": self.next_shot.to_json(),
             "effective_draws": self.posterior.effective,
@@ -231,11 +263,11 @@ def calibrate(
         posterior = sample_posterior(surfaces, columns, measured, errors, parameters=count, seed=seed + 1 + number)
     found = tuple(_found(ensemble.parameters, i, posterior) for i in range(count))
     after = forces_after(posterior, surfaces, columns, measured, errors, seed)
-    bad = {
-        shot.number: float(np.exp(left))
+    bad = tuple(
+        BadShot(shot, float(np.exp(left)))
         for shot, weight, left in zip(shots, posterior.shot_weight, posterior.shot_residual, strict=True)
         if weight < _BAD_WEIGHT
-    }
+    )
     forces = _forces(ensemble, prior, surfaces, posterior, columns, after, errors, seed)
     return Calibration(
         parameters=ensemble.parameters,
@@ -344,7 +376,7 @@ def _next_shot(
 
 def _notes(
     found: Sequence[FoundParameter],
-    bad: Mapping[int, float],
+    bad: Sequence[BadShot],
     posterior: Posterior,
     surfaces: Surfaces,
     columns: npt.NDArray[np.int64],
@@ -356,8 +388,7 @@ def _notes(
             f"By themselves the shots do not tell: {', '.join(assumed)}. That stays assumed, about the values which, "
             "with the others, give the measured forces."
         )
-    for number, ratio in bad.items():
-        notes.append(f"Shot {number} shows {ratio:.3g} times what the others make expected: it hardly counts.")
+    notes += map(str, bad)
     if posterior.effective < _MIN_EFFECTIVE:
         notes.append(f"Only {posterior.effective:.0f} draws count effectively: quantiles are uncertain.")
     error = float(surfaces.error[np.unique(columns)].max())
