@@ -187,6 +187,35 @@ def test_files_that_a_scenario_names_do_not_make_it_another_campaign(
         assert (merged.status, merged.err, resumed.status, resumed.err) == (0, "", 0, "")
 
 
+def test_relative_paths_of_keys_start_at_each_scenario_from_wherever_it_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Files of one name in two folders, with other limits each."""
+    built_in = REPOSITORY / "src" / "bumpstop" / "contact" / "data" / "bgia2011.toml"
+    limits = built_in.read_text(encoding="utf-8").replace('name = "bgia2011"', 'name = "mine"')
+    hand = 'label = "Hand/Finger"\nforce_N = '
+    assert f"{hand}135" in limits
+    robots = ""
+    for place, limit in (("a", 110), ("b", 100)):
+        (tmp_path / place).mkdir()
+        (tmp_path / place / "mine.toml").write_text(limits.replace(f"{hand}135", f"{hand}{limit}"))
+        shutil.copy(REPOSITORY / "examples" / "01_hand_downward.toml", tmp_path / place / "hand.toml")
+        robots += f'[[robots]]\nname = "{place}"\nscenario = "{place}/hand.toml"\n'
+    bodies = '[[bodies]]\nname = "mine"\nkeys = { "contact.limits" = "mine.toml" }\n'
+    (tmp_path / "c.toml").write_text(f'poses = 1\ndirections = ["down"]\nspeeds_mm_s = [50]\n{robots}{bodies}')
+    monkeypatch.chdir(tmp_path)
+    ran = run("campaign", "run", "c.toml", "--out", "out", "--workers", "1")
+    assert (ran.status, ran.err) == (0, "")
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    status, resumed = run("campaign", "status", "../out", "--check"), run("campaign", "resume", "../out", "--json")
+    assert (status.status, status.err, resumed.status, resumed.err) == (0, "", 0, "")
+    assert json.loads(resumed.out)["shards_computed"] == 0
+    again = load_campaign(tmp_path / "out" / "settings.toml")
+    problems = [bs.CollisionProblem.from_scenario(again.scenario_of(setup)) for setup in (0, 1)]
+    assert [problem.limits.force_N for problem in problems if problem.limits] == [110, 100]
+
+
 @pytest.mark.parametrize("name", ["rows/00000.parquet", "manifest.json", "summary.json", "shards/000002.arrow"])
 def test_a_flipped_bit_is_named_and_only_that_computed_again(
     name: str, campaign: Campaign, whole: Path, tmp_path: Path
@@ -250,6 +279,7 @@ REFUSED: dict[str, tuple[str, str]] = {
     "no speed": (f"speeds_mm_s = []\n{ROBOT}", "speeds_mm_s: is no list of speeds"),
     "twice": (ROBOT + ROBOT, "robots.name: '01_hand_downward' is there twice"),
     "a scenario's key": (ROBOT + 'keys = { "contact.aera_cm2" = 1 }\n', "01_hand_downward: is not a key of a scenario"),
+    "a scenario's folder": (f'{ROBOT}folder = "a"\n', "robots[1].folder: is that of the scenario's file; leave it out"),
     "a nameless tool": (f"{ROBOT}[[tools]]\nkeys = {{}}\n", "tools[1].name: None is no name"),
     "too many": (f"poses = 1000000000\ndirections = 100000\n{ROBOT}", "poses: make 3e+14 distributions"),
 }

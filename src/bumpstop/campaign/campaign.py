@@ -244,7 +244,7 @@ class Campaign(ShardedJob):
         return {}
 
     def document(self) -> tuple[str, dict[str, Any]]:
-        """A campaign file: the scenarios of the robots are in it, with all defaults and absolute paths."""
+        """A campaign file with the robots' scenarios in full, their paths absolute, and where those of keys start."""
         tables: dict[str, Any] = {
             field.name: to_jsonable(getattr(self, field.name)) for field in fields(self) if field.name not in AXES
         }
@@ -257,7 +257,10 @@ class Campaign(ShardedJob):
         # Resolved, as in the settings file, from which merge and resume read the campaign.
         paths = {path.resolve() for setup in setups for path in files_of(self.scenario_of(setup)).values()}
         files = {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(paths)}
-        return digest([self.name, self.document()[1], files, code_digest(), *versions().values()])
+        tables = self.document()[1]
+        for robot in tables["robots"]:
+            robot.pop("folder", None)  # what counts of it are the files
+        return digest([self.name, tables, files, code_digest(), *versions().values()])
 
     def __getstate__(self) -> dict[str, Any]:
         """Its fields alone: what is kept besides cannot be sent, and is made again."""
@@ -266,7 +269,10 @@ class Campaign(ShardedJob):
 
 def _choice_table(choice: Choice) -> dict[str, Any]:
     table: dict[str, Any] = {"name": choice.name, "keys": dict(choice.keys)}
-    return table if choice.scenario is None else table | {"scenario": scenario_data(choice.scenario)}
+    if choice.scenario is None:
+        return table
+    # The keys of all axes may name files, relative to the scenario of each robot.
+    return table | {"folder": str(choice.scenario.folder.resolve()), "scenario": scenario_data(choice.scenario)}
 
 
 def _force_limits(problem: CollisionProblem) -> list[float]:

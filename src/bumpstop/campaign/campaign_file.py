@@ -87,7 +87,7 @@ def _choices(value: Any, axis: str, folder: Path) -> tuple[Choice, ...]:
 
 
 def _choice(table: Mapping[str, Any], field: str, is_robot: bool, folder: Path) -> Choice:
-    known = ("name", "keys", "scenario") if is_robot else ("name", "keys")
+    known = ("name", "keys", "scenario", "folder") if is_robot else ("name", "keys")
     for key in table:
         if key not in known:
             raise InputError(f"{field}.{key}", "is no key of a choice", near_matches(key, known))
@@ -99,9 +99,12 @@ def _choice(table: Mapping[str, Any], field: str, is_robot: bool, folder: Path) 
         return Choice(as_name(table.get("name"), f"{field}.name"), changes)
     source = table.get("scenario")
     if isinstance(source, str):
+        if "folder" in table:
+            raise InputError(f"{field}.folder", "is that of the scenario's file", "leave it out")
         scenario, name = load_scenario(folder / source), Path(source).stem
     elif isinstance(source, Mapping):
-        scenario = Scenario.from_dict(dict(source), folder)
+        begin = as_name(table["folder"], f"{field}.folder") if "folder" in table else ""
+        scenario = Scenario.from_dict(dict(source), folder / begin)
         name = scenario.robot
     else:
         raise InputError(f"{field}.scenario", "is missing", "wanted the path of a scenario file")
