@@ -216,6 +216,27 @@ def test_relative_paths_of_keys_start_at_each_scenario_from_wherever_it_is_read(
     assert [problem.limits.force_N for problem in problems if problem.limits] == [110, 100]
 
 
+def test_edited_settings_are_damage_of_any_build(campaign: Campaign, whole: Path, tmp_path: Path) -> None:
+    shutil.copytree(whole, tmp_path, dirs_exist_ok=True)
+    settings = tmp_path / "settings.toml"
+    written = settings.read_text(encoding="utf-8")
+    changes = {"seed = 7": "seed = 8", "\n[made_by]": "\n# mine\n[made_by]", 'checksum = "': 'checksum = "0'}
+    for old, new in changes.items():
+        assert written.count(old) == 1
+        settings.write_text(written.replace(old, new), encoding="utf-8")
+        found = run("campaign", "status", tmp_path, "--check", "--json")
+        assert (found.status, found.err) == (3, "")
+        assert json.loads(found.out)["damaged"] == [f"'{tmp_path}/settings.toml' is not as it was written"]
+    settings.write_text(written.replace("seed = 7", "seed = 8"), encoding="utf-8")
+    assert run("campaign", "resume", tmp_path).status == 2
+    # With a damaged manifest, too, both are told; without --check the manifest alone.
+    (tmp_path / "manifest.json").write_text("{}")
+    found = run("campaign", "status", tmp_path, "--check", "--json")
+    assert (found.status, len(json.loads(found.out)["damaged"])) == (3, 2)
+    found = run("campaign", "status", tmp_path, "--json")
+    assert (found.status, len(json.loads(found.out)["damaged"])) == (3, 1)
+
+
 @pytest.mark.parametrize("name", ["rows/00000.parquet", "manifest.json", "summary.json", "shards/000002.arrow"])
 def test_a_flipped_bit_is_named_and_only_that_computed_again(
     name: str, campaign: Campaign, whole: Path, tmp_path: Path

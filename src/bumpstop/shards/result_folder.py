@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 SETTINGS, MANIFEST, SUMMARY = "settings.toml", "manifest.json", "summary.json"
 # Bytes behind the rows of a shard that say whose they are.
 _SEAL_SIZE = hashlib.sha256().digest_size
+# Last key of [made_by]: of all text before it.
+_CHECKSUM = b"checksum = "
 # Key of the Parquet file's own metadata, with the job's fingerprint.
 _STUDY = "study"
 
@@ -219,6 +221,16 @@ class ResultFolder:
         except OSError as error:
             raise self._unwritable(error) from None
 
+    def damaged_settings(self) -> list[str]:
+        """Whether the settings file is another than was written, in one sentence; empty: it is not."""
+        try:
+            text, last, checksum = self.storage.read(SETTINGS).rpartition(_CHECKSUM)
+        except OSError as error:
+            return [DamagedError(SETTINGS, str(self.storage), f"cannot be read ({error.strerror})").problem]
+        if last and checksum == f'"{hashlib.sha256(text).hexdigest()}"\n'.encode():
+            return []
+        return [DamagedError(SETTINGS, str(self.storage), "is not as it was written").problem]
+
     def damaged_results(self) -> list[str]:
         """What is wrong with files of the result that the manifest names, one sentence each."""
         found = []
@@ -335,7 +347,7 @@ class ResultFolder:
 
 
 def settings_text(job: ShardedJob, fingerprint: str, command: str) -> str:
-    """The settings file of a job: its document, and what made the folder in ``[made_by]``."""
+    """The settings file of a job: its document, what made the folder in ``[made_by]``, and a checksum of all that."""
     made_by = {"study": job.name, **job.settings(), **versions(), "fingerprint": fingerprint}
     if command:
         made_by["command"] = command
@@ -344,7 +356,8 @@ def settings_text(job: ShardedJob, fingerprint: str, command: str) -> str:
     shown = "".join(c if c.isprintable() else repr(c)[1:-1] for c in command)
     what, tables = job.document()
     head = f"# {what}. Made by: {shown}\n" if command else f"# {what}.\n"
-    return head + to_toml(tables | {MADE_BY: made_by})
+    text = head + to_toml(tables | {MADE_BY: made_by})
+    return f'{text}{_CHECKSUM.decode()}"{hashlib.sha256(text.encode("utf-8")).hexdigest()}"\n'
 
 
 def _toml_value(value: Any) -> Any:

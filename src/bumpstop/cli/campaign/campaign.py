@@ -103,18 +103,20 @@ def status(
     from bumpstop.shards import DamagedError
 
     campaign, store = _opened(folder, to_read=True)
+    damaged = store.damaged_settings() if check else []
     try:
         done, joined = store.done(), store.complete
-        damaged = _damaged(store, done) if check else None
+        damaged += _damaged(store, done) if check else []
     except DamagedError as manifest:  # without it nothing counts as done, as resume has it
-        done, joined, damaged = set(), False, [manifest.problem]
+        done, joined = set(), False
+        damaged.append(manifest.problem)
     files = store.storage.sizes("shards") | store.storage.sizes("rows")
     found: dict[str, Any] = {
         "shards": campaign.shards,
         "done": len(done),
         "joined": joined,
         "bytes": sum(files.values()),
-        "damaged": damaged,
+        "damaged": damaged if check or damaged else None,
     }
     if as_json:
         typer.echo(json.dumps(found, indent=2))
@@ -122,7 +124,7 @@ def status(
         typer.echo(
             f"{len(done)} of {campaign.shards} shards done{', joined' if joined else ''}; {found['bytes'] / 1e6:.3g} MB"
         )
-        for problem in damaged or []:
+        for problem in damaged:
             typer.echo(f"damaged: {problem}")
         if check and not damaged:
             typer.echo("every file is what was written")
