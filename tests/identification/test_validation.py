@@ -110,7 +110,7 @@ def test_contact_by_the_base_frame_and_what_is_refused() -> None:
 
 
 def test_contact_is_not_judged_where_the_recording_has_gaps() -> None:
-    """Two seconds of a long push were lost: neither they nor a period of the cut-off beside them count."""
+    """Two seconds of a long push were lost: neither they nor a period of the cut-off beside them or the ends count."""
     robot = bs.Robot.load("ur5e")
     log = planted(robot, 2, seconds=12.0, noise=0.1)
     fit = identify_dynamics(log, robot, cutoff_hz=6.0)
@@ -125,7 +125,8 @@ def test_contact_is_not_judged_where_the_recording_has_gaps() -> None:
     step = float(np.median(np.diff(contact.t)))
     assert before[-1] == pytest.approx(torn.t[torn.t < 5][-1] - 1 / 6, abs=1.01 * step)
     assert after[0] == pytest.approx(torn.t[torn.t > 5][0] + 1 / 6, abs=1.01 * step)
-    assert before[0] == log.t[0]
+    assert before[0] == pytest.approx(log.t[0] + 1 / 6, abs=1.01 * step)
+    assert after[-1] == pytest.approx(log.t[-1] - 1 / 6, abs=1.01 * step)
 
 
 @pytest.mark.usefixtures("unsaved_pictures")

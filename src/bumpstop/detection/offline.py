@@ -49,7 +49,8 @@ def detect(
     residual, and this is a run of :class:`Detector`. Without, prediction uses zero-phase filters, which look
     ahead: it is an analysis of a recording, not what a loop would have seen. Such a residual is always direct. It has
     no data inside a gap, where rows are made up, and within a period of the cut-off beside one of more than 0.1 s and
-    ten intervals, where the filter knows one side of the motion only. Feedback that is frozen is such a gap.
+    ten intervals, or beside an end at which the arm moves, where the filter knows one side of the motion only. Feedback
+    that is frozen is such a gap.
 
     Args:
         recording: with currents for a joint model, with joint torque otherwise.
@@ -65,7 +66,7 @@ def detect(
     """
     # Fits are a tenth of the time that laws take to start, and these need none.
     from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
-    from bumpstop.identification.segments.torque_samples import near_gaps
+    from bumpstop.identification.segments.torque_samples import near_ends, near_gaps
 
     if not isinstance(model, DynamicsModel) or (settings is not None and settings.causal):
         return Detector(robot, model, thresholds, settings).run(recording, rearm_s=rearm_s)
@@ -104,7 +105,9 @@ def detect(
     frozen = np.zeros(motion.t.size, dtype=bool)
     for first, last in repeats:
         frozen |= (motion.t > recording.t[first]) & (motion.t <= recording.t[last])
-    dark = near_gaps(motion.t, live.t, 1 / model.cutoff_hz) | frozen
+    beside_s = 1 / model.cutoff_hz
+    in_gap, at_end = near_gaps(motion.t, live.t, beside_s), near_ends(motion, beside_s)
+    dark = in_gap | at_end | frozen
     seen = np.flatnonzero(~dark)
     decision = _native.AlarmSettings()
     detector.fill_alarm_settings(decision)
@@ -128,8 +131,9 @@ def detect(
     )
     residual[dark] = fast[dark] = math.nan
     state[dark] = NO_DATA
-    fault = np.where(dark, FAULTS.index("gap"), 0).astype(np.uint8)
-    fault[frozen] = FAULTS.index("frozen")
+    fault = np.zeros(motion.t.size, dtype=np.uint8)
+    for rows_of, name in ((at_end, "filling"), (in_gap, "gap"), (frozen, "frozen")):
+        fault[rows_of] = FAULTS.index(name)
     events = tuple(
         Event.of(
             detector.links,
@@ -147,6 +151,11 @@ def detect(
     )
     nothing = np.zeros(motion.t.size, dtype=bool)
     notes = ["Fitted dynamics: residuals on an even grid, by filters that look ahead; not what a loop would have seen."]
+    if at_end.any():
+        notes.append(
+            f"The recording begins or ends in motion: {np.count_nonzero(at_end)} rows within {beside_s:.3g} s of an end"
+            " are not judged, as the filters know one side of the motion only there."
+        )
     if unscaled.any():
         unknown = [robot.joints[j] for j in np.flatnonzero(unscaled)]
         names, unit = ", ".join(joint.name for joint in unknown), unit_of(*unknown)

@@ -13,7 +13,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.errors import InputError
-from bumpstop.identification.segments.torque_samples import near_gaps, recorded_motion
+from bumpstop.identification.segments.torque_samples import near_ends, near_gaps, recorded_motion
 
 if TYPE_CHECKING:
     from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
@@ -133,17 +133,20 @@ def compare_contact(
 def contact_of(model: DynamicsModel, recording: Recording, *, joint: int | None = None) -> ContactComparison | None:
     """The contact comparison of a recording with torques and a wrench in the tip's frame; None: it has no wrench.
 
-    Rows in gaps were made up, and beside longer ones the motion is not known: they are left out.
+    Rows in gaps were made up, and beside longer ones and at ends in motion the acceleration is not known: they are left
+    out.
 
     Raises:
-        InputError: gaps leave no row.
+        InputError: gaps and ends leave no row.
     """
     if recording.wrench is None or not np.linalg.norm(recording.wrench[:, :3], axis=1).max() > 0:
         return None
     motion, torque = recorded_motion(recording, model.cutoff_hz)
     wrench = np.stack([np.interp(motion.t, recording.t, column) for column in recording.wrench.T], axis=1)
-    known = ~near_gaps(motion.t, recording.t, 1 / model.cutoff_hz)
+    beside_s = 1 / model.cutoff_hz
+    known = ~(near_gaps(motion.t, recording.t, beside_s) | near_ends(motion, beside_s))
     if not known.any():
-        raise InputError("recording", "gaps leave no row whose motion is known", "record without losing samples")
+        problem = "gaps and ends leave no row whose motion is known"
+        raise InputError("recording", problem, "record longer, without losing samples")
     external = model.torque(replace(motion, gravity=model.gravity)) - torque
     return compare_contact(model.robot, motion.t[known], motion.q[known], external[known], wrench[known], joint=joint)

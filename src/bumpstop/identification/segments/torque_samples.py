@@ -303,6 +303,17 @@ def near_gaps(t: FloatArray, recorded: FloatArray, beside_s: float) -> np.ndarra
     return found
 
 
+def near_ends(motion: UniformMotion, beside_s: float) -> npt.NDArray[np.bool_]:
+    """Grid times within ``beside_s`` [s] of an end of the recording at which the arm does not rest.
+
+    The filter continues the positions there by turning them over, and so has no acceleration at the end.
+    """
+    t, moves = motion.t, ~resting(motion.q, motion.rate_hz).all(axis=1)
+    begin, end = t < t[0] + beside_s, t > t[-1] - beside_s
+    found: npt.NDArray[np.bool_] = (begin & (begin & moves).any()) | (end & (end & moves).any())
+    return found
+
+
 def _torque_of(recording: Recording, gains: FloatArray | None) -> FloatArray:
     if recording.tau is not None:
         return recording.tau
