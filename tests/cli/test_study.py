@@ -237,6 +237,14 @@ def test_a_study_that_cannot_begin_leaves_its_folder_to_the_next(tmp_path: Path)
     assert (folder / "rows.parquet").is_file()
 
 
+def test_a_workspace_of_one_pose_has_its_page(tmp_path: Path) -> None:
+    """A map of the condition number has cells then, too, though there is one number only."""
+    result = run("study", "workspace", EXAMPLE, "--poses", 1, "--out", tmp_path)
+    assert (result.status, result.err) == (0, "")
+    assert "1 distributions; 0 poses start at a singularity" in result.out
+    assert (tmp_path / "report.html").is_file()
+
+
 def test_body_parts_without_a_verdict_say_why(tmp_path: Path) -> None:
     free = ("--set", "contact.kind=free", "--set", "contact.limits=ts15066", "--body", "face")
     result = run("study", "effectiveness", EXAMPLE, *QUICK["effectiveness"], *free, "--out", tmp_path)

@@ -360,7 +360,8 @@ class SensitivityPart(Part):
         usable = np.isfinite(x) & (x > 0)
         # Ends at percentiles: a single pose at a singularity would stretch the scale over everything.
         low, high = np.percentile(x[usable], [0.0 if log else 0.5, 98.0])
-        ends = np.geomspace(low, high, MAP_CELLS + 1) if log else np.linspace(0, high, MAP_CELLS + 1)
+        # Of a single pose both are one number, and cells need a width.
+        ends = np.geomspace(low, max(high, 1.1 * low), MAP_CELLS + 1) if log else np.linspace(0, high, MAP_CELLS + 1)
         placed = np.clip(x, ends[0], ends[-1])
         force = np.minimum(self._known["p50_N"].to_numpy(), 1e300)
         counts = np.histogram2d(placed, force, bins=[ends, force_edges])[0]
