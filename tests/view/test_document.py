@@ -14,8 +14,8 @@ import pytest
 import bumpstop as bs
 from bumpstop.model import Robot
 from bumpstop.view.answer import Answer
-from bumpstop.view.controls import Control, controls_of
-from bumpstop.view.document import ViewDocument, scenario_text, with_keys
+from bumpstop.view.controls import NOT_GIVEN, Control, controls_of
+from bumpstop.view.document import ViewDocument, scenario_text, taken_out, with_keys
 from bumpstop.view.latest import LatestWins
 from bumpstop.view.plots.distribution import exceedance_plot
 from bumpstop.view.plots.risk import body_parts_plot
@@ -168,6 +168,39 @@ def test_what_is_uncertain_is_undone_and_refused_as_the_command_does() -> None:
     assert document.undo().scenario == HAND
     with pytest.raises(bs.InputError, match=r'uncertainty\."contact\.area_cm2"'):
         document.edit(control.write(document.scenario, "about two"))
+
+
+def test_another_body_part_has_its_own_data() -> None:
+    """What was given of the former part was taken for that of the new one: a chest as light and stiff as a finger."""
+    table = {"contact.kind": "free", "contact.limits": "ts15066", "motion.velocity_mm_s": [0, 0, -250]}
+    measured = {
+        "contact.body_mass_kg": 0.1,
+        "contact.stiffness_N_mm": 5.0,
+        "uncertainty.contact.body_mass_kg": {"relative": [0.9, 1.2]},
+        "uncertainty.contact.stiffness_N_mm": {"interval": [4.0, 6.0]},
+        "uncertainty.contact.area_cm2": {"interval": [1.8, 2.5]},
+    }
+    finger = with_keys(HAND, table | measured)
+    body = next(each for each in CONTROLS if each.key == "contact.body")
+    changes = body.write(finger, "chest")
+    document = ViewDocument(finger).edit(changes)
+    chest = document.scenario
+    assert chest.contact.stiffness_N_m is chest.contact.body_mass_kg is None
+    # A factor says something of every part, and so does what is not of the body.
+    kept = ("uncertainty.contact.body_mass_kg", "uncertainty.contact.area_cm2")
+    assert chest.uncertainty.keys() == {key.removeprefix("uncertainty.") for key in kept}
+    assert bs.evaluate(chest.without_uncertainty()).problem.stiffness == 25_000
+    assert taken_out(finger, changes) == {key: measured[key] for key in measured if key not in kept}
+    assert document.undo().scenario == finger
+    # Without a name the body is what is given of it.
+    assert with_keys(finger, body.write(finger, NOT_GIVEN)).contact.stiffness_N_m == 5_000
+
+
+def test_a_mass_stays_where_the_table_has_none() -> None:
+    """Free contact needs one."""
+    free = with_keys(HAND, {"contact.kind": "free", "contact.body_mass_kg": 2.0})
+    body = next(each for each in CONTROLS if each.key == "contact.body")
+    assert with_keys(free, body.write(free, "chest")).contact.body_mass_kg == 2.0
 
 
 def test_only_the_newest_request_is_answered() -> None:

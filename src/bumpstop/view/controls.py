@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from bumpstop.collision.scenario.keys import value_of
 from bumpstop.collision.scenario.scenario_tables import DetectorTable, MotionTable, ReactionTable, VerdictTable
+from bumpstop.collision.scenario.uncertainty_table import uncertain_inputs
 from bumpstop.contact import LimitTable
 from bumpstop.contact.limits import builtin_tables
+from bumpstop.study.parameters.region_collisions import keys_of_the_body
 from bumpstop.view.uncertainty_text import OFFERED, PREFIX, spec_of, text_of
 
 if TYPE_CHECKING:
@@ -66,12 +68,17 @@ class Control:
         return text_of(value) if self.key.startswith(PREFIX) else _as_text(value)
 
     def write(self, scenario: Scenario, shown: Shown) -> dict[str, Any]:
-        """The keys to change so that the scenario says what the control shows; None takes a key out."""
+        """The keys to change so that the scenario says what the control shows; None takes a key out.
+
+        Raises:
+            InputError: the limit table of the scenario has no such body part.
+        """
         if self.key in (SPEED, DIRECTION):
-            velocity = _velocity(scenario, self.key, shown)
-            return {"motion.velocity_mm_s": velocity, "motion.speed_mm_s": None, "motion.direction": None}
+            return {"motion.velocity_mm_s": _velocity(scenario, self.key, shown)}
         if self.key.startswith(PREFIX):
             return {self.key: spec_of(str(shown))}
+        if self.key == "contact.body":
+            return body_changes(scenario, None if shown == NOT_GIVEN else str(shown))
         if "[" in self.key:
             name, _, item = self.key.removesuffix("]").partition("[")
             values = list(_value(scenario, name))
@@ -148,9 +155,26 @@ def _instead(key: str, value: Any) -> tuple[str, ...]:
     }
     if key == "contact.offset_law" and value != "fixed":
         return ("contact.offset_mm",)
-    if key == "contact.body":
-        return ("contact.pressure_area",)
     return lost.get((key, value), ()) if isinstance(value, str) else ()
+
+
+def body_changes(scenario: Scenario, body: str | None) -> dict[str, Any]:
+    """The keys to change so that another body part is hit: its own data take the place of what was given of the former.
+
+    Args:
+        scenario: in which the former is hit.
+        body: name of the region; None: none, and what is given stays.
+
+    Raises:
+        InputError: the limit table of the scenario has no such region.
+    """
+    if body is None:
+        return {"contact.body": None, "contact.pressure_area": None}
+    region = LimitTable.load(scenario.contact.limits, relative_to=scenario.folder).region(body)
+    own = [f"contact.{key}" for key in keys_of_the_body(region)]
+    # A factor on a value has a meaning for that of the new part, too.
+    figures = [each for each in uncertain_inputs(scenario) if each.key in own and not each.relative]
+    return {"contact.body": body, **dict.fromkeys((*own, *(f"{PREFIX}{each.key}" for each in figures)))}
 
 
 def _value(scenario: Scenario, key: str) -> Any:

@@ -29,14 +29,35 @@ def with_keys(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
     """
     data = scenario.as_given()
     for key in (key for key, value in changes.items() if value is None):
-        # The keys of [uncertainty] are dotted themselves.
-        *tables, last = key.split(".", 1 if key.startswith("uncertainty.") else -1)
-        here: Any = data
-        for table in tables:
-            here = here.get(table, {})
-        here.pop(last, None)
+        table, name = _place(data, key)
+        table.pop(name, None)
     set_keys(data, {key: value for key, value in changes.items() if value is not None})
     return Scenario.from_dict(data, scenario.folder)
+
+
+def taken_out(scenario: Scenario, changes: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys that changes take out of a scenario, of those that it gives, and their values in it.
+
+    Args:
+        scenario: before the changes.
+        changes: dotted keys and their new values; None takes the key out.
+    """
+    data, found = scenario.as_given(), {}
+    for key in (key for key, value in changes.items() if value is None):
+        table, name = _place(data, key)
+        if name in table:
+            found[key] = table[name]
+    return found
+
+
+def _place(data: dict[str, Any], key: str) -> tuple[dict[str, Any], str]:
+    """The table in which a dotted key stands, and its name there."""
+    # The keys of [uncertainty] are dotted themselves.
+    *tables, name = key.split(".", 1 if key.startswith("uncertainty.") else -1)
+    here: Any = data
+    for table in tables:
+        here = here.get(table, {})
+    return here, name
 
 
 def scenario_text(scenario: Scenario) -> str:

@@ -12,10 +12,9 @@ from bumpstop.contact import LimitTable
 from bumpstop.errors import InputError
 from bumpstop.report.colours import LAW
 from bumpstop.report.markup import Html
-from bumpstop.study.parameters.region_collisions import keys_of_the_body
 from bumpstop.terminal import UNBOUNDED, number
 from bumpstop.view.answer import Answer
-from bumpstop.view.controls import NOT_GIVEN, SPEED, controls_of
+from bumpstop.view.controls import NOT_GIVEN, SPEED, body_changes, controls_of
 from bumpstop.view.document import with_keys
 from bumpstop.view.latest import SupersededError
 from bumpstop.view.plots.chart import Chart, nothing
@@ -24,8 +23,6 @@ from bumpstop.view.uncertainty_text import OFFERED
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bumpstop.collision import Scenario
-    from bumpstop.contact.regions import Region
 
 _SPEEDS, _MIN_RISK = 11, 1e-9
 _MAX_ROWS = 12
@@ -92,14 +89,18 @@ def body_parts_plot(answer: Answer, superseded: Callable[[], bool]) -> Html:
     if scenario.motion.kind != "line":
         return nothing(title, "Drawn for straight lines.", name)
     table = LimitTable.load(scenario.contact.limits, relative_to=scenario.folder)
-    chosen = scenario.contact.body or NOT_GIVEN
+    chosen, known = scenario.contact.body or NOT_GIVEN, scenario.without_uncertainty()
     rows: list[tuple[float, str, str, str]] = []
     for region in table.regions:
         if superseded():
             raise SupersededError
         try:
             # Of the part on screen what the scenario says of its stiffness and mass holds.
-            there = answer if region.name == chosen else Answer(evaluate(_with_body(scenario, region)))
+            there = (
+                answer
+                if region.name == chosen
+                else Answer(evaluate(with_keys(known, body_changes(known, region.name))))
+            )
         except InputError:
             continue
         share, text = _share_of_limit(there.result.peak_force.quantile(0.99), there.lowest_limit_N)
@@ -141,9 +142,3 @@ def _share_of_limit(p99: float, limit: float) -> tuple[float, str]:
         return 0.0, "no limit"
     share = p99 / limit
     return share, f"{100 * share:.0f} %" if math.isfinite(share) else UNBOUNDED
-
-
-def _with_body(scenario: Scenario, region: Region) -> Scenario:
-    """A scenario that hits another part, whose stiffness and mass are those of the table."""
-    own = {f"contact.{key}": None for key in keys_of_the_body(region)}
-    return with_keys(scenario.without_uncertainty(), {"contact.body": region.name, **own})
