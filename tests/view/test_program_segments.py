@@ -52,6 +52,61 @@ def test_a_program_needs_its_cell(tmp_path: Path) -> None:
         open_source("ur10e", cell=PROGRAMS / "cell.toml")
 
 
+def test_a_segment_that_is_refused_is_not_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The list showed it while the page had the one before, and its verdict."""
+    pytest.importorskip("ruckig")
+    opened = open_source(str(PROGRAMS / "place.script"), cell=PROGRAMS / "cell.toml")
+    program = opened.program
+    assert program is not None
+    host: Any = Host(opened.scenario, program=program)
+    panel = ProgramPanel(host)
+    first = panel._segment.value
+    other = next(name for name in program.names if name != first)
+
+    def refuse(*_: Any) -> dict[str, Any]:
+        raise bs.InputError(f"segment {other}", "is too short")
+
+    monkeypatch.setattr(type(program), "changes", refuse)
+    before = host.document
+    for scenario in (before.scenario, with_keys(before.scenario, {"motion.file": "retimed-1.csv"})):
+        host.document = ViewDocument(scenario)
+        panel._segment.value = other
+        panel._choose(other)
+        assert host.document.scenario == scenario
+        assert panel._segment.value == first
+        assert "is too short" in panel._says.content
+
+
+def test_the_segment_that_was_chosen_last_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    """While one is sought, another may be chosen and a key changed: contact was not sought with that."""
+    pytest.importorskip("ruckig")
+    opened = open_source(str(PROGRAMS / "place.script"), cell=PROGRAMS / "cell.toml")
+    program = opened.program
+    assert program is not None
+    host: Any = Host(opened.scenario, program=program)
+    panel = ProgramPanel(host)
+    seek = type(program).changes
+
+    def meanwhile(self: Any, number: int, scenario: bs.Scenario) -> dict[str, Any]:
+        found = seek(self, number, scenario)
+        if number == 0:
+            panel._segment.value = program.names[3]
+            panel._choose(program.names[3])
+        else:
+            host.change({"contact.area_cm2": 3.0})
+            panel.follow(host.document.scenario)
+            assert panel._segment.value == program.names[3]
+        return found
+
+    monkeypatch.setattr(type(program), "changes", meanwhile)
+    panel._segment.value = program.names[0]
+    panel._choose(program.names[0])
+    panel.follow(host.document.scenario)
+    assert host.document.scenario.motion.file == str(program.file(3))
+    assert panel._segment.value == program.names[3]
+    assert "it may be harder elsewhere now" in panel._says.content
+
+
 def test_contact_is_sought_with_what_is_on_screen() -> None:
     """With another detector a segment is hardest elsewhere: where it was hardest before, it is acceptable."""
     pytest.importorskip("ruckig")

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from bumpstop.errors import BumpstopError
 from bumpstop.report.markup import element
+from bumpstop.view.document import with_keys
 
 if TYPE_CHECKING:
     from bumpstop.collision import Scenario
@@ -35,13 +36,18 @@ class ProgramPanel:
             self._says = gui.add_html("")
         # Those in which contact is where it is hardest.
         self._sought = [page.opened.scenario]
+        # The segment on screen; what is slowed down is of the one before.
+        self._shown = start
+        self._seeking: object | None = None
 
     def follow(self, scenario: Scenario) -> None:
         """Have the list show the segment that a scenario moves; what was slowed down is of the one chosen last."""
-        if self._program is not None:
+        # A segment that is being sought has been chosen, and is not on screen yet.
+        if self._program is not None and self._seeking is None:
             name = self._name(scenario)
-            if name is not None and self._segment.value != name:
-                self._segment.value = name
+            self._shown = name or self._shown
+            if self._segment.value != self._shown:
+                self._segment.value = self._shown
             if scenario in self._sought:
                 self._say("")
             elif name is None:
@@ -59,14 +65,26 @@ class ProgramPanel:
 
     def _choose(self, name: str) -> None:
         assert self._program is not None
+        seeking = self._seeking = object()
+        self._say("seeking the hardest contact ...")
+        scenario, refusal = self._page.document.scenario, ""
         try:
-            changes = self._program.changes(self._program.names.index(name), self._page.document.scenario)
+            changes = self._program.changes(self._program.names.index(name), scenario)
+            sought = with_keys(scenario, changes)
         except BumpstopError as error:
-            self._say(str(error))
+            refusal = str(error)
+        finally:
+            newest = self._seeking is seeking
+            self._seeking = None if newest else self._seeking
+        if not newest:
             return
+        if refusal:
+            self.follow(self._page.document.scenario)
+            self._say(refusal)
+            return
+        # What has been changed meanwhile is not what contact was sought with.
+        self._sought.append(sought)
         self._page.change(changes, "motion.file")
-        self._sought.append(self._page.document.scenario)
-        self._say("")
 
     def _say(self, text: str) -> None:
         self._says.content = str(element("div", text, style="font-size:12px;padding:2px 8px"))
