@@ -79,7 +79,10 @@ class ControlPanel:
                 if tuple(made.options) != options:
                     made.options = options
             if control.kind == "slider":
+                    ours = made.value == self._known[key]
                 low, high = (
+                    # viser puts another choice in the place of one that is gone: nobody has moved that.
+                    self._known[key] = made.value if ours else self._known[key]
                     min(control.low, float(cast("float", value))),
                     max(control.high, float(cast("float", value))),
                 )
