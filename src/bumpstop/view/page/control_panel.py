@@ -50,16 +50,18 @@ class ControlPanel:
         made = _input(self._gui, control, control.read(scenario))
         key = control.key
 
-        def moved(_: Any) -> None:
-            self._known[key] = made.value
-            self._changed(key)
-
-        made.on_update(moved)
+        made.on_update(lambda _: self._changed(key))
         self._inputs[key], self._known[key] = made, made.value
 
     def shown(self, key: str) -> Shown:
-        """What a control shows now."""
-        return cast("Shown", self._inputs[key].value)
+        """What a control shows now: whoever asks takes it over."""
+        self._known[key] = self._inputs[key].value
+        return cast("Shown", self._known[key])
+
+    @property
+    def moving(self) -> bool:
+        """A person has moved a control, and the call that tells of it is still under way."""
+        return any(made.value != self._known[key] for key, made in self._inputs.items())
 
     def show(self, scenario: Scenario, *, but: str | None = None) -> None:
         """Have every control show a scenario.
@@ -77,12 +79,12 @@ class ControlPanel:
             if control.kind == "choice":
                 options = _options(control, value)
                 if tuple(made.options) != options:
-                    made.options = options
-            if control.kind == "slider":
                     ours = made.value == self._known[key]
-                low, high = (
+                    made.options = options
                     # viser puts another choice in the place of one that is gone: nobody has moved that.
                     self._known[key] = made.value if ours else self._known[key]
+            if control.kind == "slider":
+                low, high = (
                     min(control.low, float(cast("float", value))),
                     max(control.high, float(cast("float", value))),
                 )

@@ -46,6 +46,8 @@ _FRAME_S = 0.06
 _PAUSE_S = 0.12
 
 
+# How long a button waits for the result of what was changed before.
+_PATIENCE_S = 10.0
 class Page:
     """What one browser sees: nothing of it is shared with another.
 
@@ -135,11 +137,32 @@ class Page:
     def compare(self, *, keep: bool) -> None:
         """Keep what is on screen to compare with, or forget it."""
         with self._lock:
-            self._before = self._answer if keep else None
+            self._before = settled[1]
         self.refresh()
+        settled = self.settled("Keep this") if keep else (self.document, None)
+        if settled is None:
+            return
 
     def change(self, changes: Mapping[str, Any], key: str) -> None:
         """Change keys of the scenario on screen.
+
+    def settled(self, button: str) -> tuple[ViewDocument, Answer | None] | None:
+        """Wait until what a person has changed is computed; what then is on screen, and its result where it has one.
+
+        None: that takes longer than somebody waits who has pressed a button, and a note says so.
+
+        Args:
+            button: that was pressed.
+        """
+        end = time.monotonic() + _PATIENCE_S
+        while time.monotonic() < end:
+            with self._lock:
+                if self._document is self._computed and not self._panel.moving:
+                    return self._document, self._answer
+            time.sleep(0.01)
+        none = "The last change is still being computed: press again when its verdict stands."
+        self.client.add_notification(button, none, color="red")
+        return None
 
         Args:
             changes: dotted keys and new values; None takes a key out.

@@ -48,6 +48,12 @@ class PanelHost(Protocol):
     def compare(self, *, keep: bool) -> None:
         """Keep what is on screen to compare with, or forget it."""
 
+    def settled(self, button: str) -> tuple[ViewDocument, Answer | None] | None:
+        """Wait until what a person has changed is computed; what is on screen, and its result.
+
+        None: that takes long, and a note says so with the name of the button that was pressed.
+        """
+
     def change(self, changes: Mapping[str, Any], key: str) -> None:
         """Change keys of the scenario on screen; a refusal is told at the control of ``key``."""
 

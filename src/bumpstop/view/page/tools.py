@@ -10,6 +10,7 @@ from bumpstop.errors import BumpstopError
 from bumpstop.report.markup import element
 
 if TYPE_CHECKING:
+    from bumpstop.view.answer import Answer
     from bumpstop.view.page.panel_host import PanelHost
 
 
@@ -57,19 +58,19 @@ class Tools:
 
     def _save(self, what: str) -> None:
         """Hand a file to the browser."""
-        page, answer = self._page, self._page.answer
-        if answer is None:
+        page, settled = self._page, self._page.settled(what)
+        if settled is None:
             return
-        none = "The verdict is still being computed: press again when it stands." if answer.pending else answer.refusal
-        if what == "Report" and none:
-            # A report has a verdict, and that of the figures as they are given would be taken for it.
+        document, answer = settled
+        if none := _why_not(what, answer):
             page.client.add_notification(what, none, color="red")
             return
         name = Path(page.opened.title).stem
         try:
             if what == "Scenario":
-                ending, content = "toml", page.document.text.encode("utf-8")
+                ending, content = "toml", document.text.encode("utf-8")
             elif what == "Picture":
+                assert answer is not None
                 from bumpstop.view.recorder import picture
 
                 ending, content = "png", picture(answer)
@@ -78,6 +79,18 @@ class Tools:
             page.client.send_file_download(f"{name}.{ending}", content, save_immediately=True)
         except BumpstopError as error:
             page.client.add_notification(what, str(error), color="red")
+
+
+def _why_not(what: str, answer: Answer | None) -> str:
+    """Why a file cannot be saved; empty where it can."""
+    if what == "Scenario":
+        return ""
+    if answer is None:
+        return "The scenario has no result."
+    if what == "Picture":
+        return ""
+    # A report has a verdict, and that of the figures as they are given would be taken for it.
+    return "The verdict is still being computed: press again when it stands." if answer.pending else answer.refusal
 
 
 def _report(answer: Any) -> bytes:
