@@ -10,8 +10,9 @@ import numpy as np
 
 from bumpstop.errors import InputError
 from bumpstop.report.markup import Html, element
+from bumpstop.text_files import toml_value
 from bumpstop.view.answer import Answer
-from bumpstop.view.document import ViewDocument
+from bumpstop.view.document import ViewDocument, taken_out
 from bumpstop.view.freed_memory import trim_freed_memory
 from bumpstop.view.latest import LatestWins, SupersededError
 from bumpstop.view.page.control_panel import ControlPanel
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 
     from bumpstop.arrays import FloatArray
     from bumpstop.collision import Scenario
+    from bumpstop.view.controls import Shown
     from bumpstop.view.opened import Opened
 
 # Changes of one control within this time are one step to undo.
@@ -44,10 +46,10 @@ _FRAME_S = 0.06
 # A slider that rests for so long has time for further plots, or for as long as its distribution took: a number that is
 # typed on the way to another may make them the work of minutes.
 _PAUSE_S = 0.12
-
-
 # How long a button waits for the result of what was changed before.
 _PATIENCE_S = 10.0
+
+
 class Page:
     """What one browser sees: nothing of it is shared with another.
 
@@ -80,7 +82,7 @@ class Page:
         self._points = PointPanel(self)
         self._panel = ControlPanel(client, opened.scenario, opened.robot, self._changed)
         with client.gui.add_folder("Scenario file", expand_by_default=False):
-            self._file = client.gui.add_html("")
+            self._file = client.gui.add_html(str(_file_html(self._document.text)))
         client.gui.main_panel.dock_left()
         client.gui.main_panel.set_width(340)
         self.refresh()
@@ -132,19 +134,17 @@ class Page:
         with self._lock:
             self._moved = None
             self._document = self._document.redo() if again else self._document.undo()
+            self._result.say("")
         self.refresh()
 
     def compare(self, *, keep: bool) -> None:
         """Keep what is on screen to compare with, or forget it."""
-        with self._lock:
-            self._before = settled[1]
-        self.refresh()
         settled = self.settled("Keep this") if keep else (self.document, None)
         if settled is None:
             return
-
-    def change(self, changes: Mapping[str, Any], key: str) -> None:
-        """Change keys of the scenario on screen.
+        with self._lock:
+            self._before = settled[1]
+        self.refresh()
 
     def settled(self, button: str) -> tuple[ViewDocument, Answer | None] | None:
         """Wait until what a person has changed is computed; what then is on screen, and its result where it has one.
@@ -164,6 +164,9 @@ class Page:
         self.client.add_notification(button, none, color="red")
         return None
 
+    def change(self, changes: Mapping[str, Any], key: str) -> None:
+        """Change keys of the scenario on screen.
+
         Args:
             changes: dotted keys and new values; None takes a key out.
             key: of the control at which a refusal is told.
@@ -172,11 +175,15 @@ class Page:
             now = time.monotonic()
             same = now - self._last_edit < _ONE_STEP_S
             self._last_edit, self._moved = now, key
+            before = self._document.scenario
             try:
                 self._document = self._document.edit(changes, same_step=same)
             except InputError as error:
                 self._refuse(key, error)
                 return
+            gone = {name: value for name, value in taken_out(before, changes).items() if name != key}
+            given = ", ".join(f"{name} = {toml_value(value)}" for name, value in gone.items())
+            self._result.say(f"Taken out with this change: {given}. Undo brings it back." if gone else "")
         self.refresh()
 
     def set_pose(self, q: FloatArray, velocity: FloatArray | None = None) -> None:
@@ -185,11 +192,7 @@ class Page:
         key, values = pose_values(self.opened, scenario, q)
         changes: dict[str, Any] = {key: values}
         if velocity is not None:
-            changes |= {
-                "motion.velocity_mm_s": [float(f"{1e3 * v:.6g}") for v in velocity],
-                "motion.speed_mm_s": None,
-                "motion.direction": None,
-            }
+            changes["motion.velocity_mm_s"] = [float(f"{1e3 * v:.6g}") for v in velocity]
         self.change(changes, f"{key}[1]")
 
     def _touched(self, link: str, point: FloatArray) -> None:
@@ -197,7 +200,7 @@ class Page:
         self.change({"contact.link": link, "contact.point_m": rounded}, "contact.link")
 
     def _hit(self, body: str) -> None:
-        self.change({"contact.body": body, "contact.pressure_area": None}, "contact.body")
+        self._set("contact.body", body)
 
     def _reach(self, X: FloatArray) -> None:
         scenario = self.document.scenario
@@ -207,19 +210,38 @@ class Page:
     def _changed(self, key: str) -> None:
         """A person moved a control. What it shows now counts: calls may overtake each other."""
         with self._lock:
+            self._set(key, self._panel.shown(key))
+
+    def _set(self, key: str, shown: Shown) -> None:
+        """Have the scenario say what a control shows, or would show."""
+        with self._lock:
             control, scenario = self._panel.controls[key], self._document.scenario
-            shown = self._panel.shown(key)
-            if shown != control.read(scenario):
-                self.change(control.write(scenario, shown), key)
-            elif key == self._moved:
-                self._panel.refuse(key, "")
+            if shown == control.read(scenario):
+                if key == self._moved:
+                    self._panel.refuse(key, "")
+                return
+            try:
+                changes = control.write(scenario, shown)
+            except InputError as error:
+                self._refuse(key, error)
+                return
+            self.change(changes, key)
 
     def _refuse(self, key: str, error: InputError) -> None:
-        """What was on screen stays; the reason stands at the control."""
-        text = key in self._panel.controls and self._panel.controls[key].kind == "text"
+        """What was on screen stays; the reason stands at the control, or beside the verdict where there is none."""
+        control = self._panel.controls.get(key)
         # A text is left as it was typed, so that it can be mended.
+        text = control is not None and control.kind == "text"
         self._panel.show(self._document.scenario, but=key if text else None)
-        self._panel.refuse(key, str(error))
+        self._program.follow(self._document.scenario)
+        if control is not None:
+            self._panel.refuse(key, str(error))
+        if self._answer is None:
+            self._result.show_none(str(error), serial=self._serial)
+        elif control is None:
+            self._result.say(str(error), refused=True)
+        else:
+            self._result.say("")
 
     def _show_first(self) -> None:
         """Show the result before anything else is built."""
@@ -309,12 +331,12 @@ class Page:
         self._result.show_details(details)
 
     def _took_back(self, document: ViewDocument, error: InputError) -> bool:
-        """Go back to what had a verdict and refuse at the control that was moved; False where there is neither."""
+        """Go back to what had a verdict and refuse what was changed; False where there is neither."""
         with self._lock:
             if self._document is not document:
                 return True
             moved = self._moved
-            if self._judged is None or moved is None or moved not in self._panel.controls:
+            if self._judged is None or moved is None:
                 return False
             judged = document, answer = self._judged
             self._document, self._computed, self._answer = document, document, answer

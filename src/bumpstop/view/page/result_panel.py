@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from typing import TYPE_CHECKING
 
 from bumpstop.collision.probability_text import percent
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
     import viser
 
-    from bumpstop.view.answer import Answer
+    from bumpstop.view.answer import Answer, Tone
 
 # Colour, sign and word say the same: one of them is enough to read the verdict.
 _LOOKS = {"good": (EVENT, "✔"), "bad": (LIMIT, "✖"), "open": (FAINT, "?")}
@@ -39,14 +40,7 @@ def verdict_box(answer: Answer, *, serial: int, before: Answer | None = None) ->
         serial: number of the answer, by which tests see that it is drawn.
         before: an answer kept for comparison.
     """
-    colour, sign = _LOOKS[answer.tone]
-    head = element(
-        "div",
-        f"{sign} {answer.word}",
-        style=f"background:{colour};color:white;font-weight:700;padding:3px 8px;font-size:15px",
-        data_verdict=answer.conclusion,
-    )
-    rows = [head, element("div", answer.sentence, style="padding:4px 8px", data_sentence="")]
+    rows = [element("div", answer.sentence, style="padding:4px 8px", data_sentence="")]
     if before is not None:
         was, now = (each.result.peak_force.quantile(0.99) for each in (before, answer))
         text = f"Kept for comparison: {before.word}, p99 {number(was)} N; now {number(now)} N."
@@ -58,8 +52,30 @@ def verdict_box(answer: Answer, *, serial: int, before: Answer | None = None) ->
     rows += [element("div", f"⚠ {text}", style=look) for text in warnings] or [
         element("div", "No warnings.", style=look)
     ]
+    return _box(answer.tone, answer.word, answer.conclusion, rows, serial)
+
+
+def no_verdict_box(reason: str, *, serial: int) -> Html:
+    """The same of a scenario that has no result, and why.
+
+    Args:
+        reason: as the command gives it.
+        serial: as of :func:`verdict_box`.
+    """
+    rows = [element("div", reason, style="padding:4px 8px;overflow-wrap:anywhere", data_sentence="")]
+    return _box("open", "NO VERDICT", "refused", rows, serial)
+
+
+def _box(tone: Tone, word: str, conclusion: str, rows: list[Html], serial: int) -> Html:
+    colour, sign = _LOOKS[tone]
+    head = element(
+        "div",
+        f"{sign} {word}",
+        style=f"background:{colour};color:white;font-weight:700;padding:3px 8px;font-size:15px",
+        data_verdict=conclusion,
+    )
     look = f"{_FONT};background:white;border:2px solid {colour};margin:0 6px"
-    return element("div", _STICKY, *rows, style=look, data_serial=str(serial))
+    return element("div", _STICKY, head, *rows, style=look, data_serial=str(serial))
 
 
 def figures_table(answer: Answer) -> Html:
@@ -137,9 +153,12 @@ class ResultPanel:
 
     def __init__(self, client: viser.ClientHandle) -> None:
         self._client = client
+        self._lock = threading.Lock()
+        # The verdict and what is said beside it, which are sent together.
+        self._box, self._said = Html("computing ..."), Html("")
         panel = client.gui.add_panel()
         with panel.add_tab("Result"):
-            self._verdict = client.gui.add_html("computing ...")
+            self._verdict = client.gui.add_html(self._box)
             self._figures = client.gui.add_html("")
             self._tail = client.gui.add_html("")
             self._further = client.gui.add_html("")
@@ -156,9 +175,30 @@ class ResultPanel:
         """
         figures = figures_and_distribution(answer, before)
         with self._client.atomic():
-            _fill(self._verdict, verdict_box(answer, serial=serial, before=before))
+            self._beside(box=verdict_box(answer, serial=serial, before=before))
             _fill(self._figures, figures)
         self._client.flush()
+
+    def show_none(self, reason: str, *, serial: int) -> None:
+        """Say that there is no result, and why: arguments as of :func:`no_verdict_box`."""
+        self._beside(box=no_verdict_box(reason, serial=serial))
+
+    def say(self, text: str, *, refused: bool = False) -> None:
+        """Say something below the verdict, in sight with it; an empty text takes that back.
+
+        Args:
+            text: of the last change.
+            refused: it says why the change is not used.
+        """
+        sign, colour = ("✖ ", LIMIT) if refused else ("", INK)
+        look = f"{_FONT};color:{colour};background:white;margin:0 6px;padding:2px 10px;overflow-wrap:anywhere"
+        self._beside(said=element("div", f"{sign}{text}", style=look, data_notice="") if text else Html(""))
+
+    def _beside(self, *, box: Html | None = None, said: Html | None = None) -> None:
+        with self._lock:
+            self._box = self._box if box is None else box
+            self._said = self._said if said is None else said
+            _fill(self._verdict, Html(f"{self._box}{self._said}"))
 
     def show_tail(self, answer: Answer) -> None:
         """Show the risk of higher peaks."""
