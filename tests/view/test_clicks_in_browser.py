@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import pytest
 import bumpstop as bs
 from browsers import CHROMIUM
 from bumpstop.study import WorkspaceStudy
+from bumpstop.view.answer import Answer
 from bumpstop.view.document import scenario_text
 from bumpstop.view.opened import open_source
 from bumpstop.view.page.front import MAX_MOVING_POINTS
@@ -43,8 +45,23 @@ def test_clicks_on_the_arm_and_on_the_person(browser: Any) -> None:
         screen.page.wait_for_function(
             f"Number(document.querySelector(\"[data-figure='peak_force_N.p99']\").dataset.value) !== {before!r}"
         )
+        page = next(iter(server.pages.values()))
+        page.change({"contact.stiffness_N_m": 50_000.0}, "contact.stiffness_N_m")
+        screen.until("stiffness_N_m")
+        given = screen.scenario()
         screen.press_at(server, scene.place_of("chest"))
         screen.until('body = "chest"')
+        # Its own stiffness counts, and the page says which it was.
+        assert "stiffness_N_m" not in screen.scenario()
+        assert "contact.stiffness_N_m = 50000.0" in screen.page.text_content("[data-notice]")
+        assert screen.page.locator("[data-notice]").is_visible()
+        screen.page.get_by_role("button", name="Undo").click()
+        screen.until_same_as(given)
+        assert screen.page.locator("[data-notice]").count() == 0
+        # What has no control is refused there.
+        page.change({"detector.gravity": 1.0}, "detector.gravity")
+        screen.page.wait_for_selector("[data-notice]", timeout=WAIT_MS)
+        assert screen.page.text_content("[data-notice]").startswith("✖ detector.gravity: ")
         assert not screen.faults
     finally:
         screen.page.close()
@@ -95,6 +112,31 @@ def test_what_a_page_saves(browser: Any, tmp_path: Path) -> None:
         screen.page.context.grant_permissions(["clipboard-read", "clipboard-write"], origin=server.url)
         screen.page.get_by_role("button", name="Copy as TOML").click()
         assert screen.page.evaluate("navigator.clipboard.readText()") == screen.scenario()
+        assert not screen.faults
+    finally:
+        screen.page.close()
+        server.stop()
+
+
+def test_a_report_right_after_a_key_is_of_what_was_typed(browser: Any, tmp_path: Path, monkeypatch: Any) -> None:
+    of = Answer.of
+
+    def slow(scenario: bs.Scenario) -> Answer:
+        time.sleep(0.5)
+        return of(scenario)
+
+    server = ViewServer(open_source(str(LOWER_ARM)))
+    screen = Screen(browser, server, (1280, 800))
+    screen.wait_for_the_picture()
+    monkeypatch.setattr(Answer, "of", slow)
+    try:
+        field = screen.field("area, cm²")
+        with screen.page.expect_download(timeout=WAIT_MS) as download:
+            field.fill("3.5")
+            field.press("Enter")
+            screen.page.get_by_role("button", name="Report", exact=True).click()
+        download.value.save_as(tmp_path / "report.html")
+        assert "On 3.5 cm² the force limit" in (tmp_path / "report.html").read_text(encoding="utf-8")
         assert not screen.faults
     finally:
         screen.page.close()

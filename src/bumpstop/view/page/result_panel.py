@@ -158,7 +158,7 @@ class ResultPanel:
         self._box, self._said = Html("computing ..."), Html("")
         panel = client.gui.add_panel()
         with panel.add_tab("Result"):
-            self._verdict = client.gui.add_html(self._box)
+            self._verdict = client.gui.add_html(str(self._box))
             self._figures = client.gui.add_html("")
             self._tail = client.gui.add_html("")
             self._further = client.gui.add_html("")
