@@ -122,7 +122,7 @@ def test_a_report_right_after_a_key_is_of_what_was_typed(browser: Any, tmp_path:
     of = Answer.of
 
     def slow(scenario: bs.Scenario) -> Answer:
-        time.sleep(0.5)
+        time.sleep(3.0)
         return of(scenario)
 
     server = ViewServer(open_source(str(LOWER_ARM)))

@@ -82,6 +82,21 @@ def test_every_robot_has_a_page_to_start_from(name: str) -> None:
     assert opened.notes
 
 
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"pose_deg": [0.0, 30.0]}, "pose_deg: has 2 values"),
+        ({"contact.limits": "gone.toml"}, "contact.limits: .*gone.toml' cannot be read"),
+    ],
+)
+def test_a_scenario_without_controls_is_refused(changes: dict[str, object], message: str, tmp_path: Path) -> None:
+    """Its page was blank."""
+    file = tmp_path / "scenario.toml"
+    file.write_text(scenario_text(bs.load_scenario(LOWER_ARM, changes)), encoding="utf-8")
+    with pytest.raises(bs.InputError, match=message):
+        open_source(str(file))
+
+
 def test_a_urdf_of_twelve_joints(tmp_path: Path) -> None:
     file = tmp_path / "snake.urdf"
     file.write_text(urdf_of_twelve_joints(), encoding="utf-8")

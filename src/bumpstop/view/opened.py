@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Protocol
 
 from bumpstop.collision import Scenario, load_scenario
 from bumpstop.collision.scenario.scenario_file import robot_of
+from bumpstop.collision.scenario_values import start_pose
+from bumpstop.contact import LimitTable
 from bumpstop.errors import InputError, near_matches
 from bumpstop.register.starting_scenario import DEFAULT_ROBOT, starting_scenario
 from bumpstop.text_files import parse_toml
@@ -129,7 +131,12 @@ def _scenario(source: str | None) -> Opened:
     path = Path(source)
     if path.suffix == ".toml":
         scenario = load_scenario(path)
-        return Opened(scenario, robot_of(scenario), str(path))
+        arm = robot_of(scenario)
+        # Without these there are no controls. What else cannot be used is told on the page, and can be mended there.
+        LimitTable.load(scenario.contact.limits, relative_to=scenario.folder)
+        if scenario.motion.kind == "line":
+            start_pose(scenario, arm)
+        return Opened(scenario, arm, str(path))
     if path.suffix in (".urdf", ".xml"):
         from bumpstop.view.urdf_scenario import urdf_scenario
 

@@ -75,6 +75,9 @@ class Page:
         self._further = LatestWins(self._compute_details, "bumpstop-view-details")
         self._hand = LatestWins(self._reach, "bumpstop-view-hand")
         self._scene = SceneView(client, opened, Clicks(self._touched, self._hit, self._hand.submit))
+        if opened.scenario.motion.kind == "line":
+            # Where there is no result, the arm is drawn all the same.
+            self._scene.pose(pose_of(opened, opened.scenario))
         self._overlay = Overlay(client, opened.robot, opened.shapes)
         self._tools = Tools(self)
         self._program = ProgramPanel(self)
