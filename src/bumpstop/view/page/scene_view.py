@@ -69,7 +69,7 @@ class SceneView:
             )  # fmt: skip
             if link >= 0:
                 mesh.on_click(self._clicked(link))
-        self._body = scene.add_icosphere("/body", 1.0, color=_BODY, opacity=0.85, cast_shadow=False)
+        self._body = scene.add_icosphere("/body", 1.0, color=_BODY, opacity=0.85, cast_shadow=False, visible=False)
         self._hand = scene.add_transform_controls("/hand", scale=0.18 * reach, visible=False, depth_test=False)
         self._hand.on_update(self._dragged)
         self._parts: dict[str, Any] = {}
@@ -193,7 +193,7 @@ class SceneView:
         if self._touch is not None and np.allclose(touch, self._touch, rtol=0, atol=1e-9):
             return
         self._touch = touch
-        self._body.scale, self._body.position = radius, point + normal * radius
+        self._body.scale, self._body.position, self._body.visible = radius, point + normal * radius, True
         beyond = point + normal * 2 * radius
         self._arrow("/motion", beyond, beyond + velocity * _ARROW_M, _MOTION)
         self.show_force(answer)
