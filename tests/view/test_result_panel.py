@@ -303,7 +303,12 @@ def page_with(document: ViewDocument, answer: Answer | None) -> Any:
 
 def test_a_click_on_another_part_says_what_went_with_the_former(browserless: Any) -> None:
     """What was given of the former was taken for the new one; a second click on a part loses nothing."""
-    page = browserless(with_keys(HAND, {"contact.stiffness_N_m": 5_000}))
+    page = browserless(
+        with_keys(
+            HAND,
+            {"contact.stiffness_N_m": 5_000, "uncertainty.contact.stiffness_N_m": {"interval": [4_000, 6_000]}},
+        )
+    )
     page._hit("hand_finger")
     # It is hit already.
     assert page._document.scenario.contact.stiffness_N_m == 5_000
@@ -312,7 +317,11 @@ def test_a_click_on_another_part_says_what_went_with_the_former(browserless: Any
     assert page._document.scenario.contact.body == "chest"
     assert page._document.scenario.contact.stiffness_N_m is None
     assert page.said.sent == [
-        ("say", "Taken out with this change: contact.stiffness_N_m = 5000.0. Undo brings it back.")
+        (
+            "say",
+            "Taken out with this change: contact.stiffness_N_m = 5000.0, "
+            "uncertainty.contact.stiffness_N_m = 4000 to 6000. Undo brings it back.",
+        )
     ]
     page.undo()
     assert page._document.scenario.contact.stiffness_N_m == 5_000

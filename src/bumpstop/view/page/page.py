@@ -26,6 +26,7 @@ from bumpstop.view.page.tools import Tools
 from bumpstop.view.scene.polytope import force_polytope
 from bumpstop.view.scene.poor_directions import poor_directions
 from bumpstop.view.scene.reaching import reach_for
+from bumpstop.view.uncertainty_text import PREFIX, text_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -185,8 +186,7 @@ class Page:
                 self._refuse(key, error)
                 return
             gone = {name: value for name, value in taken_out(before, changes).items() if name != key}
-            given = ", ".join(f"{name} = {toml_value(value)}" for name, value in gone.items())
-            self._result.say(f"Taken out with this change: {given}. Undo brings it back." if gone else "")
+            self._result.say(_taken_out_words(gone) if gone else "")
         self.refresh()
 
     def set_pose(self, q: FloatArray, velocity: FloatArray | None = None) -> None:
@@ -368,6 +368,14 @@ class Page:
             self._result.show(answer, serial=self._serial, before=self._before)
         # What stands together is sent when it is whole.
         self.client.flush()
+
+
+def _taken_out_words(gone: Mapping[str, Any]) -> str:
+    """What is said of keys that went with another one, and of their values."""
+    given = (
+        f"{key} = {text_of(value) if key.startswith(PREFIX) else toml_value(value)}" for key, value in gone.items()
+    )
+    return f"Taken out with this change: {', '.join(given)}. Undo brings it back."
 
 
 def pose_of(opened: Opened, scenario: Scenario) -> FloatArray:
