@@ -12,6 +12,12 @@ class CellMixture {
   public:
     CellMixture() = default;
 
+    /// Room for so many cells and nodes: arrays that grow are moved, and have then twice and thrice the memory. Of very soft
+    /// bodies they have a hundred megabytes. What is not used of it costs none.
+    void reserve(std::size_t cells, std::size_t nodes) {
+        for (std::vector<double>* values : {&low_, &high_, &mass_}) values->reserve(cells);
+        for (std::vector<double>* values : {&node_, &node_mass_}) values->reserve(nodes);
+    }
     void add_cell(double one_end, double other_end, double mass) {
         if (!(mass > 0)) return;
         const double low = std::min(one_end, other_end), high = std::max(one_end, other_end);
@@ -93,7 +99,8 @@ class CellMixture {
         for (int i = 1; i <= 200 && high - low > 1e-14 * high; ++i) {
             const double x = 0.5 * (low + high);
             (of->above<T>(x) > allowed ? low : high) = x;
-            if (i % 8 == 0) {
+            // A copy of nearly all of them saves nothing, and has the memory once more.
+            if (i % 8 == 0 && 4 * of->count_between(low, high) <= of->mass_.size()) {
                 near = of->between(low, high);
                 of = &near;
             }
@@ -102,15 +109,18 @@ class CellMixture {
     }
 
   private:
+    /// Cells that have a part of themselves from `low` to `high`.
+    std::size_t count_between(double low, double high) const {
+        std::size_t count = 0;
+        for (std::size_t i = 0; i < mass_.size(); ++i) count += low_[i] < high && high_[i] > low;
+        return count;
+    }
     /// What tells P(value > x) for x from `low` to `high`: what lies beyond for all of them is at infinity.
     CellMixture between(double low, double high) const {
         CellMixture out;
-        std::size_t count = 0;
+        const std::size_t count = count_between(low, high);
         double beyond_all = 0;
-        for (std::size_t i = 0; i < mass_.size(); ++i) {
-            count += low_[i] < high && high_[i] > low;
-            beyond_all += low_[i] >= high ? mass_[i] : 0.0;
-        }
+        for (std::size_t i = 0; i < mass_.size(); ++i) beyond_all += low_[i] >= high ? mass_[i] : 0.0;
         out.infinite_ = infinite_ + beyond_all;
         for (std::vector<double>* values : {&out.low_, &out.high_, &out.mass_}) values->reserve(count);
         for (std::size_t i = 0; i < mass_.size(); ++i) {
@@ -203,6 +213,9 @@ CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity qu
     const auto once = [](std::size_t) { return 1.0; };
     const auto series = [](std::size_t l) { return double(2 * l + 1); };
     CellMixture out;
+    const std::size_t early_pieces = law.early_reactions.pieces(), series_count = density.mass.size() + panels;
+    out.reserve(series_count * cells + early_pieces * EarlyReactions::cells + 2,
+                series_count * order + early_pieces * EarlyReactions::nodes + 2);
     std::vector<double> mass(rows), edge(rows), node_mass(rows);
     const auto add = [&](const double* coefficient, const double* value) {
         product(below, coefficient, series, mass.data());
