@@ -43,6 +43,12 @@ int main(int count, char** arguments) {
         std::fprintf(stderr, "error: RTDE carries six joints, the detector has %d\n", detector.joints());
         return 2;
     }
+    // The controller's six are joints 1 to 6 here. Those of a robot on a rail are 2 to 7: `RtdeClient` would cross them.
+    for (int j = 0; j < RtdeClient::controller_joints; ++j)
+        if (description->robot.joints[j].spec.prismatic) {
+            std::fprintf(stderr, "error: joint %d slides, and all six of a controller turn\n", j + 1);
+            return 2;
+        }
     static RtdeClient client;
     if (!client.open(arguments[1], arguments[2], detector.joints(), torque, frequency, error)) {
         std::fprintf(stderr, "error: %s\n", error.c_str());

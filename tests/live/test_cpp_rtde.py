@@ -20,6 +20,7 @@ from bumpstop.live.rtde.source import output_fields
 from bumpstop.model import Robot
 from cpp.builds import COMPILER, ROOT, compiled
 from live.test_rtde import served
+from live.test_rtde_axes import railed
 
 NUMBER = re.compile(r"-?\d+\.?\d*(?:e[-+]\d+)?")
 # Only programs of one instruction set round alike.
@@ -112,3 +113,10 @@ def test_no_controller(program: Path, tmp_path: Path) -> None:
     server.close()
     assert done.returncode == 2
     assert done.stderr.startswith("error: the controller has not got timestamp,actual_q")
+
+
+def test_a_rail_among_the_joints_of_the_controller(program: Path, tmp_path: Path) -> None:
+    railed(tmp_path)
+    command = [program, "127.0.0.1", "1", str(tmp_path / "rail.detector")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (2, "error: joint 1 slides, and all six of a controller turn\n")

@@ -17,7 +17,9 @@ from bumpstop.live.sources.names import source_of
 from docs.pages import ROOT, code, read, rows, section
 
 PAGE = read("docs/how_to/live_sources.md")
-DETECTOR: Any = SimpleNamespace(dof=8, joints=tuple("abcdefgh"), signal="current", takes_current=True, period_s=0.004)
+DETECTOR: Any = SimpleNamespace(
+    dof=8, joints=tuple("abcdefgh"), units=("Nm",) * 8, signal="current", takes_current=True, period_s=0.004
+)
 
 
 @pytest.mark.parametrize(("scheme", "heading"), [("rtde", "## RTDE"), ("dds", "## DDS")])

@@ -26,6 +26,13 @@ def serve(
     rtde: Annotated[
         int | None, typer.Option(help="Serve as a controller of Universal Robots on this port; 0: any free one.")
     ] = None,
+    axes: Annotated[
+        str | None,
+        typer.Option(
+            help="With --rtde: joints that the controller's six are, such as 2,3,4,5,6,7 behind a rail.",
+            show_default="1,2,3,4,5,6",
+        ),
+    ] = None,
     dds: Annotated[str | None, typer.Option(help="Publish joint states on this topic of ROS 2.")] = None,
     domain: Annotated[int | None, typer.Option(help="Of DDS. Default: ROS_DOMAIN_ID, else 0.")] = None,
     runs: Annotated[int, typer.Option(help="How often to move; 0: until interrupted.")] = 1,
@@ -53,6 +60,8 @@ def serve(
             raise InputError(option, f"is {value:g}", f"wanted {least:g} to {most:g}")
     if rtde is None and dds is None:
         raise InputError("--rtde", "and --dds are both missing", "give a port, a topic, or both")
+    if axes is not None and rtde is None:
+        raise InputError("--axes", "has no meaning without --rtde")
     if domain is not None and dds is None:
         raise InputError("--domain", "has no meaning without --dds")
     if dds is not None:
@@ -67,7 +76,7 @@ def serve(
         with as_options({"seed": "--seed"}):
             found = Experiment.from_dict(found.model_dump(exclude_unset=True) | {"seed": seed}, found.folder)
     plant, command = found.prepare()
-    links = _links(plant, rtde, dds, domain)
+    links = _links(plant, rtde, axes, dds, domain)
     bench = PlantBench(plant, links, found.reaction_of(plant.robot), pace)
     done: list[dict[str, Any]] = []
     try:
@@ -90,14 +99,16 @@ def serve(
         typer.echo(json.dumps({"robot": plant.robot.name, "runs": done}, allow_nan=False, indent=2))
 
 
-def _links(plant: Plant, rtde: int | None, dds: str | None, domain: int | None) -> list[BenchLink]:
+def _links(plant: Plant, rtde: int | None, axes: str | None, dds: str | None, domain: int | None) -> list[BenchLink]:
     from bumpstop.live.bench import DdsLink, RtdeLink
+    from bumpstop.live.rtde.axes import DEFAULT_AXES, read_axes
 
     links: list[BenchLink] = []
     if dds is not None:
         links.append(DdsLink(plant, dds, domain=domain))
     if rtde is not None:
-        links.append(RtdeLink(plant, rtde))
+        with as_options({"axes": "--axes"}):
+            links.append(RtdeLink(plant, rtde, DEFAULT_AXES if axes is None else read_axes(axes)))
     return links
 
 

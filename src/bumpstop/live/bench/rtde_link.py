@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Literal, cast
 from bumpstop.errors import InputError
 from bumpstop.live.answer import ANSWERS
 from bumpstop.live.bench.link import LinkAnswer
+from bumpstop.live.rtde.axes import CONTROLLER_JOINTS, DEFAULT_AXES, FIRST_REGISTER, check_turning, joint_order
 from bumpstop.live.rtde.server import RtdeServer
-from bumpstop.live.rtde.source import ANSWER_FIELDS, CONTROLLER_JOINTS, FIRST_REGISTER, output_fields
+from bumpstop.live.rtde.source import ANSWER_FIELDS, output_fields
 
 if TYPE_CHECKING:
-    from bumpstop.arrays import FloatArray
+    from collections.abc import Sequence
+
     from bumpstop.live.rtde.fields import Value
     from bumpstop.plant import Plant, Sample
 
@@ -19,30 +21,34 @@ if TYPE_CHECKING:
 class RtdeLink:
     """Serves a plant's samples as a controller of Universal Robots does.
 
-    Joints beyond six travel in registers, as :class:`~bumpstop.live.rtde.RtdeSource` reads them. The currents of a
-    plant without a joint model are torques; it serves them as both.
+    Joints beside the controller's six travel in registers, as :class:`~bumpstop.live.rtde.RtdeSource` reads them. The
+    currents of a plant without a joint model are torques; it serves them as both.
 
     Args:
         plant: of at least six joints.
         port: where to listen on the loopback; 0: any that is free.
+        axes: (6,) joints, from 1, that the controller's are; they turn.
 
     Raises:
-        InputError: fewer joints, or the port cannot be had.
+        InputError: fewer joints, axes that cannot be, or the port cannot be had.
 
     Attributes:
         server: behind it.
     """
 
-    def __init__(self, plant: Plant, port: int) -> None:
+    def __init__(self, plant: Plant, port: int, axes: Sequence[int] = DEFAULT_AXES) -> None:
         joints = plant.robot.dof
         if joints < CONTROLLER_JOINTS:
             raise InputError("--rtde", f"carries six joints, {plant.robot.name} has {joints}", "use --dds")
+        self._order = joint_order(joints, axes)
+        parts = plant.robot.joints
+        check_turning(axes, [joint.name for joint in parts], [joint.kind == "prismatic" for joint in parts])
         fields = output_fields(joints, "current")
         self._torque = plant.joint_model is None
         if self._torque:
             fields |= output_fields(joints, "torque")
         self.server = RtdeServer(fields, plant.sensors.rate_hz, port=port)
-        self._joints, self._seen_s = joints, 0.0
+        self._seen_s = 0.0
 
     @property
     def address(self) -> str:
@@ -55,22 +61,20 @@ class RtdeLink:
 
     def publish(self, sample: Sample, stamp_s: float) -> None:
         """Send a sample of the plant, with its time by the bench's clock [s]."""
-
-        def six(values: FloatArray) -> tuple[float, ...]:
-            return tuple(values[:CONTROLLER_JOINTS].tolist())
-
+        q, qd, current = (column[self._order].tolist() for column in (sample.q, sample.qd, sample.current))
+        six = slice(CONTROLLER_JOINTS)
         values: dict[str, Value] = {
             "timestamp": stamp_s,
-            "actual_q": six(sample.q),
-            "actual_qd": six(sample.qd),
-            "actual_current": six(sample.current),
+            "actual_q": tuple(q[six]),
+            "actual_qd": tuple(qd[six]),
+            "actual_current": tuple(current[six]),
         }
         if self._torque:
-            values["actual_current_as_torque"] = six(sample.current)
-        for j in range(CONTROLLER_JOINTS, self._joints):
-            register = FIRST_REGISTER + 2 * (j - CONTROLLER_JOINTS)
-            values[f"output_double_register_{register}"] = float(sample.q[j])
-            values[f"output_double_register_{register + 1}"] = float(sample.current[j])
+            values["actual_current_as_torque"] = tuple(current[six])
+        for k in range(CONTROLLER_JOINTS, len(q)):
+            register = FIRST_REGISTER + 2 * (k - CONTROLLER_JOINTS)
+            values[f"output_double_register_{register}"] = q[k]
+            values[f"output_double_register_{register + 1}"] = current[k]
         self.server.publish(values)
 
     def answer(self) -> LinkAnswer | None:

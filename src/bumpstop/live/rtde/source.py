@@ -12,6 +12,7 @@ from bumpstop.arrays import as_number
 from bumpstop.errors import InputError
 from bumpstop.live.answer import ANSWERS, Answer
 from bumpstop.live.event_limiter import EventLimiter
+from bumpstop.live.rtde.axes import CONTROLLER_JOINTS, DEFAULT_AXES, FIRST_REGISTER, joint_order
 from bumpstop.live.rtde.connection import LostConnectionError, RtdeConnection
 from bumpstop.live.rtde.fields import ProtocolError, Recipe, Value
 from bumpstop.live.rtde.messages import LEVELS, PORT, Data, Reply, Text, decode_reply
@@ -19,14 +20,12 @@ from bumpstop.live.sample import JointSample
 from bumpstop.live.source import Source, SourceEvent, SourceEventKind
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from bumpstop.arrays import FloatArray
 
 Signal = Literal["current", "torque"]
 
-# A controller has six joints. Those of an axis beside it, such as a rail, travel in general-purpose registers, of which
-# 24 to 47 belong to clients of this protocol: position of joint 7 in 24, its signal in 25, joint 8 in 26 and 27, ...
-CONTROLLER_JOINTS = 6
-FIRST_REGISTER, LAST_REGISTER = 24, 47
 _SIGNAL_FIELDS: dict[str, str] = {"current": "actual_current", "torque": "actual_current_as_torque"}
 # Input registers that carry an answer: what to do, and the number of the alarm.
 ANSWER_FIELDS = {f"input_int_register_{FIRST_REGISTER}": "INT32", f"input_int_register_{FIRST_REGISTER + 1}": "INT32"}
@@ -58,6 +57,8 @@ class RtdeSource(Source):
     Args:
         host, port: of the controller.
         joints: number of joints of the detector's robot, from 6; those beyond 6 are read from registers.
+        axes: (6,) which of them, from 1, the controller's are, from its base to its wrist; the others are those in
+            registers, in their order.
         signal: ``"current"`` reads ``actual_current``, ``"torque"`` reads ``actual_current_as_torque``.
         frequency_hz: of the samples, up to 500.
         answers: whether :meth:`answer` will be called: the input registers are then taken.
@@ -72,14 +73,12 @@ class RtdeSource(Source):
         port: int = PORT,
         *,
         joints: int = CONTROLLER_JOINTS,
+        axes: Sequence[int] = DEFAULT_AXES,
         signal: Signal = "current",
         frequency_hz: float = MAX_FREQUENCY_HZ,
         answers: bool = False,
     ) -> None:
-        most = CONTROLLER_JOINTS + (LAST_REGISTER + 1 - FIRST_REGISTER) // 2
-        if not CONTROLLER_JOINTS <= joints <= most:
-            problem = f"a controller of Universal Robots has six joints, the detector's robot has {joints}"
-            raise InputError("rtde", problem, f"wanted 6 to {most}, those beyond 6 in output_double_register_24 ..")
+        self._order = joint_order(joints, axes)
         if signal not in _SIGNAL_FIELDS:
             raise InputError("signal", f"is {signal!r}", f"valid: {', '.join(_SIGNAL_FIELDS)}")
         if not 1 <= as_number(frequency_hz, "frequency_hz") <= MAX_FREQUENCY_HZ:
@@ -188,7 +187,9 @@ class RtdeSource(Source):
         def vector(field: str, register: int) -> FloatArray:
             beyond = range(register, register + 2 * (self._joints - CONTROLLER_JOINTS), 2)
             more = [cast(float, values[f"output_double_register_{number}"]) for number in beyond]
-            return np.array([*cast("tuple[float, ...]", values[field]), *more])
+            found = np.empty(self._joints)
+            found[self._order] = [*cast("tuple[float, ...]", values[field]), *more]
+            return found
 
         signal = vector(_SIGNAL_FIELDS[self._signal], FIRST_REGISTER + 1)
         return JointSample(

@@ -132,11 +132,15 @@ def _query(text: str, known: tuple[str, ...]) -> tuple[Any, dict[str, str]]:
 
 
 def _rtde(text: str, detector: LoadedDetector, answers: bool) -> Source:
-    parts, query = _query(text, ("signal", "frequency"))
+    from bumpstop.live.rtde.axes import DEFAULT_AXES, check_turning, read_axes
+
+    parts, query = _query(text, ("signal", "frequency", "axes"))
     made = _imported("bumpstop.live.rtde.source", "RtdeSource")
-    more: dict[str, Any] = {"answers": answers} | ({} if parts.port is None else {"port": parts.port})
+    axes = read_axes(query["axes"]) if "axes" in query else DEFAULT_AXES
+    more: dict[str, Any] = {"answers": answers, "axes": axes} | ({} if parts.port is None else {"port": parts.port})
     more["frequency_hz"] = _number(query, "frequency", min(500.0, 1 / detector.period_s))
     source: Source = made(parts.hostname, joints=detector.dof, signal=query.get("signal", detector.signal), **more)
+    check_turning(axes, detector.joints, [unit == "N" for unit in detector.units])
     return source
 
 
