@@ -211,6 +211,20 @@ def test_a_source_that_never_gives_a_sample_is_no_quiet_arm(tmp_path: Path) -> N
     assert summary.lines()[-1].startswith("NOT MONITORED")
 
 
+@pytest.mark.parametrize("first", ["source", "monitor"])
+def test_one_silence_is_one(tmp_path: Path, first: str) -> None:
+    """The source may say that its connection ended before the monitor misses samples, or long after."""
+    log = samples(motion(300))
+    gone, silence = SourceEvent(K.STOPPED, "the connection ended"), [None, None, None]
+    between = [gone, *silence] if first == "source" else [*silence, gone]
+    again = [SourceEvent(K.RESTARTED, "connected again"), *later(log[200:], 0.15)]
+    summary, heard = watch(tmp_path, [*log[:200], *between, *again])
+    assert summary.found == {"stopped": 1, "restarted": 1}
+    assert summary.silent_s > 0.1
+    assert heard.kinds().count(K.STARTED) == 2
+    assert summary.active_at_end
+
+
 def test_currents_for_torques_are_recognised(tmp_path: Path) -> None:
     """The signal follows the prediction at a tenth of its size; the right one says nothing."""
     log = motion(1200)

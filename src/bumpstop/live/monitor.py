@@ -293,7 +293,11 @@ class Monitor:
         if event.kind in (SourceEventKind.RESTARTED, SourceEventKind.STOPPED):
             self._forget()
             self._last_state = _NO_DATA
-        self.kinds[event.kind] += event.count
+        # Of one silence the source and the monitor may both tell; it counts once, whoever is first.
+        stopped = event.kind is SourceEventKind.STOPPED
+        if not (stopped and self._silent):
+            self.kinds[event.kind] += event.count
+        self._silent |= stopped
         self._tell(event, now)
         if not self._ended:
             self._look_for_silence(now)
