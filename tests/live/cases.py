@@ -14,7 +14,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.detection import Detector, DetectorSettings, save_detector
 from bumpstop.live import JointSample, MonitorTick, SourceEvent, SourceEventKind
 from bumpstop.live.loaded_detector import LoadedDetector
-from bumpstop.live.output import CollisionAlarm
+from bumpstop.live.output import CollisionAlarm, DataLoss
 from bumpstop.recording import Recording
 from detection.moving_arms import UR5E, moving
 
@@ -96,12 +96,16 @@ class Heard:
         self.ticks: list[MonitorTick] = []
         self.alarms: list[CollisionAlarm] = []
         self.events: list[SourceEvent] = []
+        self.losses: list[DataLoss] = []
 
     def alarm(self, alarm: CollisionAlarm) -> None:
         self.alarms.append(alarm)
 
     def tick(self, tick: MonitorTick) -> None:
         self.ticks.append(tick)
+
+    def data_loss(self, loss: DataLoss) -> None:
+        self.losses.append(loss)
 
     def source_event(self, event: SourceEvent, received_s: float) -> None:
         self.events.append(event)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from bumpstop.errors import InputError
-from bumpstop.live import JointSample, SourceEvent, SourceEventKind
+from bumpstop.live import DataLoss, JointSample, SourceEvent, SourceEventKind
 
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed: pip install 'bumpstop[live]'")
 
@@ -294,7 +294,7 @@ def test_output() -> None:
     event = SimpleNamespace(force=np.array([0.0, 0.0, -30.5]))
     output.alarm(SimpleNamespace(stamp_s=4.25, event=event, number=1))  # type: ignore[arg-type]
     output.tick(tick)
-    output.source_event(SourceEvent(SourceEventKind.STOPPED, "gone"), 0.0)
+    output.data_loss(DataLoss(fault="stopped", received_s=0.0))
     time.sleep(0.2)
     taken = {name: reader.take(10) for name, reader in readers.items()}
     (residual,), (wrench,) = taken["residual"], taken["wrench"]

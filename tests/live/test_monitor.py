@@ -225,6 +225,14 @@ def test_one_silence_is_one(tmp_path: Path, first: str) -> None:
     assert summary.active_at_end
 
 
+def test_outputs_know_that_a_monitor_has_ended(tmp_path: Path) -> None:
+    """Its last state is none of later, whoever ends it; the summary says what it was."""
+    script = [*samples(motion(100)), None, None, None, None]
+    summary, heard = watch(tmp_path, script, MonitorSettings(stop_after_s=5.0, duration_s=0.15))
+    assert [(loss.state, loss.fault, loss.stop) for loss in heard.losses] == [("no_data", "ended", True)]
+    assert summary.active_at_end
+
+
 def test_currents_for_torques_are_recognised(tmp_path: Path) -> None:
     """The signal follows the prediction at a tenth of its size; the right one says nothing."""
     log = motion(1200)

@@ -43,7 +43,7 @@ def test_json_lines_say_states_alarms_and_the_source(tmp_path: Path) -> None:
     lines = [json.loads(line) for line in rest]
     assert (lines[0]["kind"], lines[-1]["kind"]) == ("start", "end")
     states = [line["state"] for line in lines if line["kind"] == "state"]
-    assert states == ["no_data", "monitoring", "no_data", "monitoring", "alarm", "monitoring"]
+    assert states == ["no_data", "monitoring", "no_data", "monitoring", "alarm", "monitoring", "no_data"]
     assert [line["event"] for line in lines if line["kind"] == "source"] == ["started", "damaged", "ended"]
     (alarm,) = [line for line in lines if line["kind"] == "alarm"]
     event = heard.alarms[0].event
@@ -51,6 +51,57 @@ def test_json_lines_say_states_alarms_and_the_source(tmp_path: Path) -> None:
     assert alarm["residual_Nm"] == event.residual.tolist()
     assert alarm["force_N"] == pytest.approx(event.force_along)
     assert abs(alarm["time_s"] - time.time()) < 60
+
+
+def states_in(path: Path) -> list[tuple[str, str, bool]]:
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        of_state = [one for one in reader.connections if one.topic == "/bumpstop/state"]
+        read = [reader.deserialize(raw, one.msgtype) for one, _, raw in reader.messages(of_state)]
+    return [(one.name, one.fault, one.stop) for one in read]  # type: ignore[attr-defined]
+
+
+def test_a_silence_is_no_data_in_every_file(tmp_path: Path) -> None:
+    """From the silence on, once a second while it lasts, and at the end; not the last word of before."""
+    log = samples(motion(300))
+    later = [at(one, stamp_s=one.stamp_s + 1.5) for one in log[150:]]
+    lines, recording = (
+        JsonLines(tmp_path / "a.jsonl", loaded(tmp_path)),
+        McapRecording(tmp_path / "a.mcap", loaded(tmp_path)),
+    )
+    script = [*log[:150], *[None] * 30, *later]
+    Monitor(loaded(tmp_path), ScriptedSource(script), [lines, recording], MonitorSettings()).run()
+    lines.close()
+    recording.close()
+    read = [json.loads(line) for line in (tmp_path / "a.jsonl").read_text().splitlines()]
+    filling, monitoring = ("no_data", "filling", True), ("monitoring", "none", False)
+    stopped, ended = ("no_data", "stopped", True), ("no_data", "ended", True)
+    told = {
+        kind: [(line["state"], line["fault"], line["stop"]) for line in read if line["kind"] == kind]
+        for kind in ("state", "status")
+    }
+    assert told["state"] == [filling, monitoring, stopped, filling, monitoring, ended]
+    assert stopped in told["status"]
+    silent = [line for line in read if line.get("fault") == "stopped"]
+    assert {line["stamp_s"] for line in silent} == {None}
+    assert silent[-1]["residual_Nm"] == [None] * 6
+    in_mcap = states_in(recording.files[0])
+    assert [one for k, one in enumerate(in_mcap) if not k or one != in_mcap[k - 1]] == told["state"]
+    assert in_mcap.count(stopped) > 1
+
+
+def test_a_sample_without_a_time_does_not_end_the_lines(tmp_path: Path) -> None:
+    script = samples(motion(100))
+    script[0] = at(script[0], stamp_s=math.nan)
+    lines = JsonLines(tmp_path / "a.jsonl", loaded(tmp_path))
+    Monitor(loaded(tmp_path), ScriptedSource(script), [lines]).run()
+    lines.close()
+    read = [json.loads(line) for line in (tmp_path / "a.jsonl").read_text().splitlines()]
+    assert read[-1]["kind"] == "end"
+    (damaged,) = [line for line in read if line["kind"] == "state" and line["fault"] == "damaged"]
+    assert damaged["stamp_s"] is None
 
 
 def test_mcap_files_open_in_both_readers_with_what_was_judged(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal, Protocol, cast, get_args
 from bumpstop.errors import InputError, near_matches
 
 if TYPE_CHECKING:
-    from bumpstop.live.output import CollisionAlarm, MonitorTick
+    from bumpstop.live.output import CollisionAlarm, DataLoss, MonitorTick
     from bumpstop.live.source import SourceEvent
 
 Answer = Literal["none", "stop", "reverse"]
@@ -55,6 +55,9 @@ class AnswerOutput:
         if self._standing and tick.state == "monitoring":
             self._source.answer("none", self._standing)
             self._standing = 0
+
+    def data_loss(self, loss: DataLoss) -> None:
+        """Nothing to answer: a standing answer stays."""
 
     def source_event(self, event: SourceEvent, received_s: float) -> None:
         """Nothing to answer."""

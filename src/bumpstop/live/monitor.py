@@ -14,7 +14,7 @@ from bumpstop.detection.detection_run import FAULTS, STATES
 from bumpstop.detection.events import Event
 from bumpstop.live.event_limiter import EventLimiter
 from bumpstop.live.latency import LatencyHistogram
-from bumpstop.live.output import CollisionAlarm, MonitorTick
+from bumpstop.live.output import CollisionAlarm, DataLoss, MonitorTick
 from bumpstop.live.sample import JointSample
 from bumpstop.live.source import SourceEvent, SourceEventKind
 from bumpstop.live.stream_checks import StreamChecks
@@ -169,6 +169,8 @@ class Monitor:
             self.silent_s += now - self._last_received
         for event in self._limiter.due(now, final=True):
             self._tell(event, now)
+        # Whoever reads outputs must not take the last state for that of now.
+        self._tell_loss(SourceEventKind.ENDED, now)
         self._flush(now)
         self._lasted = now - begin
         return self.summary()
@@ -280,27 +282,34 @@ class Monitor:
         if self._silent or now - since <= (self._begin_after if none else self._stop_after):
             return
         self._silent = True
-        self._last_state = _NO_DATA
-        # What comes after the silence may be a motion of any kind.
-        self._forget()
         first = "no sample has come" if none else "no sample"
         self._found(SourceEventKind.STOPPED, f"{first} for {now - since:.3g} s", 1, now)
+        self._lose_data(SourceEventKind.STOPPED, now)
 
     def _hear(self, event: SourceEvent) -> None:
         now = time.monotonic()
-        if event.kind is SourceEventKind.ENDED:
-            self._ended = True
-        if event.kind in (SourceEventKind.RESTARTED, SourceEventKind.STOPPED):
-            self._forget()
-            self._last_state = _NO_DATA
         # Of one silence the source and the monitor may both tell; it counts once, whoever is first.
         stopped = event.kind is SourceEventKind.STOPPED
         if not (stopped and self._silent):
             self.kinds[event.kind] += event.count
         self._silent |= stopped
         self._tell(event, now)
-        if not self._ended:
-            self._look_for_silence(now)
+        if event.kind is SourceEventKind.ENDED:
+            self._ended = True
+            return
+        if stopped or event.kind is SourceEventKind.RESTARTED:
+            self._lose_data(event.kind, now)
+        self._look_for_silence(now)
+
+    def _lose_data(self, why: SourceEventKind, now: float) -> None:
+        """Nothing is judged until samples come, and what they show then may be a motion of any kind."""
+        self._forget()
+        self._last_state = _NO_DATA
+        self._tell_loss(why, now)
+
+    def _tell_loss(self, why: SourceEventKind, now: float) -> None:
+        for output in self._outputs:
+            output.data_loss(DataLoss(fault=str(why), received_s=now))
 
     def _forget(self) -> None:
         self._kernel.reset()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -34,6 +35,44 @@ class MonitorTick:
     residual: FloatArray
     threshold: FloatArray
 
+    @property
+    def stamp_s(self) -> float:
+        """Of the sample [s]."""
+        return self.sample.stamp_s
+
+    @property
+    def received_s(self) -> float:
+        """Of the sample [s]."""
+        return self.sample.received_s
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DataLoss:
+    """From now on the state is ``"no_data"`` and the arm must stop, though no sample has come that says so.
+
+    Attributes:
+        fault: why: ``"stopped"``, ``"restarted"``, or ``"ended"`` of the source or of the monitor.
+        received_s: ``time.monotonic()`` when the monitor knew [s].
+    """
+
+    fault: str
+    received_s: float
+
+    @property
+    def stamp_s(self) -> float:
+        """NaN: no sample says it [s]."""
+        return math.nan
+
+    @property
+    def state(self) -> str:
+        """As of a tick without data."""
+        return "no_data"
+
+    @property
+    def stop(self) -> bool:
+        """The arm must stop."""
+        return True
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CollisionAlarm:
@@ -65,6 +104,9 @@ class Output(Protocol):
 
     def tick(self, tick: MonitorTick) -> None:
         """A judged sample."""
+
+    def data_loss(self, loss: DataLoss) -> None:
+        """No sample comes that could be judged; the next tick says what is then."""
 
     def source_event(self, event: SourceEvent, received_s: float) -> None:
         """Something happened to the source, at ``time.monotonic()`` = ``received_s``."""

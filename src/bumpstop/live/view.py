@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from bumpstop.live.loaded_detector import LoadedDetector
     from bumpstop.live.monitor import Monitor
-    from bumpstop.live.output import CollisionAlarm, MonitorTick
+    from bumpstop.live.output import CollisionAlarm, DataLoss, MonitorTick
     from bumpstop.live.source import SourceEvent
 
 _LINE_S = 1.0
@@ -115,6 +115,9 @@ class MonitorView:
     def tick(self, tick: MonitorTick) -> None:
         """The last one is shown."""
         self._tick = tick
+
+    def data_loss(self, loss: DataLoss) -> None:
+        """The monitor itself is asked."""
 
     def source_event(self, event: SourceEvent, received_s: float) -> None:
         """Said at the next flush."""

@@ -8,15 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from bumpstop.live.dds.participant import domain_of, on_loopback_only, participant, topic_name
 from bumpstop.live.dds.publishers import writer
-from bumpstop.live.source import SourceEventKind
 
 if TYPE_CHECKING:
-    from bumpstop.live.output import CollisionAlarm, MonitorTick
+    from bumpstop.live.output import CollisionAlarm, DataLoss, MonitorTick
     from bumpstop.live.source import SourceEvent
-
-NO_DATA = "no_data"
-# After these nothing is judged until samples come again.
-_SILENT = (SourceEventKind.STOPPED, SourceEventKind.ENDED)
 
 
 class DdsOutput:
@@ -82,10 +77,12 @@ class DdsOutput:
         self._write("state", types.String(tick.state))
         self._write("alarm", types.Bool(tick.state == "alarm"))
 
+    def data_loss(self, loss: DataLoss) -> None:
+        """Publish the state."""
+        self._write("state", self._types.String(loss.state))
+
     def source_event(self, event: SourceEvent, received_s: float) -> None:
-        """Publish the state ``no_data`` where no more samples come."""
-        if event.kind in _SILENT:
-            self._write("state", self._types.String(NO_DATA))
+        """Nothing to publish."""
 
     def flush(self, now_s: float) -> None:
         """Nothing is held back."""

@@ -2,21 +2,38 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from abc import ABC, abstractmethod
 from collections import deque
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from bumpstop.live.output import CollisionAlarm, MonitorTick, taken
+from bumpstop.live.output import CollisionAlarm, DataLoss, MonitorTick, taken
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from bumpstop.live.source import SourceEvent
 
-Told = CollisionAlarm | MonitorTick | tuple["SourceEvent", float]
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """The state at a time at which nothing need have been told.
+
+    Attributes:
+        last: what said it.
+        now_s: ``time.monotonic()`` [s].
+    """
+
+    last: MonitorTick | DataLoss
+    now_s: float
+
+
+Told = CollisionAlarm | MonitorTick | DataLoss | Status | tuple["SourceEvent", float]
 
 _PERIOD_S = 0.1
+_STATUS_S = 1.0
 _MAX_WAITING = 60_000  # a minute at 1 kHz, for a disk that hangs
 
 
@@ -34,6 +51,8 @@ class BackgroundOutput(ABC):
         self._ending = threading.Event()
         self._problems: deque[str] = deque()
         self._failing, self._dropped = False, 0
+        self._last: MonitorTick | DataLoss | None = None
+        self._next_status = -math.inf
         self.lost = self.pending = 0
         self._thread: threading.Thread | None = threading.Thread(target=self._run, name=self.what, daemon=True)
 
@@ -48,7 +67,13 @@ class BackgroundOutput(ABC):
 
     def tick(self, tick: MonitorTick) -> None:
         """Wait to be written."""
+        self._last = tick
         self._push(tick)
+
+    def data_loss(self, loss: DataLoss) -> None:
+        """Wait to be written."""
+        self._last = loss
+        self._push(loss)
 
     def source_event(self, event: SourceEvent, received_s: float) -> None:
         """Wait to be written."""
@@ -60,8 +85,11 @@ class BackgroundOutput(ABC):
             return
         self._waiting.append(told)
 
-    def flush(self, now_s: float) -> None:  # noqa: B027 - no subclass needs one
-        """The thread does it by itself."""
+    def flush(self, now_s: float) -> None:
+        """Tell the state once a second, whether samples come or not; the thread writes by itself."""
+        if self._last is not None and now_s >= self._next_status:
+            self._next_status = now_s + _STATUS_S
+            self._push(Status(self._last, now_s))
 
     def problems(self) -> list[str]:
         """What has failed since the last call."""

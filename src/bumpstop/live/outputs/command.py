@@ -18,7 +18,7 @@ from bumpstop.live.outputs.json_lines import alarm_json
 
 if TYPE_CHECKING:
     from bumpstop.live.loaded_detector import LoadedDetector
-    from bumpstop.live.output import CollisionAlarm, MonitorTick
+    from bumpstop.live.output import CollisionAlarm, DataLoss, MonitorTick
     from bumpstop.live.source import SourceEvent
 
 _AT_END_S = 1.0
@@ -104,6 +104,9 @@ class CollisionCommand:
             self._problems.append(f"--on-collision: ended with status {status}, alarm {alarm.number}")
 
     def tick(self, tick: MonitorTick) -> None:
+        """Nothing to do."""
+
+    def data_loss(self, loss: DataLoss) -> None:
         """Nothing to do."""
 
     def source_event(self, event: SourceEvent, received_s: float) -> None:

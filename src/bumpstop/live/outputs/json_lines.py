@@ -8,9 +8,10 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
+from bumpstop.arrays import finite_or_none
 from bumpstop.errors import InputError
-from bumpstop.live.output import CollisionAlarm, MonitorTick
-from bumpstop.live.outputs.background import BackgroundOutput
+from bumpstop.live.output import CollisionAlarm, DataLoss, MonitorTick
+from bumpstop.live.outputs.background import BackgroundOutput, Status
 from bumpstop.text_files import as_path
 
 if TYPE_CHECKING:
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
     from bumpstop.live.loaded_detector import LoadedDetector
     from bumpstop.live.outputs.background import Told
     from bumpstop.live.source import SourceEvent
-
-_STATUS_S = 1.0
 
 
 class JsonLines(BackgroundOutput):
@@ -43,7 +42,7 @@ class JsonLines(BackgroundOutput):
         super().__init__()
         self._joints = detector.joints
         self._wall = time.time() - time.monotonic()
-        self._state, self._next_status = "", -np.inf
+        self._state = ("", "")
         self._file: IO[bytes] | None = None
         self._torn = False
         try:
@@ -75,10 +74,13 @@ class JsonLines(BackgroundOutput):
         for told in batch:
             if isinstance(told, CollisionAlarm):
                 lines.append(self._of_alarm(told))
-            elif isinstance(told, MonitorTick):
-                lines += self._of_tick(told)
-            else:
+            elif isinstance(told, Status):
+                lines.append(self._status(told))
+            elif isinstance(told, tuple):
                 lines.append(self._of_event(*told))
+            elif (told.state, told.fault) != self._state:
+                self._state = told.state, told.fault
+                lines.append(self._line("state", told, told.received_s))
         self._append(lines)
 
     def finish(self) -> None:
@@ -110,29 +112,22 @@ class JsonLines(BackgroundOutput):
             | alarm_json(alarm, self._joints)
         )
 
-    def _of_tick(self, tick: MonitorTick) -> list[dict[str, Any]]:
-        received, found = tick.sample.received_s, []
-        if tick.state != self._state:
-            self._state = tick.state
-            found.append(self._line("state", tick))
-        if received >= self._next_status:
-            self._next_status = received + _STATUS_S
-            found.append(self._line("status", tick) | {"residual_Nm": _finite(tick.residual)})
-        return found
+    def _status(self, status: Status) -> dict[str, Any]:
+        last = status.last
+        residual = last.residual if isinstance(last, MonitorTick) else np.full(len(self._joints), np.nan)
+        return self._line("status", last, status.now_s) | {"residual_Nm": _finite(residual)}
 
-    def _line(self, kind: str, tick: MonitorTick) -> dict[str, Any]:
+    def _line(self, kind: str, told: MonitorTick | DataLoss, now_s: float) -> dict[str, Any]:
         return {
             "kind": kind,
-            "time_s": self._wall + tick.sample.received_s,
-            "stamp_s": tick.sample.stamp_s,
-            "state": tick.state,
-            "fault": tick.fault,
-            "stop": tick.stop,
+            "time_s": self._wall + now_s,
+            "stamp_s": finite_or_none(told.stamp_s),
+            "state": told.state,
+            "fault": told.fault,
+            "stop": told.stop,
         }
 
     def _of_event(self, event: SourceEvent, received_s: float) -> dict[str, Any]:
-        if event.kind in ("stopped", "restarted", "ended"):
-            self._state = "no_data"
         return {
             "kind": "source",
             "time_s": self._wall + received_s,

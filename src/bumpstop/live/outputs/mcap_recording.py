@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.errors import InputError
-from bumpstop.live.output import CollisionAlarm, MonitorTick
-from bumpstop.live.outputs.background import BackgroundOutput
+from bumpstop.live.output import CollisionAlarm, DataLoss, MonitorTick
+from bumpstop.live.outputs.background import BackgroundOutput, Status
 from bumpstop.live.outputs.mcap_writer import PART, McapFile, import_mcap, mend
 from bumpstop.live.outputs.ros_messages import RosMessages, usable_rows
 from bumpstop.text_files import as_path
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from bumpstop.live.outputs.background import Told
 
 _CHUNK_S = 0.4
-_AGAIN_S = 1.0  # thresholds and states are written when they change, and so often
+_AGAIN_S = 1.0  # thresholds are written when they change, and so often
 _RETRY_S = 5.0
 
 
@@ -55,8 +55,8 @@ class McapRecording(BackgroundOutput):
         self._detector, self._rotate = detector, rotate_s
         self._wall = time.time() - time.monotonic()
         self._threshold: Any = None
-        self._state = ""
-        self._next_threshold = self._next_state = -math.inf
+        self._state = ("", "")
+        self._next_threshold = -math.inf
         self._messages = RosMessages(detector.joints)
         self.mended: list[str] = []
         self.files: list[Path] = []
@@ -79,7 +79,7 @@ class McapRecording(BackgroundOutput):
         self._file = McapFile(self._next_path(), self._messages)
         self._end = time.monotonic() + self._rotate
         self._next_chunk = time.monotonic() + _CHUNK_S
-        self._threshold, self._state = None, ""
+        self._threshold, self._state = None, ("", "")
 
     def _next_path(self) -> Path:
         stem = self._path.stem
@@ -103,11 +103,15 @@ class McapRecording(BackgroundOutput):
             self._add_ticks(file, [told for told in batch if isinstance(told, MonitorTick)])
             for told in batch:
                 if isinstance(told, CollisionAlarm):
-                    time_ns = self._nanoseconds(told.tick.sample.received_s)
+                    time_ns = self._nanoseconds(told.tick.received_s)
                     file.add("/bumpstop/alarm", time_ns, self._messages.alarm(told))
-                elif not isinstance(told, MonitorTick):
+                elif isinstance(told, tuple):
                     event, received = told
                     file.add("/bumpstop/source", self._nanoseconds(received), self._messages.source_event(event))
+                elif isinstance(told, Status):
+                    self._add_state(file, told.last, told.now_s)
+                elif (told.state, told.fault) != self._state:
+                    self._add_state(file, told, told.received_s)
             self._unwritten = self.pending
             if now >= self._next_chunk or self._ending.is_set():
                 self._next_chunk = now + _CHUNK_S
@@ -138,24 +142,25 @@ class McapRecording(BackgroundOutput):
         return round((self._wall + received_s) * 1e9)
 
     def _add_ticks(self, file: McapFile, ticks: Sequence[MonitorTick]) -> None:
-        """Residuals of all, thresholds and states of those in which they change, and samples of this robot's joints."""
+        """Residuals of all, thresholds of those in which they change, and samples of this robot's joints."""
         if not ticks:
             return
-        at = [self._nanoseconds(tick.sample.received_s) for tick in ticks]
-        stamps = np.array([tick.sample.stamp_s for tick in ticks])
+        at = [self._nanoseconds(tick.received_s) for tick in ticks]
+        stamps = np.array([tick.stamp_s for tick in ticks])
         bodies = self._messages.efforts(stamps, np.array([tick.residual for tick in ticks]))
         for time_ns, body in zip(at, bodies, strict=True):
             file.add("/bumpstop/residual", time_ns, body)
         for tick, time_ns in zip(ticks, at, strict=True):
-            received = tick.sample.received_s
+            received = tick.received_s
             if received >= self._next_threshold or not np.array_equal(tick.threshold, self._threshold):
                 self._threshold, self._next_threshold = tick.threshold, received + _AGAIN_S
-                stamp = np.array([tick.sample.stamp_s])
+                stamp = np.array([tick.stamp_s])
                 file.add("/bumpstop/threshold", time_ns, self._messages.efforts(stamp, tick.threshold[None])[0])
-            if received >= self._next_state or tick.state != self._state:
-                self._state, self._next_state = tick.state, received + _AGAIN_S
-                file.add("/bumpstop/state", time_ns, self._messages.state(tick))
         self._add_joint_states(file, ticks)
+
+    def _add_state(self, file: McapFile, told: MonitorTick | DataLoss, now_s: float) -> None:
+        self._state = told.state, told.fault
+        file.add("/bumpstop/state", self._nanoseconds(now_s), self._messages.state(told))
 
     def _add_joint_states(self, file: McapFile, ticks: Sequence[MonitorTick]) -> None:
         """Samples as ROS 2 has them; the effort is what the detector takes."""

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from bumpstop.arrays import FloatArray
-    from bumpstop.live.output import CollisionAlarm, MonitorTick
+    from bumpstop.live.output import CollisionAlarm, DataLoss, MonitorTick
     from bumpstop.live.source import SourceEvent
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -124,15 +124,15 @@ class RosMessages:
         """The same with efforts alone."""
         return self.joint_states(stamps, None, None, effort)
 
-    def state(self, tick: MonitorTick) -> bytes:
-        """What the detector says of a sample."""
+    def state(self, told: MonitorTick | DataLoss) -> bytes:
+        """What the detector says of a sample, or that none comes; its stamp is then zero."""
         return self._cdr(
             STATE,
-            stamp=self._time(tick.sample.stamp_s),
-            state=STATES.index(tick.state),
-            name=tick.state,
-            fault=tick.fault,
-            stop=tick.stop,
+            stamp=self._time(told.stamp_s),
+            state=STATES.index(told.state),
+            name=told.state,
+            fault=told.fault,
+            stop=told.stop,
         )
 
     def alarm(self, alarm: CollisionAlarm) -> bytes:
