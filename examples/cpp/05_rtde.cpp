@@ -38,7 +38,11 @@ int main(int count, char** arguments) {
     }
     static bumpstop::Detector detector = description->detector();
     const bool torque = detector.settings().source == bumpstop::TorqueSource::torque;
-    const double frequency = std::min(500.0, 1 / detector.settings().samples.period);
+    const double period = detector.settings().samples.period, frequency = std::min(500.0, 1 / period);
+    if (1 / frequency > 1.1 * period) {
+        std::fprintf(stderr, "error: a controller gives 500 samples a second, the detector takes %g\n", 1 / period);
+        return 2;
+    }
     if (detector.joints() < RtdeClient::controller_joints) {
         std::fprintf(stderr, "error: RTDE carries six joints, the detector has %d\n", detector.joints());
         return 2;

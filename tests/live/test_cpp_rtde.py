@@ -57,9 +57,9 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
-def made_detector(folder: Path) -> Path:
+def made_detector(folder: Path, period_s: float = 0.002) -> Path:
     thresholds = Thresholds(np.array([20.0, 10, 20, 20, 20, 20, np.inf]))
-    settings = DetectorSettings(period_s=0.002, arming_delay_s=0.1)
+    settings = DetectorSettings(period_s=period_s, arming_delay_s=0.1)
     file = folder / "arm.detector"
     save_detector(Detector(Robot.load("sia5d"), JointTorqueModel.load("sia5d"), thresholds, settings), file)
     return file
@@ -120,3 +120,10 @@ def test_a_rail_among_the_joints_of_the_controller(program: Path, tmp_path: Path
     command = [program, "127.0.0.1", "1", str(tmp_path / "rail.detector")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (2, "error: joint 1 slides, and all six of a controller turn\n")
+
+
+def test_more_samples_than_a_controller_gives(program: Path, tmp_path: Path) -> None:
+    command = [program, "127.0.0.1", "1", str(made_detector(tmp_path, 0.001))]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    words = "error: a controller gives 500 samples a second, the detector takes 1000\n"
+    assert (done.returncode, done.stderr) == (2, words)

@@ -170,6 +170,8 @@ FAULTS: dict[str, tuple[Change, dict[K, int], int]] = {
         1,
     ),
     "flood": (lambda s: [*s[:200], *faster(s, 200, 260), *s[260:]], {K.FLOODED: 240}, 231),
+    # Half of them, each told as one that lacks its neighbour.
+    "half the rate": (lambda s: s[::2], {K.LOST: 249, K.WRONG_RATE: 1}, 0),
     "source says so": (
         lambda s: [*s[:200], SourceEvent(K.RESTARTED, "connected again"), *s[200:]],
         {K.RESTARTED: 1},
@@ -231,6 +233,25 @@ def test_outputs_know_that_a_monitor_has_ended(tmp_path: Path) -> None:
     summary, heard = watch(tmp_path, script, MonitorSettings(stop_after_s=5.0, duration_s=0.15))
     assert [(loss.state, loss.fault, loss.stop) for loss in heard.losses] == [("no_data", "ended", True)]
     assert summary.active_at_end
+
+
+def test_a_source_of_another_rate_is_refused(tmp_path: Path) -> None:
+    """As `bumpstop detect` refuses a recording, wherever the rate is known before samples come."""
+    log = motion(300)
+    assert log.tau is not None
+    half = replace(log, t=log.t[::2], q=log.q[::2], qd=None, tau=log.tau[::2])
+    half.save(tmp_path / "half.parquet")
+    made_for = "the detector is made for one every 0.004 s"
+    with pytest.raises(InputError, match=rf"SOURCE: '.*half.parquet' gives a sample every 0.008 s; {made_for}"):
+        source_of(str(tmp_path / "half.parquet"), loaded(tmp_path))
+    for frequency, period in ((125, 0.008), (500, 0.002)):
+        with pytest.raises(InputError, match=rf"gives a sample every {period} s; {made_for}"):
+            source_of(f"rtde://10.0.0.2?frequency={frequency}", loaded(tmp_path))
+    assert source_of("rtde://10.0.0.2?frequency=260", loaded(tmp_path)).name == "rtde://10.0.0.2:30004"
+    fast = Detector(UR5E, None, np.full(N, THRESHOLD_NM), DetectorSettings(period_s=0.001, window_s=0.02))
+    save_detector(fast, tmp_path / "fast.detector")
+    with pytest.raises(InputError, match=r"gives a sample every 0.002 s; the detector is made for one every 0.001 s"):
+        source_of("rtde://10.0.0.2", LoadedDetector.load(tmp_path / "fast.detector"))
 
 
 def test_currents_for_torques_are_recognised(tmp_path: Path) -> None:

@@ -36,6 +36,13 @@ def check_rates(settings: DetectorSettings, thresholds: Thresholds) -> None:
         raise InputError("period_s", f"is {ours:g}", f"the thresholds were found at {theirs:g}")
 
 
+def recorded_period(t: FloatArray) -> float | None:
+    """Median interval of rows as they came in (N,) [s]; None: no time rises."""
+    steps = np.diff(t)
+    steps = steps[np.isfinite(steps) & (steps > 0)]
+    return float(np.median(steps)) if steps.size else None
+
+
 def period_of(t: FloatArray, settings: DetectorSettings, thresholds: Thresholds) -> float:
     """Time from row to row: that of the settings, or else the median interval [s].
 
@@ -47,9 +54,7 @@ def period_of(t: FloatArray, settings: DetectorSettings, thresholds: Thresholds)
     Raises:
         InputError: either says another than the rows have, or nothing says one.
     """
-    steps = np.diff(t)
-    steps = steps[np.isfinite(steps) & (steps > 0)]
-    recorded = float(np.median(steps)) if steps.size else None
+    recorded = recorded_period(t)
     for name, wanted in (("period_s", settings.period_s), ("thresholds period_s", thresholds.period_s)):
         if wanted and recorded and not same_period(recorded, wanted):
             raise InputError(

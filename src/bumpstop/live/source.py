@@ -25,6 +25,7 @@ class SourceEventKind(StrEnum):
     LOST = "lost"  # samples are missing
     DAMAGED = "damaged"  # a message that cannot be read, or numbers that are none
     FOREIGN = "foreign"  # a sample of another robot's joints, or another type of message
+    WRONG_RATE = "wrong_rate"  # samples come at another rate than the detector is made for
     WRONG_UNIT = "wrong_unit"  # the signal looks like one of another unit
     ENDED = "ended"  # the source has no more samples: a recording at its end
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bumpstop.live.rate_check import RateCheck
 from bumpstop.live.source import SourceEventKind
 
 if TYPE_CHECKING:
@@ -59,6 +60,7 @@ class StreamChecks:
     def __init__(self, detector: LoadedDetector, *, paced: bool = True) -> None:
         self._detector, self._paced = detector, paced
         self._period = detector.period_s
+        self._rate = RateCheck(detector.period_s)
         self.reset()
 
     def reset(self) -> None:
@@ -149,6 +151,10 @@ class StreamChecks:
             return self._not_later(sample, -step, findings)
         self._back, self._newest_back = 0, -math.inf
         self._watch_flood(step, findings)
+        # A flood has its own name.
+        rate = self._rate.look(step) if step >= _FLOOD_SHARE * self._period else ""
+        if rate:
+            findings.append((SourceEventKind.WRONG_RATE, rate, 1))
         if self._paced and step - max(passed, 0.0) > _AHEAD_S:
             text = f"the sender's clock went ahead by {step - passed:.3g} s"
             findings.append((SourceEventKind.JUMPED_AHEAD, text, 1))

@@ -69,6 +69,7 @@ def _refuse(given: SourceOptions, kind: str, names: tuple[str, ...]) -> None:
 
 
 def _recording(text: str, detector: LoadedDetector, given: SourceOptions) -> Source:
+    from bumpstop.detection.rate import recorded_period
     from bumpstop.live.sources.recording import RecordingSource
     from bumpstop.recording import Recording
 
@@ -90,7 +91,19 @@ def _recording(text: str, detector: LoadedDetector, given: SourceOptions) -> Sou
         raise InputError("SOURCE", f"{text!r} has no {detector.signal}", f"the detector takes {detector.signal}s")
     if detector.measured_rates and log.qd is None:
         raise InputError("SOURCE", f"{text!r} has no joint speeds", "the detector takes measured ones")
+    recorded = recorded_period(log.t)
+    if recorded is not None:
+        _check_rate(text, recorded, detector)
     return RecordingSource(log, 1.0 if given.speed is None else given.speed, text)
+
+
+def _check_rate(text: str, period_s: float, detector: LoadedDetector) -> None:
+    """Refuse a source whose rate is known and is another than the detector's, as ``bumpstop detect`` does."""
+    from bumpstop.detection.rate import same_period
+
+    if not same_period(period_s, detector.period_s):
+        problem = f"{text!r} gives a sample every {period_s:.6g} s"
+        raise InputError("SOURCE", problem, f"the detector is made for one every {detector.period_s:.6g} s")
 
 
 def _reordered(log: Any, order: list[int], names: tuple[str, ...]) -> Any:
@@ -110,6 +123,7 @@ def _plant(text: str, rest: str, detector: LoadedDetector, given: SourceOptions)
             "SOURCE", f"{text!r} names no experiment", "for example plant:examples/plant/01_press_foam.toml"
         )
     source = PlantSource(Experiment.load(rest), 1.0 if given.speed is None else given.speed, text)
+    _check_rate(text, source.period_s, detector)
     if source.joints != detector.joints:
         problem = f"{text!r} moves the joints {', '.join(source.joints)}"
         raise InputError("SOURCE", problem, f"the detector's {detector.robot} has {', '.join(detector.joints)}")
@@ -133,13 +147,14 @@ def _query(text: str, known: tuple[str, ...]) -> tuple[Any, dict[str, str]]:
 
 def _rtde(text: str, detector: LoadedDetector, answers: bool) -> Source:
     from bumpstop.live.rtde.axes import DEFAULT_AXES, check_turning, read_axes
+    from bumpstop.live.rtde.source import MAX_FREQUENCY_HZ, RtdeSource
 
     parts, query = _query(text, ("signal", "frequency", "axes"))
-    made = _imported("bumpstop.live.rtde.source", "RtdeSource")
     axes = read_axes(query["axes"]) if "axes" in query else DEFAULT_AXES
     more: dict[str, Any] = {"answers": answers, "axes": axes} | ({} if parts.port is None else {"port": parts.port})
-    more["frequency_hz"] = _number(query, "frequency", min(500.0, 1 / detector.period_s))
-    source: Source = made(parts.hostname, joints=detector.dof, signal=query.get("signal", detector.signal), **more)
+    more["frequency_hz"] = _number(query, "frequency", min(MAX_FREQUENCY_HZ, 1 / detector.period_s))
+    source = RtdeSource(parts.hostname, joints=detector.dof, signal=query.get("signal", detector.signal), **more)
+    _check_rate(text, 1 / more["frequency_hz"], detector)
     check_turning(axes, detector.joints, [unit == "N" for unit in detector.units])
     return source
 

@@ -57,6 +57,11 @@ class PlantSource(Source):
         """Names of the robot's joints."""
         return tuple(joint.name for joint in self._plant.robot.joints)
 
+    @property
+    def period_s(self) -> float:
+        """Between its samples [s]."""
+        return 1 / self._plant.sensors.rate_hz
+
     def answer(self, answer: Answer, number: int) -> None:
         """Turn the motion at the next sample, as the experiment's ``[reaction]`` says; the first answer counts.
 
