@@ -18,7 +18,13 @@ from docs.pages import ROOT, code, read, rows, section
 
 PAGE = read("docs/how_to/live_sources.md")
 DETECTOR: Any = SimpleNamespace(
-    dof=8, joints=tuple("abcdefgh"), units=("Nm",) * 8, signal="current", takes_current=True, period_s=0.004
+    dof=8,
+    joints=tuple("abcdefgh"),
+    units=("Nm",) * 8,
+    signal="current",
+    takes_current=True,
+    measured_rates=False,
+    period_s=0.004,
 )
 
 
@@ -33,6 +39,20 @@ def test_what_an_address_may_say(scheme: str, heading: str) -> None:
     assert source.name == {"rtde": "rtde://10.0.0.2:30004", "dds": "dds://rt/arm_1/joint_states"}[scheme]
     assert getattr(source, "_frequency", 250) == 250
     assert getattr(source, "_domain", 3) == 3
+
+
+@pytest.mark.parametrize("address", ["rtde://a?signal=", "dds://a?effort="])
+def test_a_signal_that_the_detector_does_not_take(address: str) -> None:
+    """Not one sample could be judged."""
+    for given in ("torque", "torques"):
+        with pytest.raises(InputError, match=rf"is '{given}'; the detector takes currents: 'current'"):
+            source_of(address + given, DETECTOR)
+
+
+def test_a_domain_is_a_whole_number() -> None:
+    for given in ("2.9", "-1", "x"):
+        with pytest.raises(InputError, match=f"domain is '{given}'; wanted a whole number"):
+            source_of(f"dds://a?domain={given}", DETECTOR)
 
 
 def test_fields() -> None:

@@ -161,3 +161,28 @@ def test_answers_are_taken_back() -> None:
         AnswerOutput(source, "revers")
     with pytest.raises(InputError, match="--answer: has no meaning with this source"):
         AnswerOutput(object(), "stop")
+
+
+def test_the_plant_in_this_process_gives_what_a_detector_takes(tmp_path: Path) -> None:
+    """Speeds for one that takes measured ones; currents of a joint model are no torques."""
+    from bumpstop.detection import Detector, DetectorSettings, save_detector
+    from bumpstop.errors import InputError
+    from bumpstop.joint import JointTorqueModel
+    from bumpstop.live.loaded_detector import LoadedDetector
+    from bumpstop.live.sources.names import source_of
+    from bumpstop.model import Robot
+
+    arm, settings = Robot.load("sia5d"), DetectorSettings(period_s=0.004, measured_rates=True)
+    limits = np.array([20.0] * 6 + [np.inf])
+    save_detector(Detector(arm, JointTorqueModel.load("sia5d"), limits, settings), tmp_path / "c.detector")
+    save_detector(Detector(arm, None, np.full(7, 20.0), settings), tmp_path / "t.detector")
+    with source_of(f"plant:{EXPERIMENT}", LoadedDetector.load(tmp_path / "c.detector")) as source:
+        sample = source.read(20.0)
+    assert isinstance(sample, JointSample)
+    assert sample.velocity_rad_s is not None
+    assert sample.velocity_rad_s.shape == (7,)
+    with pytest.raises(InputError, match="has currents of a joint model; the detector takes torques"):
+        source_of(f"plant:{EXPERIMENT}", LoadedDetector.load(tmp_path / "t.detector"))
+    (tmp_path / "half.toml").write_text(EXPERIMENT.read_text() + "\n[sensors]\nrate_hz = 125\n")
+    with pytest.raises(InputError, match=r"gives a sample every 0.008 s; the detector is made for one every 0.004 s"):
+        source_of(f"plant:{tmp_path / 'half.toml'}", LoadedDetector.load(tmp_path / "c.detector"))

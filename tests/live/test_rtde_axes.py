@@ -32,8 +32,8 @@ RAILED = replace(UR5E, joints=(RAIL, *UR5E.joints), frames=(), drive_train_entri
 ORDER = [1, 2, 3, 4, 5, 6, 0]
 
 
-def railed(folder: Path) -> LoadedDetector:
-    settings = DetectorSettings(period_s=DT, window_s=0.02, arming_delay_s=0.0)
+def railed(folder: Path, *, measured_rates: bool = False) -> LoadedDetector:
+    settings = DetectorSettings(period_s=DT, window_s=0.02, arming_delay_s=0.0, measured_rates=measured_rates)
     save_detector(Detector(RAILED, None, np.full(7, THRESHOLD_NM), settings), folder / "rail.detector")
     return LoadedDetector.load(folder / "rail.detector")
 
@@ -100,3 +100,6 @@ def test_joints_of_the_controller_that_cannot_be(tmp_path: Path) -> None:
             source_of(f"rtde://10.0.0.2?axes={axes}", detector)
     with pytest.raises(InputError, match="axes: is '2,a'; wanted six numbers of joints"):
         source_of("rtde://10.0.0.2?axes=2,a", detector)
+    without = railed(tmp_path, measured_rates=True)
+    with pytest.raises(InputError, match="has no speeds of the joints in registers; the detector takes measured ones"):
+        source_of("rtde://10.0.0.2?axes=2,3,4,5,6,7", without)

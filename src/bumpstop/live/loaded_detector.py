@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -92,7 +92,7 @@ class LoadedDetector:
         return len(self.joints)
 
     @property
-    def signal(self) -> str:
+    def signal(self) -> Literal["current", "torque"]:
         """What samples must have: ``"current"`` or ``"torque"``."""
         return "current" if self.takes_current else "torque"
 

@@ -124,6 +124,8 @@ def _plant(text: str, rest: str, detector: LoadedDetector, given: SourceOptions)
         )
     source = PlantSource(Experiment.load(rest), 1.0 if given.speed is None else given.speed, text)
     _check_rate(text, source.period_s, detector)
+    if not detector.takes_current and not source.gives_torques:
+        raise InputError("SOURCE", f"{text!r} has currents of a joint model", "the detector takes torques")
     if source.joints != detector.joints:
         problem = f"{text!r} moves the joints {', '.join(source.joints)}"
         raise InputError("SOURCE", problem, f"the detector's {detector.robot} has {', '.join(detector.joints)}")
@@ -146,14 +148,18 @@ def _query(text: str, known: tuple[str, ...]) -> tuple[Any, dict[str, str]]:
 
 
 def _rtde(text: str, detector: LoadedDetector, answers: bool) -> Source:
-    from bumpstop.live.rtde.axes import DEFAULT_AXES, check_turning, read_axes
+    from bumpstop.live.rtde.axes import CONTROLLER_JOINTS, DEFAULT_AXES, check_turning, read_axes
     from bumpstop.live.rtde.source import MAX_FREQUENCY_HZ, RtdeSource
 
     parts, query = _query(text, ("signal", "frequency", "axes"))
     axes = read_axes(query["axes"]) if "axes" in query else DEFAULT_AXES
     more: dict[str, Any] = {"answers": answers, "axes": axes} | ({} if parts.port is None else {"port": parts.port})
     more["frequency_hz"] = _number(query, "frequency", min(MAX_FREQUENCY_HZ, 1 / detector.period_s))
-    source = RtdeSource(parts.hostname, joints=detector.dof, signal=query.get("signal", detector.signal), **more)
+    _check_signal(query, "signal", detector)
+    source = RtdeSource(parts.hostname, joints=detector.dof, signal=detector.signal, **more)
+    if detector.measured_rates and detector.dof > CONTROLLER_JOINTS:
+        problem = f"{text!r} has no speeds of the joints in registers"
+        raise InputError("SOURCE", problem, "the detector takes measured ones")
     _check_rate(text, 1 / more["frequency_hz"], detector)
     check_turning(axes, detector.joints, [unit == "N" for unit in detector.units])
     return source
@@ -164,10 +170,20 @@ def _dds(text: str, detector: LoadedDetector, answers: bool) -> Source:
     made = _imported("bumpstop.live.dds.source", "DdsSource")
     more: dict[str, Any] = {"answers": answers}
     if "domain" in query:
-        more["domain"] = int(_number(query, "domain", 0.0))
+        if not (query["domain"].isascii() and query["domain"].isdigit()):
+            raise InputError("SOURCE", f"domain is {query['domain']!r}", "wanted a whole number")
+        more["domain"] = int(query["domain"])
     topic = parts.netloc + parts.path
-    source: Source = made(topic, detector.joints, effort=query.get("effort", detector.signal), **more)
+    _check_signal(query, "effort", detector)
+    source: Source = made(topic, detector.joints, effort=detector.signal, **more)
     return source
+
+
+def _check_signal(query: dict[str, str], key: str, detector: LoadedDetector) -> None:
+    """Refuse a signal of which the detector could not take a single sample."""
+    given = query.get(key, detector.signal)
+    if given != detector.signal:
+        raise InputError("SOURCE", f"{key} is {given!r}", f"the detector takes {detector.signal}s: {detector.signal!r}")
 
 
 def _number(query: dict[str, str], key: str, otherwise: float) -> float:

@@ -62,6 +62,11 @@ class PlantSource(Source):
         """Between its samples [s]."""
         return 1 / self._plant.sensors.rate_hz
 
+    @property
+    def gives_torques(self) -> bool:
+        """Its currents are in Nm, as it has no joint model."""
+        return self._plant.joint_model is None
+
     def answer(self, answer: Answer, number: int) -> None:
         """Turn the motion at the next sample, as the experiment's ``[reaction]`` says; the first answer counts.
 
@@ -100,8 +105,9 @@ class PlantSource(Source):
                 stamp_s=sample.t,
                 received_s=time.monotonic(),
                 position_rad=np.array(sample.q),
+                velocity_rad_s=np.array(sample.qd),
                 current_A=current,
-                torque_Nm=current if self._plant.joint_model is None else None,
+                torque_Nm=current if self.gives_torques else None,
             )
         )
         return self._reaction
