@@ -77,6 +77,17 @@ def test_a_killed_monitor_loses_a_second_at_most_and_the_next_goes_on(tmp_path: 
     assert not part.exists()
 
 
+def test_a_pause_in_a_recording_is_lost_samples_at_any_speed(tmp_path: Path) -> None:
+    """Played faster, its clock gains on ours all the time, and has not jumped."""
+    log = motion(500)
+    log.t[250:] += 2.0
+    log.save(tmp_path / "log.parquet")
+    for speed in ("10", "max"):
+        words = arguments(tmp_path, "--speed", speed, "--stop-after-s", "5", "--json")
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
+        assert json.loads(done.stdout)["found"] == {"lost": 500}, speed
+
+
 def test_a_full_disk_is_named_and_monitoring_goes_on(tmp_path: Path) -> None:
     """Files may not grow beyond 20 kB: the recording ends there, the verdicts do not."""
     words = arguments(

@@ -48,7 +48,7 @@ class MonitorSettings:
             least 0.1 s, and 1 s before the first.
         rearm_s: an alarm is taken as dealt with once everything was below its thresholds for so long [s]; infinite:
             the first alarm stands.
-        paced: samples come when they are due: the source is no recording that is read as fast as it can be.
+        paced: the clock of the source runs no faster than ours: it is no recording that is played faster.
     """
 
     duration_s: float = math.inf

@@ -54,7 +54,7 @@ class StreamChecks:
 
     Args:
         detector: says which joints and which signal, and how often.
-        paced: samples come when they are due; else they are read as fast as they can be, and our clock says nothing.
+        paced: the clock of the source runs no faster than ours; else ours says nothing of it.
     """
 
     def __init__(self, detector: LoadedDetector, *, paced: bool = True) -> None:
