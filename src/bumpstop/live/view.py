@@ -7,6 +7,7 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any, Self
 
+from bumpstop.live.output import MonitorTick
 from bumpstop.terminal import table
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
     from bumpstop.live.loaded_detector import LoadedDetector
     from bumpstop.live.monitor import Monitor
-    from bumpstop.live.output import CollisionAlarm, DataLoss, MonitorTick
+    from bumpstop.live.output import CollisionAlarm, DataLoss
     from bumpstop.live.source import SourceEvent
 
 _LINE_S = 1.0
@@ -36,7 +37,7 @@ class MonitorView:
 
     def __init__(self, detector: LoadedDetector, console: Console, source: str) -> None:
         self._detector, self._console, self._source = detector, console, source
-        self._tick: MonitorTick | None = None
+        self._told: MonitorTick | DataLoss | None = None
         self._monitor: Monitor | None = None
         self._next_line = time.monotonic() + _LINE_S
         self._before: tuple[float, int] | None = None
@@ -63,9 +64,10 @@ class MonitorView:
         """State, rate, age of the last sample, worst joint and alarms, on one line."""
         monitor = self._monitor
         assert monitor is not None
-        worst = "no data"
-        share = self._shares()
-        if share is not None:
+        worst = "no data" if self._told is None else f"no data ({self._told.fault})"
+        tick = self._judged()
+        if tick is not None:
+            share = _shares(tick)
             j = max(range(len(share)), key=lambda k: share[k])
             worst = f"{_WORST} {self._detector.joints[j]} at {100 * share[j]:.0f} % of its threshold"
         age = monitor.age_s()
@@ -73,31 +75,29 @@ class MonitorView:
         rate = "" if math.isnan(self._rate) else f"{self._rate:.0f} samples/s, "
         return f"{monitor.state.upper()}: {rate}{told}, {worst}, {monitor.alarms} alarms"
 
-    def _shares(self) -> list[float] | None:
-        tick = self._tick
-        if tick is None or tick.state == "no_data" or self._monitor is None or self._monitor.inactive:
-            return None
-        pairs = zip(tick.residual.tolist(), tick.threshold.tolist(), strict=True)
-        return [abs(r) / t for r, t in pairs]
+    def _judged(self) -> MonitorTick | None:
+        """The last tick, if there are data now."""
+        told = self._told
+        return told if isinstance(told, MonitorTick) and told.state != "no_data" else None
 
     def __rich__(self) -> RenderableType:
         """The table."""
         from rich.console import Group
 
-        monitor, tick = self._monitor, self._tick
+        monitor, tick = self._monitor, self._judged()
         if monitor is None:
             return f"waiting for {self._source}"
         rows = []
-        share = self._shares()
+        share = [] if tick is None else _shares(tick)
         for j, name in enumerate(self._detector.joints):
-            if share is None or tick is None:
+            if tick is None:
                 rows.append((name, "-", "-", "-", ""))
                 continue
             bar = "#" * min(_BAR, round(_BAR * share[j]))
             limit = tick.threshold[j]
-            told = f"{limit:.3g}" if math.isfinite(limit) else "not monitored"
+            threshold = f"{limit:.3g}" if math.isfinite(limit) else "not monitored"
             unit = self._detector.units[j]
-            rows.append((name, f"{tick.residual[j]:+.3g} {unit}", told, f"{100 * share[j]:.0f} %", bar))
+            rows.append((name, f"{tick.residual[j]:+.3g} {unit}", threshold, f"{100 * share[j]:.0f} %", bar))
         columns = ("joint", "residual", "threshold", "share", "")
         return Group(self.line(), table(columns, rows, ("joint", "")))
 
@@ -114,10 +114,11 @@ class MonitorView:
 
     def tick(self, tick: MonitorTick) -> None:
         """The last one is shown."""
-        self._tick = tick
+        self._told = tick
 
     def data_loss(self, loss: DataLoss) -> None:
-        """The monitor itself is asked."""
+        """Shown instead of the last."""
+        self._told = loss
 
     def source_event(self, event: SourceEvent, received_s: float) -> None:
         """Said at the next flush."""
@@ -155,6 +156,12 @@ class MonitorView:
         if self._live is not None:
             self._live.stop()
             self._live = None
+
+
+def _shares(tick: MonitorTick) -> list[float]:
+    """Residuals in units of their thresholds."""
+    pairs = zip(tick.residual.tolist(), tick.threshold.tolist(), strict=True)
+    return [abs(r) / t for r, t in pairs]
 
 
 def alarm_line(alarm: CollisionAlarm, detector: LoadedDetector) -> str:
