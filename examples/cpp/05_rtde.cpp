@@ -47,7 +47,7 @@ int main(int count, char** arguments) {
         std::fprintf(stderr, "error: RTDE carries six joints, the detector has %d\n", detector.joints());
         return 2;
     }
-    // The controller's six are joints 1 to 6 here. Those of a robot on a rail are 2 to 7: `RtdeClient` would cross them.
+    // The controller's six are joints 1 to 6 here. Of a robot on a rail they are 2 to 7, and would be crossed.
     for (int j = 0; j < RtdeClient::controller_joints; ++j)
         if (description->robot.joints[j].spec.prismatic) {
             std::fprintf(stderr, "error: joint %d slides, and all six of a controller turn\n", j + 1);

@@ -129,6 +129,8 @@ def test_refusals(port: int, capsys: pytest.CaptureFixture[str]) -> None:
     for options, words in (
         ([], "--rtde: and --dds are both missing; give a port, a topic, or both"),
         (["--rtde", "70000"], "--rtde: is 70000; wanted 0 to 65535"),
+        (["--dds", "/a", "--axes", "1,2,3,4,5,6"], "--axes: has no meaning without --rtde"),
+        (["--rtde", "0", "--axes", "1,2"], "--axes: is 1,2; wanted six rising numbers from 1 to 7"),
         (["--rtde", "0", "--domain", "3"], "--domain: has no meaning without --dds"),
         (["--dds", "a b"], "--dds: 'a b' is no name of a topic; wanted such as /joint_states"),
         (["--dds", "/a", "--domain", "900"], "--domain: is 900; wanted a whole number from 0 to 232"),
