@@ -116,7 +116,7 @@ def test_joints_are_chosen_from_a_bag_by_name(tmp_path: Path) -> None:
     replace(log, q=q, qd=None, tau=tau, joint_names=("finger", *NAMES[::-1])).save(tmp_path / "hand.mcap")
     heard = Heard()
     with source_of(str(tmp_path / "hand.mcap"), loaded(tmp_path), SourceOptions(speed=math.inf)) as source:
-        Monitor(loaded(tmp_path), source, [heard], MonitorSettings(paced=False)).run()
+        Monitor(loaded(tmp_path), source, [heard], MonitorSettings(speed=math.inf)).run()
     np.testing.assert_array_equal(heard.ticks[200].sample.position_rad, log.q[200])
     assert [alarm.event.joints for alarm in heard.alarms] == [(1,)]
     replace(log, joint_names=("finger", *NAMES[1:])).save(tmp_path / "other.mcap")
@@ -333,7 +333,9 @@ def test_any_stream_is_judged_told_or_dropped(tmp_path: Path) -> None:
             elif kind == 9:
                 script.append(SourceEvent(K(draw.choice([K.RESTARTED, K.DAMAGED, K.STOPPED])), "says the source", 3))
             script.append(sample)
-        summary, heard = watch(tmp_path, script, MonitorSettings(stop_after_s=100.0, paced=bool(draw.integers(2))))
+        summary, heard = watch(
+            tmp_path, script, MonitorSettings(stop_after_s=100.0, speed=float(draw.choice([1.0, math.inf])))
+        )
         count = sum(isinstance(one, JointSample) for one in script)
         assert summary.samples == count == len(heard.ticks)
         assert summary.judged + sum(summary.no_data.values()) + summary.dropped == count

@@ -88,6 +88,14 @@ def test_a_pause_in_a_recording_is_lost_samples_at_any_speed(tmp_path: Path) -> 
         assert json.loads(done.stdout)["found"] == {"lost": 500}, speed
 
 
+def test_a_recording_that_is_played_slowly_does_not_stop(tmp_path: Path) -> None:
+    """Its samples come every 0.2 s, as they must at this speed."""
+    words = arguments(tmp_path, "--speed", "0.02", "--duration-s", "3", "--json")
+    done = json.loads(subprocess.run(words, capture_output=True, text=True, check=False).stdout)
+    assert done["found"] == {}
+    assert done["judged"] > 0
+
+
 def test_a_full_disk_is_named_and_monitoring_goes_on(tmp_path: Path) -> None:
     """Files may not grow beyond 20 kB: the recording ends there, the verdicts do not."""
     words = arguments(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from dataclasses import replace
@@ -58,7 +59,7 @@ def test_an_arm_on_a_rail_is_monitored(tmp_path: Path) -> None:
     thread.start()
     address = f"rtde://127.0.0.1:{server.port}?axes=2,3,4,5,6,7"
     with source_of(address, detector) as source:
-        summary = Monitor(detector, source, [heard], MonitorSettings(duration_s=2.0, paced=False)).run()
+        summary = Monitor(detector, source, [heard], MonitorSettings(duration_s=2.0, speed=math.inf)).run()
     thread.join()
     server.close()
     assert summary.alarms == 0

@@ -44,17 +44,17 @@ class MonitorSettings:
 
     Attributes:
         duration_s: end after so long [s]; infinite: when the source or somebody ends it.
-        stop_after_s: without a sample for longer the source has stopped [s]; None: ten periods of the detector, at
-            least 0.1 s, and 1 s before the first.
+        stop_after_s: without a sample for longer the source has stopped [s]; None: ten periods of the detector at
+            ``speed``, at least 0.1 s, and 1 s before the first.
         rearm_s: an alarm is taken as dealt with once everything was below its thresholds for so long [s]; infinite:
             the first alarm stands.
-        paced: the clock of the source runs no faster than ours: it is no recording that is played faster.
+        speed: seconds of the source in a second of our clock; infinite: its samples are read as fast as they can be.
     """
 
     duration_s: float = math.inf
     stop_after_s: float | None = None
     rearm_s: float = 0.5
-    paced: bool = True
+    speed: float = 1.0
 
 
 class Monitor:
@@ -80,11 +80,11 @@ class Monitor:
         self.detector, self._source, self._outputs = detector, source, tuple(outputs)
         self._settings = settings or MonitorSettings()
         self._kernel = detector.kernel(latched=math.isinf(self._settings.rearm_s))
-        self._checks = StreamChecks(detector, paced=self._settings.paced)
+        self._checks = StreamChecks(detector, paced=self._settings.speed <= 1)
         self._units = UnitCheck(detector)
         self._limiter = EventLimiter()
         given = self._settings.stop_after_s
-        self._stop_after = max(0.1, 10 * detector.period_s) if given is None else given
+        self._stop_after = max(0.1, 10 * detector.period_s / self._settings.speed) if given is None else given
         # A source that begins may take a while.
         self._begin_after = max(_FIRST_S, self._stop_after) if given is None else given
         self._nan = np.full(detector.dof, math.nan)

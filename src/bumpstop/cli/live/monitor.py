@@ -88,7 +88,7 @@ def monitor(
         duration_s=math.inf if duration_s is None else _above_zero(duration_s, "--duration-s"),
         stop_after_s=None if stop_after_s is None else _above_zero(stop_after_s, "--stop-after-s"),
         rearm_s=_above_zero(rearm_s, "--rearm-s", finite=False),
-        paced=pace is None or pace <= 1,
+        speed=1.0 if pace is None else pace,
     )
     if on_collision is None and shell:
         raise InputError("--shell", "has no meaning without --on-collision", "leave it out")
