@@ -148,7 +148,10 @@ def judge_payload(found: PayloadFit, recording: Recording, robot: Robot) -> FitV
     warnings: list[str] = []
     mass, error = found.parameters["m"].value, found.standard_errors["m"]
     if mass is None:
-        faults.append("the motion does not show the payload's mass")
+        fault = "the motion does not show the payload's mass"
+        if found.source.model is None and found.source.dynamics is None:
+            fault += " beside friction, rotors and offsets: dynamics fitted without it know them (--dynamics)"
+        faults.append(fault)
     elif error is not None and mass < -2 * error:
         faults.append(f"the payload's mass comes out as {mass:.3g} kg: are the arm's inertia and the signs right?")
     elif error is not None and error > _HARDLY * abs(mass):

@@ -55,7 +55,7 @@ class PayloadFit(Displayed):
         source: the arm without payload, and how torque is made of a recording.
         created_from: recording of the fit.
         moments: (10,) what predictions use, of what is not seen as well: about the origin of the tip, in its frame.
-        friction: coefficients of friction and offsets that were fitted beside it.
+        friction: coefficients of friction, rotors and offsets that were fitted beside it.
         widths: (n,) speed over which that Coulomb friction turns [rad/s or m/s].
         parameters: by name: ``m`` [kg], ``mx my mz`` [kg m] and, if asked for, ``Ixx Iyy Izz Ixy Ixz Iyz`` [kg m2]
             about the origin of the tip, in its frame.
@@ -70,8 +70,8 @@ class PayloadFit(Displayed):
         joints: names of the others, by which the payload was found.
         t: (N,) of the rows that were compared [s].
         wanted: (N, joints) torque that the arm without payload does not explain, filtered [Nm or N].
-        explained: (N, joints) what the payload explains of it; where torques were recorded, what friction and offsets
-            explain is taken from ``wanted``.
+        explained: (N, joints) what the payload explains of it; where torques were recorded, what friction, rotors and
+            offsets explain is taken from ``wanted``.
         condition: condition number of the weighted columns, each brought to length one.
         unexplained: share of the torque's variance beyond the arm's that is left on held-out fifths of the rows.
     """
@@ -99,7 +99,7 @@ class PayloadFit(Displayed):
     def predict(self, recording: Recording) -> Comparison:
         """Torque of the arm with the payload, beside that of the recording; of joints whose torque is known.
 
-        Friction and offsets are those of the fit, where none are taken from a joint model or dynamics.
+        Friction, rotors and offsets are those of the fit, where none are taken from a joint model or dynamics.
         """
         samples = PayloadSamples.of(recording, self.source, self.widths)
         robot, cutoff = self.source.robot, FIT_PER_CUTOFF * self.source.cutoff_hz
@@ -212,8 +212,9 @@ def identify_payload(
 
     From currents the joint model takes away friction. Fitted dynamics take away all that the arm makes without payload,
     its friction too, and need no inertia of the robot; an offset of every joint is fitted beside the payload. From
-    recorded torques alone Coulomb and viscous friction and an offset of every joint are fitted beside the payload; the
-    offset takes what a pose that never changes would show.
+    recorded torques alone Coulomb and viscous friction, reflected rotor and an offset of every joint are fitted beside
+    the payload: an inertia of links says nothing of rotors, and the offset takes what a pose that never changes would
+    show. A mass that only slides feel can then not be told from their rotors.
 
     Args:
         recording: with currents, if a model is given, else with torques.

@@ -56,7 +56,7 @@ class PayloadSamples:
         arm: (N, k) torque of the arm without payload.
         smooth_torque, smooth_arm: the same after the zero-phase filter.
         payload: (N, k, 10) filtered columns of the payload's inertial parameters about the tip.
-        others: (N, k, m) filtered columns of friction and offsets.
+        others: (N, k, m) filtered columns of friction, rotors and offsets.
         known: (n,) joints whose torque is known.
         widths: (n,) speed over which Coulomb friction turns.
         rate_hz: rows a second of the first segment.
@@ -99,7 +99,7 @@ class PayloadSamples:
         if source.dynamics is not None:
             others = np.tile(np.eye(robot.dof)[None], (len(qd), 1, 1))
         else:
-            others = _friction(qd, widths) if source.model is None else np.zeros((len(qd), robot.dof, 0))
+            others = _joint_columns(qd, qdd, widths) if source.model is None else np.zeros((len(qd), robot.dof, 0))
         ends = np.cumsum([own.t.size for own in motions])[:-1]
         inside = [_inside(own.t, cutoff) for own in motions]
 
@@ -173,12 +173,13 @@ def sign_widths(qd: FloatArray) -> FloatArray:
     return widths
 
 
-def _friction(qd: FloatArray, widths: FloatArray) -> FloatArray:
-    """Columns (N, n, 3 n) of Coulomb and viscous friction and an offset of each joint."""
+def _joint_columns(qd: FloatArray, qdd: FloatArray, widths: FloatArray) -> FloatArray:
+    """Columns (N, n, 4 n) of Coulomb and viscous friction, reflected rotor and an offset of each joint."""
     rows, n = qd.shape
-    columns = np.zeros((rows, n, 3 * n))
+    columns = np.zeros((rows, n, 4 * n))
     for j in range(n):
-        columns[:, j, 3 * j : 3 * j + 3] = np.stack([np.tanh(qd[:, j] / widths[j]), qd[:, j], np.ones(rows)], axis=1)
+        own = [np.tanh(qd[:, j] / widths[j]), qd[:, j], qdd[:, j], np.ones(rows)]
+        columns[:, j, 4 * j : 4 * j + 4] = np.stack(own, axis=1)
     return columns
 
 
