@@ -10,6 +10,7 @@ import bumpstop as bs
 from bumpstop.identification import JointMotion, motor_current, stiction_share
 from bumpstop.joint import JointParameters, JointTorqueModel, Parameter
 from bumpstop.model import inverse_dynamics, with_rotors
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 from bumpstop.recording import Recording
 
 Motion = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -82,13 +83,14 @@ def driven(
     noise: float = 0.05,
     lost: float = 0.01,
     encoder: float = 1e-5,
+    gravity: tuple[float, float, float] = STANDARD_GRAVITY,
 ) -> Recording:
     """What such an arm records: noise correlated by 0.8 a sample [A], encoder noise [rad], lost samples."""
     from scipy.signal import lfilter
 
     t, q, qd, qdd = motion
     rng = np.random.default_rng(seed)
-    torque = inverse_dynamics(with_rotors(robot, 0.0), q, qd, qdd)
+    torque = inverse_dynamics(with_rotors(robot, 0.0), q, qd, qdd, gravity=gravity)
     current = np.empty_like(torque)
     for j, joint in enumerate(model.joints):
         held = stiction_share(qd[:, j], joint.rest_speed)

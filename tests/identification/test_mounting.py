@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import bumpstop as bs
+from bumpstop.detection import Thresholds
 from bumpstop.identification import (
     DynamicsFit,
+    compare_currents,
     identify_dynamics,
     identify_gains,
+    identify_joint_model,
     identify_payload,
     with_payload,
 )
-from bumpstop.model import inverse_dynamics
+from bumpstop.joint import JointTorqueModel
+from bumpstop.model import inverse_dynamics, with_rotors
 from bumpstop.recording import Recording
-from cli.support import run
-from identification.drives import fourier
+from cli.support import run, strict_json
+from identification.drives import driven, drives, fourier
 
 MASS, CENTER = 2.5, (0.03, -0.02, 0.09)
 CEILING, WALL = (0.0, 0.0, 9.80665), (-9.80665, 0.0, 0.0)
@@ -93,6 +98,48 @@ def test_a_known_mass_shows_its_centre() -> None:
     assert free.center_errors is not None
     assert np.abs(np.subtract(given.center, CENTER)).max() < 4 * max(given.center_errors) < 0.02
     assert given.center_errors[2] <= free.center_errors[2]
+
+
+def test_a_joint_model_of_a_mounted_arm(tmp_path: Path) -> None:
+    """Its file keeps the mounting: predictions, thresholds and detectors of it judge no weight as contact."""
+    robot = bs.Robot.load("ur5e")
+    motion = fourier(robot, 20.0, 100.0, 1)
+    truth = drives(robot, inverse_dynamics(with_rotors(robot, 0.0), *motion[1:]))
+    log = driven(robot, motion, truth, 1, gravity=CEILING)
+    fit = identify_joint_model(log, robot, gravity=CEILING, cutoff_hz=8.0, rest_speed=0.01, maps=["odd"])
+    file, recorded = tmp_path / "joints.toml", tmp_path / "free.parquet"
+    fit.save(file)
+    assert JointTorqueModel.load(file).gravity == CEILING
+    other = driven(robot, fourier(robot, 20.0, 100.0, 2), truth, 2, gravity=CEILING, lost=0.0)
+    found = compare_currents(JointTorqueModel.load(file), other, robot)
+    assert min(score.r2 for score in found.current_scores()[1:3]) > 0.98
+    other.save(recorded)
+    tuned = strict_json(run("tune", recorded, "--model", file, "--save", tmp_path / "limits.toml", "--json").out)
+    # Upright, the weight of the upper arm alone would ask for a hundred.
+    assert max(tuned["thresholds_Nm"]) < 30
+    options = ("--model", file, "--thresholds", tmp_path / "limits.toml")
+    assert strict_json(run("detect", recorded, *options, "--json").out)["events"] == []
+    made = run("detector", tmp_path / "arm.detector", *options)
+    assert made.status == 0, made.err
+    assert "gravity 0.0 0.0 9.80665" in (tmp_path / "arm.detector").read_text(encoding="utf-8")
+    upright = run("detect", recorded, *options, "--gravity", "0,0,-9.80665", "--json")
+    assert strict_json(upright.out)["events"]
+
+
+def test_thresholds_of_an_arm_without_a_model_know_its_mounting(tmp_path: Path) -> None:
+    robot, recorded, limits = bs.Robot.load("ur5e"), tmp_path / "free.parquet", tmp_path / "limits.toml"
+    replace(hung(robot, 1, gravity=WALL), current=None).save(recorded)
+    done = run("tune", recorded, "--robot", "ur5e", "--gravity=-9.80665,0,0", "--save", limits)
+    assert done.status == 0, done.err
+    assert Thresholds.load(limits).gravity == WALL
+    options = (recorded, "--robot", "ur5e", "--thresholds", limits)
+    assert strict_json(run("detect", *options, "--json").out)["events"] == []
+    upright = strict_json(run("detect", *options, "--gravity=0,0,-9.80665", "--json").out)
+    assert upright["events"]
+    assert any("gravity" in note and "does not hold" in note for note in upright["notes"])
+    limits.write_text("thresholds_Nm = [1, 2]\ngravity = 9.8\n")
+    with pytest.raises(bs.InputError, match="gravity"):
+        Thresholds.load(limits)
 
 
 def test_nonsense_is_refused(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from bumpstop.detection.standing import checked_stiction, fitted_model, hidden_t
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.errors import InputError
 from bumpstop.model import unit_of, with_some_inertia
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -136,6 +137,15 @@ class LoopDetector:
         """Inertia and rotor of every link, and parameters and standard errors of every joint, in the robot's order."""
         return self._drives.links(), self._drives.parameters(), self._drives.errors()
 
+    @property
+    def _gravity(self) -> tuple[float, float, float]:
+        """Acceleration of free fall in the base frame [m/s2]."""
+        if self.fitted is not None:
+            return self.fitted.model.gravity
+        if self.settings.gravity is not None:
+            return self.settings.gravity
+        return STANDARD_GRAVITY if self._drives.model is None else self._drives.model.gravity
+
     def kernel_settings(self, period: float) -> _native.DetectorSettings:
         """The settings in the kernels' form, for samples every ``period`` seconds."""
         given, robot, n = self.settings, self.robot, self.robot.dof
@@ -144,7 +154,7 @@ class LoopDetector:
         out.source = _native.TorqueSource.current if self.takes_current else _native.TorqueSource.torque
         out.observer_gain = given.observer_gain_1_s
         out.window, out.degree = given.window_s, int(given.degree)
-        out.gravity = list(given.gravity if self.fitted is None else self.fitted.model.gravity)
+        out.gravity = list(self._gravity)
         out.max_no_data_time = given.max_no_data_s
         out.unknown = sum(1 << j for j in self._drives.unknown)
         out.dead_zone = padded(self.dead_zone)

@@ -10,7 +10,6 @@ from typing import Any, Literal, get_args
 from bumpstop import _native
 from bumpstop.arrays import as_float_array, as_number
 from bumpstop.errors import InputError, near_matches
-from bumpstop.model.dynamics import STANDARD_GRAVITY
 
 ResidualKind = Literal["direct", "observer"]
 Vector = tuple[float, float, float]
@@ -46,7 +45,8 @@ class DetectorSettings:
         stiction: (n,) torque that friction can hide of a standing joint [Nm or N]; None: what the model says.
         link, point: where the force of an event is given; a link's name (None: the tip), and in its frame [m].
         direction: unit vector of the arm's force on the body, base frame.
-        gravity: acceleration of free fall, base frame [m/s2].
+        gravity: acceleration of free fall, base frame [m/s2]; None: that of the joint model, without one along -z. That
+            of fitted dynamics is their own.
         causal: with fitted dynamics the motion is that of the window, as a loop has it; else zero-phase filters make
             it, which look ahead. Whatever else makes the torque is causal anyway.
         payload_kg: declared, a point mass.
@@ -78,7 +78,7 @@ class DetectorSettings:
     link: str | None = None
     point: Vector = (0.0, 0.0, 0.0)
     direction: Vector = (0.0, 0.0, -1.0)
-    gravity: Vector = STANDARD_GRAVITY
+    gravity: Vector | None = None
     causal: bool = False
     payload_kg: float = 0.0
     payload_center: Vector | None = None

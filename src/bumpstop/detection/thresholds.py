@@ -13,6 +13,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.detection.settings import DetectorSettings, ResidualKind
 from bumpstop.errors import InputError, near_matches
+from bumpstop.model.inertia import vector3
 from bumpstop.text_files import list_items, parse_toml, read_text, toml_value, write_text
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ _SETTINGS = (
     "limit_margin",
     "frozen_s",
     "payload_kg",
+    "gravity",
     "causal",
 )
 _ONE_FOR_ALL = ("model_errors", "period_s", "per_hour", *_SETTINGS)
@@ -66,8 +68,8 @@ class Thresholds:
         per_hour: false alarms an hour that they were tuned for; None: not said.
         residual: kind of residual they were found for; None: not said.
         observer_gain_1_s: of the observer, if that is the kind; None: not said.
-        window_s, measured_rates, limit_margin, frozen_s, payload_kg, causal: settings of the detector that they were
-            found with; None: not said.
+        window_s, measured_rates, limit_margin, frozen_s, payload_kg, gravity, causal: settings of the detector that
+            they were found with; None: not said.
         joints: names of the joints, for errors; or empty.
     """
 
@@ -86,6 +88,7 @@ class Thresholds:
     limit_margin: float | None = None
     frozen_s: float | None = None
     payload_kg: float | None = None
+    gravity: tuple[float, float, float] | None = None
     causal: bool | None = None
     joints: InitVar[Sequence[str]] = ()
 
@@ -110,6 +113,8 @@ class Thresholds:
             value = getattr(self, name)
             if value is not None and not as_number(value, name) > 0:
                 raise InputError(name, f"is {value}", "wanted more than zero")
+        if self.gravity is not None:
+            object.__setattr__(self, "gravity", vector3(as_float_array(self.gravity, "gravity", (3,))))
         DetectorSettings(**self.settings)  # says what cannot be
 
     @property
@@ -208,8 +213,8 @@ class Thresholds:
         Keys: ``thresholds_Nm`` and, as wanted, ``per_speed_Nm_s``, ``per_acceleration_Nm_s2``, ``at_rest_Nm``,
         ``fast_Nm``, ``model_errors``, ``period_s``, ``per_hour``, and the settings of the detector that they were
         found with: ``residual``, ``observer_gain_1_s``, ``window_s``, ``measured_rates``, ``limit_margin``,
-        ``frozen_s``, ``payload_kg``, ``causal``. Others are refused in TOML and passed over in JSON, where null stands
-        for infinity. ``joints``: of the robot, whose names errors say.
+        ``frozen_s``, ``payload_kg``, ``gravity``, ``causal``. Others are refused in TOML and passed over in JSON,
+        where null stands for infinity. ``joints``: of the robot, whose names errors say.
 
         Raises:
             InputError: the file cannot be read, or holds something else.

@@ -17,6 +17,8 @@ from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_float_array, as_rows
 from bumpstop.errors import InputError, near_matches
 from bumpstop.joint.parameters import COMMON, JointParameters, fields_of, remake
+from bumpstop.model.dynamics import STANDARD_GRAVITY
+from bumpstop.model.inertia import vector3
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -60,6 +62,8 @@ class JointTorqueModel:
         unit: of current: ``"A"``, or ``"controller"`` for a controller's own.
         joints: in the order of the columns of ``torque``.
         note: what a reader of any result must know; may be empty.
+        gravity: acceleration of free fall in the base frame of the arm as it is mounted [m/s2]: what predictions of
+            this arm's torque take.
     """
 
     robot: str
@@ -67,6 +71,7 @@ class JointTorqueModel:
     unit: CurrentUnit
     joints: tuple[JointParameters, ...]
     note: str = ""
+    gravity: tuple[float, float, float] = STANDARD_GRAVITY
     _kernel: list[_native.JointTorqueParameters] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -74,6 +79,7 @@ class JointTorqueModel:
             raise InputError(
                 "unit", f"{self.unit!r} is no unit of current", "valid: " + ", ".join(get_args(CurrentUnit))
             )
+        object.__setattr__(self, "gravity", vector3(as_float_array(self.gravity, "gravity", (3,))))
         if not self.joints:
             raise InputError("joint", "there is none", "wanted one [[joint]] for every joint")
         names = [joint.name for joint in self.joints]
@@ -130,7 +136,7 @@ class JointTorqueModel:
         from bumpstop.text_files import write_text
 
         head = {"robot": self.robot, "created_from": self.created_from, "unit": self.unit}
-        write_text(path, model_to_toml(head, self.note, self.joints))
+        write_text(path, model_to_toml(head, self.note, self.joints, self.gravity))
 
     def torque(
         self,

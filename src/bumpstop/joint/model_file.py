@@ -9,6 +9,7 @@ from bumpstop.arrays import as_float_array, as_number
 from bumpstop.errors import InputError
 from bumpstop.joint.friction_law import OF_FRICTION
 from bumpstop.joint.parameters import COMMON, DEFAULT_REST_SPEED, OF_MAP, JointParameters, Parameter
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 from bumpstop.text_files import check_keys, needed, parse_toml, toml_value
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ def model_from_toml(text: str, file: str, make: Callable[..., Model]) -> Model:
     """
     data = parse_toml(text, file)
     try:
-        check_keys(data, (*_HEAD, "note", "joint"), "", "a joint model")
+        check_keys(data, (*_HEAD, "note", "gravity", "joint"), "", "a joint model")
         head: dict[str, Any] = {key: _text(data, key, "") for key in _HEAD}
         joints = needed(data, "joint", "")
         if not isinstance(joints, list):
@@ -39,17 +40,22 @@ def model_from_toml(text: str, file: str, make: Callable[..., Model]) -> Model:
         return make(
             **head,
             note=_text(data, "note", "") if "note" in data else "",
+            gravity=data.get("gravity", STANDARD_GRAVITY),
             joints=tuple(_joint(joint, number) for number, joint in enumerate(joints, start=1)),
         )
     except InputError as error:
         raise InputError(f"{file} {error.field}", error.problem, error.valid) from None
 
 
-def model_to_toml(head: Mapping[str, str], note: str, joints: Iterable[JointParameters]) -> str:
+def model_to_toml(
+    head: Mapping[str, str], note: str, joints: Iterable[JointParameters], gravity: tuple[float, float, float]
+) -> str:
     """The file that :func:`model_from_toml` reads the same from."""
     lines = [f"{key} = {toml_value(head[key])}" for key in _HEAD]
     if note:
         lines.append(f"note = {toml_value(note)}")
+    if gravity != STANDARD_GRAVITY:
+        lines.append(f"gravity = {toml_value(gravity)}  # acceleration of free fall, base frame [m/s2]")
     for joint in joints:
         lines += [
             "",

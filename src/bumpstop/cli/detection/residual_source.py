@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 from bumpstop.cli.completion import complete_robot
+from bumpstop.cli.identification.arm_recordings import gravity_of
 from bumpstop.cli.option_names import as_options
 from bumpstop.cli.robots import load_robot
 from bumpstop.errors import InputError
@@ -84,6 +85,15 @@ Window = Annotated[
         show_default="the thresholds' window, or 0.07",
     ),
 ]
+Gravity = Annotated[
+    str | None,
+    typer.Option(
+        "--gravity",
+        metavar="LIST",
+        help="Free fall in the base frame [m/s2]: 0,0,9.80665 of an arm on the ceiling.",
+        show_default="the thresholds', the joint model's, or 0,0,-9.80665",
+    ),
+]
 Causal = Annotated[
     bool | None,
     typer.Option(
@@ -114,6 +124,7 @@ DETECTOR_OPTIONS = {
     "measured_rates": "--measured-rates",
     "arming_delay_s": "--arming-delay",
     "payload_kg": "--payload",
+    "gravity": "--gravity",
     "payload_change_kg": "--payload-change",
     "period_s": "--period",
     "rearm_s": "--rearm",
@@ -127,8 +138,8 @@ class Watcher:
 
     Attributes:
         model, robot, base, tip: as :func:`load_model` takes them.
-        residual, observer_gain, window, payload, measured_rates, limit_margin, frozen, causal: of the detector; None:
-            not given.
+        residual, observer_gain, window, payload, measured_rates, limit_margin, gravity, frozen, causal: of the
+            detector; None: not given.
     """
 
     model: ModelFile = None
@@ -141,6 +152,7 @@ class Watcher:
     payload: Carried = None
     measured_rates: MeasuredRates = None
     limit_margin: Margin = None
+    gravity: Gravity = None
     frozen: Frozen = None
     causal: Causal = None
 
@@ -187,6 +199,7 @@ class Watcher:
             "payload_kg": self.payload,
             "measured_rates": self.measured_rates,
             "limit_margin": self.limit_margin,
+            "gravity": gravity_of(self.gravity),
             "frozen_s": self.frozen,
             "causal": self.causal,
         }
@@ -194,6 +207,8 @@ class Watcher:
         fitted = isinstance(self.parts[0], DynamicsModel)
         if self.causal and not fitted:
             raise InputError("--causal", "has no meaning without fitted dynamics", "such a residual is causal anyway")
+        if self.gravity is not None and fitted:
+            raise InputError("--gravity", "is for joint models", "dynamics know how they were mounted")
         causal = more.get("causal", tuned.get("causal", False) if self.causal is None else self.causal)
         if fitted and not causal:
             tuned = {name: value for name, value in tuned.items() if name in ("residual", "frozen_s")}
@@ -217,6 +232,8 @@ class Watcher:
             names.append("causal")
         if settings.causal or not fitted:
             names += ["window_s", "measured_rates", "limit_margin", "payload_kg"]
+        if settings.gravity is not None:
+            names.append("gravity")
         if settings.residual == "observer":
             names.append("observer_gain_1_s")
         return {name: getattr(settings, name) for name in names}

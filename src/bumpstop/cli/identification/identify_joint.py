@@ -97,11 +97,9 @@ def validate_joint(
 ) -> int:
     """Print how well a joint model predicts currents, and torques from them; write a page on the torques."""
     from bumpstop.identification import compare_currents, judge_currents
-    from bumpstop.model.dynamics import STANDARD_GRAVITY
 
     with progress("comparing"):
-        falls = STANDARD_GRAVITY if gravity is None else gravity
-        found = compare_currents(model, logs, arms, filter_hz=filter_hz, gravity=falls)
+        found = compare_currents(model, logs, arms, filter_hz=filter_hz, gravity=gravity)
         currents, torques = found.current_scores(), found.torque_scores()
         verdict = judge_currents(found, logs, arms[0])
     if out is not None:

@@ -19,7 +19,6 @@ from bumpstop.identification.segments.rest import resting
 from bumpstop.joint.model import JointTorqueModel, TorqueState
 from bumpstop.joint.parameters import JointParameters
 from bumpstop.model import unit_of
-from bumpstop.model.dynamics import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
@@ -138,7 +137,7 @@ def compare_currents(
     *,
     cutoff_hz: float | None = None,
     filter_hz: float | None = None,
-    gravity: tuple[float, float, float] = STANDARD_GRAVITY,
+    gravity: tuple[float, float, float] | None = None,
 ) -> CurrentComparison:
     """Put a joint torque model beside recorded currents.
 
@@ -149,7 +148,7 @@ def compare_currents(
         cutoff_hz: of the zero-phase filter of the motion [Hz]; default: 10, or a fifth of the recorded rate where that
             is less.
         filter_hz: cut-off at which currents are compared for ``r2``; default: ``cutoff_hz``.
-        gravity: acceleration of free fall in the base frame [m/s2].
+        gravity: acceleration of free fall in the base frame [m/s2]; default: the model's.
 
     Raises:
         InputError: no currents, too few rows, a robot of another number of joints, a model of joints that it has not.
@@ -160,9 +159,8 @@ def compare_currents(
     place = _place(model, arm)
     if cutoff_hz is None:
         cutoff_hz = min(DEFAULT_CUTOFF_HZ, 0.2 * min(log.rate_hz for log in logs))
-    rows = drive_samples(logs, robots, cutoff_hz, every_row=True, smooth_current=False, gravity=gravity).of_joints(
-        place
-    )
+    falls = model.gravity if gravity is None else gravity
+    rows = drive_samples(logs, robots, cutoff_hz, every_row=True, smooth_current=False, gravity=falls).of_joints(place)
     predicted = np.empty_like(rows.current)
     free_gains = tuple(j for j, joint in enumerate(model.joints) if joint.parameters["B"] is None)
     for j, joint in enumerate(model.joints):

@@ -227,6 +227,7 @@ def identify_joint_model(
         created_from=", ".join(log.source or "a recording" for log in logs),
         unit=unit,  # type: ignore[arg-type]
         joints=tuple(joint.parameters for joint in found),
+        gravity=gravity,
     )
     return JointModelFit(
         model=model,

@@ -224,7 +224,8 @@ def identify_payload(
         mass: of the payload where it is known [kg]; then only its centre is looked for.
         inertia: fit second moments, too; without, those of a point mass are taken.
         cutoff_hz: of the motion's filter; default: 5, or a tenth of the recorded rate where that is less.
-        gravity: acceleration of free fall in the base frame [m/s2]; default: that of the dynamics, else along -z.
+        gravity: acceleration of free fall in the base frame [m/s2]; default: that of the dynamics or of the model,
+            else along -z.
 
     Raises:
         InputError: both a model and dynamics, a mass that no payload has, no currents or torques, another number of
@@ -236,7 +237,8 @@ def identify_payload(
     if mass is not None and not 0 < mass < _MAX_MASS:
         raise InputError("mass", f"is {mass:g} kg", f"wanted above 0 and below {_MAX_MASS:g}")
     if gravity is None:
-        gravity = STANDARD_GRAVITY if dynamics is None else dynamics.gravity
+        known = dynamics or model
+        gravity = STANDARD_GRAVITY if known is None else known.gravity
     cutoff = min(5.0, 0.1 * recording.rate_hz) if cutoff_hz is None else cutoff_hz
     source = PayloadSource(robot=robot, model=model, dynamics=dynamics, cutoff_hz=cutoff, gravity=gravity)
     samples = PayloadSamples.of(recording, source)

@@ -139,6 +139,7 @@ class ProtocolFit:
             unit=unit,  # type: ignore[arg-type]
             joints=tuple(joint.model() for joint in self.joints),
             note=self._note(),
+            gravity=self.plan.settings.gravity,
         )
 
     @property
