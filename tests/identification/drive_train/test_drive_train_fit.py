@@ -74,7 +74,7 @@ def servoed(
     return Recording(t=t[::every], q=seen, q_ref=q[::every], joint_names=names, robot=robot.name, source="planted")
 
 
-@pytest.mark.parametrize(("w_v", "w_p", "feedforward"), [(100.0, 25.0, 1.0), (60.0, 30.0, 0.3)])
+@pytest.mark.parametrize(("w_v", "w_p", "feedforward"), [(100.0, 25.0, 1.0), (60.0, 30.0, 0.3), (80.0, 15.0, 0.5)])
 def test_planted_servos(w_v: float, w_p: float, feedforward: float) -> None:
     robot = two_joints()
     found = identify_servo([servoed(robot, w_v, w_p, feedforward, 3.0)], robot)
@@ -88,6 +88,15 @@ def test_planted_servos(w_v: float, w_p: float, feedforward: float) -> None:
     assert abs(found.feedforward.values[1] - feedforward) < 0.12
     assert found.bandwidth.identified[1]
     assert found.position_gain.identified.all()
+
+
+def test_a_search_that_does_not_settle_gives_no_figure(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = two_joints()
+    log = servoed(robot, 80.0, 15.0, 0.5, 3.0, seconds=4.0)
+    monkeypatch.setattr("bumpstop.identification.drive_train.servo_fit._MAX_SEARCH", 3)
+    found = identify_servo([log], robot)
+    for values in (found.bandwidth, found.position_gain, found.feedforward):
+        assert values.reasons == ("the search did not settle in 3 steps",) * 2
 
 
 def test_servos_that_show_nothing() -> None:
@@ -123,7 +132,10 @@ def test_the_servo_of_an_arm_in_mujoco() -> None:
     assert (off < 2 * found.position_gain.errors[told] + 0.02 * 25.0).all()
     assert found.bandwidth.values[5] == pytest.approx(100.0, rel=0.05)
     assert found.feedforward.values[5] == pytest.approx(0.4, abs=0.05)
-    assert not found.bandwidth.identified[:3].any()
+    bandwidth = found.bandwidth
+    assert not bandwidth.identified[:2].any()
+    told = bandwidth.identified[:4]
+    assert (np.abs(bandwidth.values[:4] - 100.0)[told] < 2 * bandwidth.errors[:4][told]).all()
 
 
 def test_planted_rotors_from_torques() -> None:

@@ -35,7 +35,8 @@ _STEP = 1e-4  # of the parameters, for derivatives
 _STEPS_PER_S = 500.0  # of the simulation, steps a second at least
 _MIN_EXPLAINED = 0.5
 _MAX_ROWS = 6_000  # of a segment: its first ones
-_MAX_SEARCH = 15
+# Bandwidth, feedforward and friction make a curved valley: most searches take 20 to 70 steps.
+_MAX_SEARCH = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +110,9 @@ def identify_servo(recordings: Sequence[Recording], robot: Robot) -> ServoFit:
         found[:, j] = w_v, w_p, 1 - fit.values[2], explained
         errors[:, j] = w_v * fit.standard_errors[0], w_p * fit.standard_errors[1], fit.standard_errors[2]
         nyquist = math.pi * min(part.rate_hz for part in parts)
-        if explained < _MIN_EXPLAINED:
+        if not fit.converged:
+            reasons[j] = f"the search did not settle in {_MAX_SEARCH} steps"
+        elif explained < _MIN_EXPLAINED:
             reasons[j] = f"a cascade explains {100 * max(explained, 0):.0f} % of its error only"
         elif w_v > nyquist:
             reasons[j] = f"its bandwidth is beyond half the sample rate, {nyquist:.3g} rad/s"
