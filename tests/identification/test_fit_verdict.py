@@ -224,11 +224,20 @@ def test_joint_models_are_judged() -> None:
 
 def test_currents_beyond_those_of_the_fit_are_told() -> None:
     robot, log = currents_of_known_drives()
-    assert log.current is not None
     fit = joint_model_fit()
-    larger = replace(log, current=1.8 * log.current)
-    warnings = judge_currents(compare_currents(fit.model, larger, robot)).warnings
-    assert any("outside the joint currents of the fit" in warning for warning in warnings)
+    loaded = with_payload(robot, 12.0, (0.0, 0.0, 0.1))
+    warnings = judge_currents(compare_currents(fit.model, log, loaded)).warnings
+    assert any("want joint currents outside those of the fit" in warning for warning in warnings)
+
+
+def test_noise_of_currents_is_not_beyond_the_fit() -> None:
+    """The range of a fit has no noise, and its own rows lie within it, however noisy the currents are."""
+    robot = bs.Robot.load("ur5e")
+    _, log = with_drives(robot, fourier(robot, 12.0, 94.0, 1), 1, noise=0.5)
+    found = compare_currents(identify_joint_model(log, robot, cutoff_hz=8.0).model, log, robot)
+    assert found.outside_current is not None
+    assert (found.outside_current < 0.02).all()
+    assert not any("outside" in warning for warning in judge_currents(found).warnings)
 
 
 def test_gains_are_judged() -> None:

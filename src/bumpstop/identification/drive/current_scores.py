@@ -40,9 +40,9 @@ class CurrentComparison:
         torque_units: of the joints.
         free_gains: joints (from 0) whose gain is unknown.
         filter_hz: of the zero-phase filter for ``r2``.
-        notes: where the model was used outside its range.
-        outside_current, outside_speed: (n,) share of the rows outside the fitted range of joint current and of speed;
-            None: not counted.
+        notes: where the model was used outside its range, by measured currents.
+        outside_current, outside_speed: (n,) share of the rows whose motion wants a joint current outside the fitted
+            range, and whose speed is outside it; None: not counted.
     """
 
     model: JointTorqueModel
@@ -170,12 +170,14 @@ def compare_currents(
         else:
             predicted[:, j] = motor_current(joint, motion)
     estimated = np.empty_like(rows.current)
-    total = TorqueState.at_rest(len(place))
+    total, wanted = TorqueState.at_rest(len(place)), TorqueState.at_rest(len(place))
     for part in rows.segments:
         state = TorqueState.at_rest(len(place))
         estimated[part] = model.torque(rows.current[part], rows.qd[part], rows.qdd[part], state)
         total.outside_current += state.outside_current
         total.outside_speed += state.outside_speed
+        # As the range of the fit: noise would carry its own rows out of it.
+        model.torque(predicted[part], rows.qd[part], rows.qdd[part], wanted)
     return CurrentComparison(
         model=model,
         rows=rows,
@@ -185,7 +187,7 @@ def compare_currents(
         notes=model.notes(total),
         torque_units=tuple(unit_of(arm.joints[j]) for j in place),
         free_gains=free_gains,
-        outside_current=total.outside_current / len(rows.t),
+        outside_current=wanted.outside_current / len(rows.t),
         outside_speed=total.outside_speed / len(rows.t),
     )
 

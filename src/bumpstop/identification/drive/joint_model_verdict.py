@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 # Share of a current's or torque's variance that is left unexplained.
 _WORTHLESS, _POOR = 1.0, 0.3
 _ILL_CONDITIONED = 1000.0
-# Rows outside, as a share of all, that are worth a word: single ones are noise of the current.
+# Rows outside, as a share of all, that are worth a word: single ones are peaks between rows of the fit.
 _TOLD = 0.05
 # A payload's mass is hardly known where its standard error is above this share of it.
 _HARDLY = 0.3
@@ -125,7 +125,7 @@ def judge_currents(
             )
             (faults if score.r2 < 0 else warnings).append(text)
     for shares, words in (
-        (found.outside_current, "lie outside the joint currents of the fit"),
+        (found.outside_current, "want joint currents outside those of the fit"),
         (found.outside_speed, "are faster than the fit saw"),
     ):
         for joint, share in zip(found.model.joints, [] if shares is None else shares.tolist(), strict=False):
