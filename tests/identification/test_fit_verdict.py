@@ -31,7 +31,7 @@ from bumpstop.identification.segments.current_shift import shift_of, tell_shifts
 from bumpstop.identification.segments.motion import UniformMotion
 from bumpstop.identification.segments.recorded_columns import clipped_share
 from bumpstop.identification.segments.seen_motion import SeenMotion
-from bumpstop.model import inverse_dynamics
+from bumpstop.model import inverse_dynamics, write_urdf
 from bumpstop.recording import Recording
 from cli.support import run, strict_json
 from identification.drives import driven, fourier
@@ -349,3 +349,34 @@ def test_the_verdict_comes_first_and_ends_with_its_status(tmp_path: Path) -> Non
     result = run("validate", tmp_path / "bad" / "model.toml", fine)
     assert "warning: the fit itself was judged: not usable" in result.out
     assert run("validate", tmp_path / "fine.toml", fine).out.startswith("verdict: usable\n")
+
+
+def test_a_base_that_moves_is_told(tmp_path: Path) -> None:
+    """A bag with the joints below the chain says whether the base stood; what hangs beyond the tip is noted."""
+    whole = bs.Robot.load("ur5e")
+    write_urdf(whole, tmp_path / "arm.urdf")
+    base, tip = whole.joints[0].link, whole.joints[4].link
+    arm = bs.Robot.from_urdf(tmp_path / "arm.urdf", base, tip)
+    assert (arm.base_joints, arm.other_joints) == ((whole.joints[0].name,), (whole.joints[5].name,))
+    t, q, qd, qdd = fourier(whole, 16.0, 100.0, 1)
+    after = np.clip((t - 8.0) / 0.5, 0.0, 1.0)[:, None]
+    names = tuple(joint.name for joint in whole.joints)
+    for joint, what in ((0, "fault"), (5, "note"), (None, "nothing")):
+        moving = q.copy()
+        for still in {0, 5} - {joint}:
+            moving[:, still] = 0.3
+        if joint == 0:  # stands in the first half
+            moving[:, :1] = moving[0, 0] + after * (moving[:, :1] - moving[0, 0])
+        tau = inverse_dynamics(whole, moving, qd, qdd) + 2.0 * np.sign(qd)
+        Recording(t=t, q=moving, tau=tau, joint_names=names).save(tmp_path / f"{what}.mcap")
+        log = Recording.load(tmp_path / f"{what}.mcap", robot=arm)
+        assert list(log.report.base_motion) == ([whole.joints[0].name] if what == "fault" else [])
+        assert any("leaves out move" in note for note in log.report.notes) == (what == "note")
+        faults = judge_dynamics(identify_dynamics(log, arm, cutoff_hz=6.0), [log]).faults
+        assert any("is moved by 'shoulder_pan_joint'" in fault for fault in faults) == (what == "fault")
+        assert not log.between(0.0, 7.9).report.base_motion
+    options = (tmp_path / "fault.mcap", "--robot", tmp_path / "arm.urdf", "--base", base, "--tip", tip)
+    tuned = strict_json(run("tune", *options, "--json").out)
+    assert any("is moved by 'shoulder_pan_joint'" in note for note in tuned["notes"])
+    found = strict_json(run("detect", *options, "--thresholds", "50,50,50,50", "--json").out)
+    assert any("is moved by 'shoulder_pan_joint'" in note for note in found["notes"])

@@ -75,5 +75,12 @@ def named(names: Sequence[str]) -> str:
 
 
 def reading_faults(recordings: Sequence[Recording]) -> list[str]:
-    """What recordings contradict themselves in, with their names: no fit to them can be used."""
-    return [f"{log.source}: {fault}" if log.source else fault for log in recordings for fault in log.report.faults]
+    """What recordings contradict themselves or their robot in, with their names: no fit to them can be used."""
+    found = []
+    for log in recordings:
+        faults = list(log.report.faults)
+        if log.report.base_motion:
+            moving = named([repr(name) for name in log.report.base_motion])
+            faults.append(f"the base is taken to stand still, and is moved by {moving}")
+        found += [f"{log.source}: {fault}" if log.source else fault for fault in faults]
+    return found

@@ -38,6 +38,8 @@ class Robot(SerialChain):
             or ``"unknown"`` (of some link).
         inertia_source: where the inertia comes from.
         drive_train_entries: what is known of its rotors, gears and servos; see :attr:`drive_train`.
+        base_joints: joints of its URDF that move the base, which is taken to stand still.
+        other_joints: joints of its URDF that move something on it beside the chain or beyond the tip.
     """
 
     @cached_property

@@ -41,6 +41,8 @@ class SerialChain:
     inertia_status: InertiaStatus = "unknown"
     inertia_source: str = ""
     drive_train_entries: tuple[DriveTrainEntry, ...] = ()
+    base_joints: tuple[str, ...] = ()
+    other_joints: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_name(self.name, "name")

@@ -17,6 +17,7 @@ class ReadReport:
         gaps: (start [s], length [s]) of every interval longer than three times the median one.
         notes: what is unusual about the recording, one sentence each.
         faults: what contradicts itself, one sentence each; a fit to it is not usable.
+        base_motion: from when to when joints moved that carry the base of the robot [s], by their names.
         repaired: rows whose angles were turned back by whole turns.
         numbered: what the row numbers count: ``"line"`` of a text file, ``"row"`` or ``"message"``, from 1.
     """
@@ -27,6 +28,7 @@ class ReadReport:
     gaps: tuple[tuple[float, float], ...] = ()
     notes: tuple[str, ...] = ()
     faults: tuple[str, ...] = ()
+    base_motion: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     repaired: int = 0
     numbered: str = "row"
 

@@ -150,8 +150,11 @@ class Recording(Signals):
             problem = f"fewer than 2 rows lie between {start_s:g} s and {end_s:g} s"
             raise InputError("between", problem, f"it lasts from {self.t[0]:g} s to {self.t[-1]:g} s")
         gaps = tuple(gap for gap in self.report.gaps if start_s <= gap[0] and gap[0] + gap[1] <= end_s)
+        moved = {
+            name: span for name, span in self.report.base_motion.items() if span[0] <= end_s and span[1] >= start_s
+        }
         begin = float(self.t[0]) if self.cut_from is None else self.cut_from
-        return replace(self.rows(rows), report=replace(self.report, gaps=gaps), cut_from=begin)
+        return replace(self.rows(rows), report=replace(self.report, gaps=gaps, base_motion=moved), cut_from=begin)
 
     def rows(self, chosen: slice | npt.NDArray[np.bool_]) -> Recording:
         """The rows of a slice or a mask (N,); what was found while reading stays as it is."""

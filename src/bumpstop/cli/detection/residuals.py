@@ -50,7 +50,7 @@ def load_series(
     series = ResidualSeries(record.t, record.rows, str(path))
     if motion:
         series = with_motion(series, log, arm, model, residual_source.settings)
-    return series, [*dropped(log, path), *notes]
+    return series, [*reading_notes(log, path), *notes]
 
 
 def residuals_of(path: Path, residual_source: ResidualSource) -> ResidualSeries:
@@ -94,19 +94,20 @@ def load_run(
     settings = residual_source.settings_for(thresholds, arming_delay_s=arming_delay_s)
     with as_options(DETECTOR_OPTIONS):
         run = detect(log, arm, model, thresholds, settings, rearm_s=rearm_s)
-    seen, notes = ~run.no_data, [*dropped(log, path), *run.notes]
+    seen, notes = ~run.no_data, [*reading_notes(log, path), *run.notes]
     if seen.sum() < 2:
         dark = f"{run.t.size - seen.sum()} of {run.t.size} rows"
         return None, run, [*notes, f"Other thresholds are not compared: the detector had no data in {dark}."]
     return ResidualSeries(run.t[seen], run.residual[seen], str(path)), run, notes
 
 
-def dropped(log: Recording, path: Path) -> list[str]:
-    """A note of the rows that a reader dropped, if it did."""
+def reading_notes(log: Recording, path: Path) -> list[str]:
+    """Notes of the rows that a reader dropped, if it did, and of what the recording contradicts."""
+    from bumpstop.identification.fit_verdict import reading_faults
+
     report = log.report
-    return [f"{path}: {report.rows_dropped} of {report.rows_read} rows dropped while reading."] * (
-        report.rows_dropped > 0
-    )
+    rows = [f"{path}: {report.rows_dropped} of {report.rows_read} rows dropped while reading."]
+    return [*rows * (report.rows_dropped > 0), *(f"{fault}." for fault in reading_faults([log]))]
 
 
 def holds_residuals(path: Path) -> bool:

@@ -36,6 +36,7 @@ def identify_drive_train_of(
 ) -> int:
     """Fit what recordings and pushes show of a drive train, write it, and print what was found."""
     from bumpstop.identification.drive_train import Pushes, identify_drive_train
+    from bumpstop.identification.fit_verdict import reading_faults
     from bumpstop.model.dynamics import STANDARD_GRAVITY
 
     table = None if pushes is None else Pushes.load(pushes, arm)
@@ -52,6 +53,8 @@ def identify_drive_train_of(
     else:
         typer.echo(str(found))
         print_reading(list(logs))
+        for fault in reading_faults(logs):
+            typer.echo(f"warning: {fault}")
         if file is not None and found.identified:
             typer.echo(f"drive train: {file}")
     return 0 if found.identified else _NOT_USABLE

@@ -68,7 +68,10 @@ def chain_from_urdf(
     bodies = [_body(tree, base), *(_body(tree, joint.child) for joint in chain)]
     warnings += _faults(tree, bodies, _path(tree, base, tip))
     warnings += _doubts(tree, bodies, strict=strict_inertia)
-    warnings += _moving_base(tree, base)
+    base_joints = _base_joints(tree, base)
+    if base_joints:
+        named = ", ".join(map(repr, base_joints))
+        warnings.append(f"Moves {base!r} itself and is taken to stand still: {named}.")
     warnings += _limits_in_degrees(chain)
     warnings += _left_out(tree, bodies, chain)
     warnings += _gripper_joints(tree, chain)
@@ -111,6 +114,8 @@ def chain_from_urdf(
         warnings=tuple(warnings),
         inertia_status="unknown" if without else "unverified",
         inertia_source="" if without else f"the URDF file {path.name}",
+        base_joints=base_joints,
+        other_joints=tuple(joint.name for joint in _beside(bodies, chain)),
     )
     robot = replace(robot, warnings=(*robot.warnings, *robot.inertia_doubts))
     return with_drives(robot, [joint.effort for joint in chain], [joint.rotor_inertia for joint in chain], path.name)
@@ -274,15 +279,16 @@ def _inertia(tree: UrdfTree, body: _Body) -> LinkInertia | None:
     return merged(parts) if parts else None
 
 
-def _moving_base(tree: UrdfTree, base: str) -> list[str]:
+def _base_joints(tree: UrdfTree, base: str) -> tuple[str, ...]:
+    """Names of the joints above the base that move it."""
     moving: list[str] = []
     link = base
     while link in tree.above:
         joint = tree.above[link]
         if joint.kind != "fixed":
-            moving.insert(0, repr(joint.name))
+            moving.insert(0, joint.name)
         link = joint.parent
-    return [f"Moves {base!r} itself and is taken to stand still: {', '.join(moving)}."] if moving else []
+    return tuple(moving)
 
 
 def _turned_base(tree: UrdfTree, base: str) -> list[str]:
@@ -308,23 +314,24 @@ def _limits_in_degrees(chain: list[UrdfJoint]) -> list[str]:
     return [f"Limits of more than {_TURNS} turns to a side, taken as radians; degrees? Joints {', '.join(wide)}."]
 
 
+def _beside(bodies: list[_Body], chain: list[UrdfJoint]) -> list[UrdfJoint]:
+    """Joints that move something on the arm beside the chain; what stands on the base does not move with the arm."""
+    used = {joint.name for joint in chain}
+    return [joint for body in bodies[1:] for joint in body.leaving if joint.name not in used]
+
+
 def _left_out(tree: UrdfTree, bodies: list[_Body], chain: list[UrdfJoint]) -> list[str]:
     """One warning for every joint that moves something beside the chain."""
-    used = {joint.name for joint in chain}
     found = []
-    # What stands on the base does not move with the arm.
-    for body in bodies[1:]:
-        for joint in body.leaving:
-            if joint.name in used:
-                continue
-            names, ahead = [], [joint.child]
-            while ahead:
-                names.append(ahead.pop())
-                ahead.extend(below.child for below in tree.below[names[-1]])
-            parts = [tree.links[name].inertia for name in names]
-            mass = sum(part.mass for part in parts if part is not None)
-            found.append(
-                f"Beside the chain, joint {joint.name!r} moves {names[0]!r}: left out, with {mass:.4g} kg in "
-                f"{len(names)} {'link' if len(names) == 1 else 'links'}."
-            )
+    for joint in _beside(bodies, chain):
+        names, ahead = [], [joint.child]
+        while ahead:
+            names.append(ahead.pop())
+            ahead.extend(below.child for below in tree.below[names[-1]])
+        parts = [tree.links[name].inertia for name in names]
+        mass = sum(part.mass for part in parts if part is not None)
+        found.append(
+            f"Beside the chain, joint {joint.name!r} moves {names[0]!r}: left out, with {mass:.4g} kg in "
+            f"{len(names)} {'link' if len(names) == 1 else 'links'}."
+        )
     return found

@@ -111,6 +111,7 @@ def checked(
         notes=(*notes, *suspect_time_and_current(kept)),
         numbered=raw.numbered,
         faults=tuple(faults),
+        base_motion=raw.base_motion,
         repaired=repaired,
     )
     return kept, report

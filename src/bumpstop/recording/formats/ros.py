@@ -17,6 +17,7 @@ from bumpstop.recording.formats.table import RawRecording
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 _PARTS = ("position", "velocity", "torque")
+_STILL = 0.01  # a joint that moves by less stands [rad or m]
 
 
 class _Gathered:
@@ -28,6 +29,7 @@ class _Gathered:
         self.parts: tuple[list[FloatArray], list[FloatArray], list[FloatArray]] = ([], [], [])
         self.faults: list[tuple[int, str]] = []
         self.others = 0
+        self.left_out: list[FloatArray] = []
 
 
 def read_bag(path: Path, columns: Columns, robot: Robot | None, topic: str | None) -> RawRecording:
@@ -46,7 +48,8 @@ def read_bag(path: Path, columns: Columns, robot: Robot | None, topic: str | Non
     if not bodies:
         raise InputError(str(path), f"topic {chosen!r} holds no message")
     wanted = columns.joint_names or (tuple(joint.name for joint in robot.joints) if robot is not None else ())
-    found, names = _gather(bodies, wanted, path)
+    base, other = ((), ()) if robot is None else (robot.base_joints, robot.other_joints)
+    found, names = _gather(bodies, wanted, (*base, *other), path)
     notes = []
     if found.others:
         notes.append(f"{found.others} messages of other joints on the topic are left out.")
@@ -60,6 +63,14 @@ def read_bag(path: Path, columns: Columns, robot: Robot | None, topic: str | Non
     values: dict[str, FloatArray] = {"t": ((stamp - stamp[0]) * 1e-9)[:, None]}
     if stamp[0] >= 1_000_000_000:
         notes.append(f"Time 0 is {stamp[0] // 1_000_000_000}.{stamp[0] % 1_000_000_000:09d} s of the bag's clock.")
+    left_out = np.concatenate(found.left_out)[order].T
+    moved = {
+        name: span
+        for name, column in zip((*base, *other), left_out, strict=True)
+        if name not in names and (span := _moved(values["t"][:, 0], column))
+    }
+    if beside := [repr(name) for name in other if name in moved]:
+        notes.append(f"Joints that the chain leaves out move: {', '.join(beside)}; what they carry is not known.")
     for name, part in zip(_PARTS, found.parts, strict=True):
         value = np.concatenate(part)[order]
         if name == "position" or not np.isnan(value).all():
@@ -73,11 +84,24 @@ def read_bag(path: Path, columns: Columns, robot: Robot | None, topic: str | Non
         faults=tuple(found.faults),
         joint_names=tuple(joint.name for joint in robot.joints) if robot and robot.dof == len(names) else names,
         notes=tuple(notes),
+        base_motion={name: moved[name] for name in base if name in moved},
     )
 
 
-def _gather(bodies: list[bytes], wanted: tuple[str, ...], path: Path) -> tuple[_Gathered, tuple[str, ...]]:
-    """Take all messages apart, those of one layout together."""
+def _moved(t: FloatArray, position: FloatArray) -> tuple[float, float] | None:
+    """From when to when [s] a joint moved (N,); None: it did not, or was not recorded."""
+    known = np.isfinite(position)
+    t, position = t[known], position[known]
+    if not t.size or np.ptp(position) < _STILL:
+        return None
+    away, back = (np.abs(position - position[end]) >= _STILL / 2 for end in (0, -1))
+    return float(t[away].min()), float(t[back].max())
+
+
+def _gather(
+    bodies: list[bytes], wanted: tuple[str, ...], left_out: tuple[str, ...], path: Path
+) -> tuple[_Gathered, tuple[str, ...]]:
+    """Take all messages apart, those of one layout together; of joints that are left out only the positions."""
     found = _Gathered()
     names = wanted
     seen: list[str] = []
@@ -108,6 +132,9 @@ def _gather(bodies: list[bytes], wanted: tuple[str, ...], path: Path) -> tuple[_
                 found.faults += [(int(i) + 1, what) for i in left[same]]
             else:
                 place = [known.names.index(name) for name in names]
+                there = [known.names.index(name) if name in known.names else -1 for name in left_out]
+                padded = np.pad(numbers(rows[same], known, 0), ((0, 0), (0, 1)), constant_values=np.nan)
+                found.left_out.append(padded[:, there])
                 found.number.append(left[same])
                 found.stamp.append(stamps(rows[same], known))
                 for part, into in enumerate(found.parts):

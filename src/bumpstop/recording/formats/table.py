@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,6 +54,7 @@ class RawRecording:
     Attributes:
         values: ``t`` (N, 1), ``position`` and what else was recorded (N, k); NaN where no number stands.
         rows, faults, rows_read, numbered, joint_names, robot, notes: as in ``Table``.
+        base_motion: as in ``ReadReport``.
     """
 
     values: dict[str, FloatArray]
@@ -64,6 +65,7 @@ class RawRecording:
     joint_names: tuple[str, ...] = ()
     robot: str = ""
     notes: tuple[str, ...] = ()
+    base_motion: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def side_by_side(columns: Sequence[pl.Series]) -> FloatArray:
