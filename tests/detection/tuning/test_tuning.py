@@ -224,9 +224,10 @@ def test_default_rate_is_what_the_recording_carries() -> None:
 def test_real_arms(folder: str, arm: str, cutoff_hz: float, beyond: float) -> None:
     """Model and thresholds from the first half of a recording; the second half must not alarm far above them.
 
-    The default asks for one alarm in ten times what the first half shows, which the model was fitted to: what it has not
-    seen comes once, for a row of two joints of the Panda, 22 % above a threshold, and for 18 rows of a joint of the UR10
-    7 % above. Ends in motion are not among the rows: until they were left out they made thresholds higher than that.
+    The default asks for one alarm in ten times what the first half shows, which the model was fitted to.
+    What it has not seen comes once, for a row of two joints of the Panda, 22 % above a threshold,
+    and for 18 rows of a joint of the UR10 7 % above.
+    Ends in motion are not among the rows: until they were left out, thresholds were higher than that.
     """
     place = SHARED / "data" / folder
     if not place.is_dir():
