@@ -132,7 +132,7 @@ function checkScenario(tables) {
     const fall = Math.hypot(...scenario.gravity_m_s2);
     const [low, high] = DATA.numbers.free_fall;
     if (!(low <= fall && fall <= high))
-        throw new Refusal("gravity_m_s2", `is ${general(fall)} m/s2 in all`, `wanted ${low} to ${high}`);
+        throw new Refusal("gravity_m_s2", `is ${general(fall)} m/s2 in all`, `wanted ${low} to ${high} in all, as [0, 0, 9.80665] on a ceiling or [-9.80665, 0, 0] on a wall`);
     checkMotion(scenario.motion);
     checkContact(scenario.contact);
     checkDetector(scenario.detector);

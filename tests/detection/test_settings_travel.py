@@ -108,6 +108,24 @@ def test_the_detector_has_the_options_of_detect_and_warns(tuned: Path, tmp_path:
     assert lines["contact"].startswith("2 0.1 ")
 
 
+@pytest.mark.parametrize(
+    ("tuned", "used", "differs"),
+    [
+        (None, None, False),
+        (None, [0, 0, -9.80665], False),
+        (None, [0, 0, 9.80665], True),
+        ((0, 0, 9.80665), np.array([0, 0, 9.80665]), False),
+        ((0, 0, 9.80665), [0, 0, -9.80665], True),
+        ((0, 0, 9.80665), None, False),
+    ],
+)
+def test_another_mounting_than_that_of_the_tuning_is_told(tuned: object, used: object, differs: bool) -> None:
+    """No word of the thresholds is an upright arm, none of the detector is its model's mounting."""
+    law = Thresholds(np.ones(6), residual="direct", gravity=tuned)  # type: ignore[arg-type]
+    notes = law.differences(DetectorSettings(gravity=used))  # type: ignore[arg-type]
+    assert any("gravity" in note for note in notes) == differs
+
+
 def test_a_detector_without_a_rate_is_refused(tmp_path: Path) -> None:
     done = run("detector", tmp_path / "arm", "--robot", "ur5e", "--thresholds", "9,9,9,9,9,9")
     assert done.status == 2

@@ -302,7 +302,7 @@ def test_output() -> None:
     np.testing.assert_array_equal(residual.effort, [1.0, -2.0, np.nan])
     assert (residual.header.stamp.sec, residual.header.stamp.nanosec) == (4, 250_000_000)
     assert (wrench.wrench.force.z, wrench.header.frame_id) == (-30.5, "base_link")
-    assert [message.data for message in taken["alarm"]] == [True, True]
+    assert [message.data for message in taken["alarm"]] == [True, True, False]
     assert [message.data for message in taken["state"]] == ["alarm", "no_data"]
     assert output.problems() == []
     output.close()

@@ -18,6 +18,7 @@ from bumpstop.detection.rate import period_of
 from bumpstop.detection.settings import DetectorSettings, check_rearm
 from bumpstop.errors import InputError
 from bumpstop.model import unit_of
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 from bumpstop.recording.checks.stamps import stamped_by_a_pc
 
 if TYPE_CHECKING:
@@ -204,7 +205,7 @@ class Detector(LoopDetector):
     def summary(self, period: float) -> dict[str, Any]:
         """What decides about residuals and alarms, by the names of the settings where they have one."""
         given = self.settings
-        found = {
+        found: dict[str, Any] = {
             "residual": given.residual,
             "period_s": float(f"{period:.6g}"),
             "window_s": given.window_s,
@@ -215,6 +216,8 @@ class Detector(LoopDetector):
             "measured_rates": given.measured_rates,
             "arming_delay_s": given.arming_delay_s,
         }
+        if self._gravity != STANDARD_GRAVITY:
+            found["gravity"] = list(self._gravity)
         return found | ({"observer_gain_1_s": given.observer_gain_1_s} if given.residual == "observer" else {})
 
     def hidden(self, qd: npt.ArrayLike) -> FloatArray:

@@ -10,6 +10,7 @@ from typing import Any, Literal, get_args
 from bumpstop import _native
 from bumpstop.arrays import as_float_array, as_number
 from bumpstop.errors import InputError, near_matches
+from bumpstop.model.inertia import vector3
 
 ResidualKind = Literal["direct", "observer"]
 Vector = tuple[float, float, float]
@@ -124,7 +125,8 @@ class DetectorSettings:
             raise InputError("period_s", f"is {self.period_s}", f"wanted from {low:g} to {high:g}")
         for name in ("point", "direction", "gravity", "payload_center"):
             if getattr(self, name) is not None:
-                as_float_array(getattr(self, name), name, (3,))
+                given = as_float_array(getattr(self, name), name, (3,))
+                object.__setattr__(self, name, vector3(given))
         if abs(math.hypot(*self.direction) - 1) > 1e-9:
             raise InputError("direction", f"has length {math.hypot(*self.direction):.6g}", "wanted a unit vector")
 

@@ -13,6 +13,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.detection.settings import DetectorSettings, ResidualKind
 from bumpstop.errors import InputError, near_matches
+from bumpstop.model.dynamics import STANDARD_GRAVITY
 from bumpstop.model.inertia import vector3
 from bumpstop.text_files import list_items, parse_toml, read_text, toml_value, write_text
 
@@ -148,8 +149,12 @@ class Thresholds:
     def differences(self, settings: DetectorSettings) -> list[str]:
         """Settings that are others than those they were found with: sentences for a reader."""
         found = []
-        for name, tuned in self.settings.items():
+        # Without a word about gravity they were found with an upright arm.
+        known = {"gravity": STANDARD_GRAVITY} | self.settings if self.settings else {}
+        for name, tuned in known.items():
             ours = getattr(settings, name)
+            if name == "gravity" and ours is None:  # the model's
+                continue
             same = ours == tuned or (isinstance(tuned, float) and abs(ours - tuned) <= _SAME * abs(tuned))
             if not same and name not in ("residual", "observer_gain_1_s"):
                 found.append(f"{name} = {_shown(ours)} (tuned with {_shown(tuned)})")

@@ -229,7 +229,8 @@ class ResultFolder:
             return [DamagedError(SETTINGS, str(self.storage), f"cannot be read ({error.strerror})").problem]
         if last and checksum == f'"{hashlib.sha256(text).hexdigest()}"\n'.encode():
             return []
-        return [DamagedError(SETTINGS, str(self.storage), "is not as it was written").problem]
+        what = "is not as it was written" if last else "holds no checksum: edited, or of an earlier version"
+        return [DamagedError(SETTINGS, str(self.storage), what).problem]
 
     def damaged_results(self) -> list[str]:
         """What is wrong with files of the result that the manifest names, one sentence each."""

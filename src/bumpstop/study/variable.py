@@ -30,13 +30,16 @@ _WORDS = {
 }
 # What comes first is taken: _mm_s ends in _s, too.
 _UNITS = {
-    "_rad_s2": "rad/s2", "_mm_s": "mm/s", "_N_mm": "N/mm", "_Ns_m": "Ns/m", "_Nm_rad": "Nm/rad", "_N_m": "N/m",
-    "_kg_m2": "kg m2", "_cm2": "cm2", "_1_s": "1/s", "_percent": "%", "_hz": "Hz", "_deg": "deg", "_rad": "rad",
-    "_Nm": "Nm", "_kg": "kg", "_mm": "mm", "_m": "m", "_s": "s",
+    "_rad_s2": "rad/s2", "_m_s2": "m/s2", "_mm_s": "mm/s", "_N_mm": "N/mm", "_Ns_m": "Ns/m", "_Nm_rad": "Nm/rad",
+    "_N_m": "N/m", "_kg_m2": "kg m2", "_cm2": "cm2", "_1_s": "1/s", "_percent": "%", "_hz": "Hz", "_deg": "deg",
+    "_rad": "rad", "_Nm": "Nm", "_kg": "kg", "_mm": "mm", "_m": "m", "_s": "s",
 }  # fmt: skip
 # Units of a joint that turns, and those of one that slides.
 _SLIDING = {"rad/s2": "m/s2", "deg": "m", "rad": "m", "Nm": "N", "Nm/rad": "N/m", "kg m2": "kg"}
-_NOT_VARIED = ("motion.velocity_mm_s", "motion.direction", "pose_deg", "pose_rad", "contact.point_m", "contact.normal")
+_NOT_VARIED = (
+    *("motion.velocity_mm_s", "motion.direction", "pose_deg", "pose_rad"),
+    *("contact.point_m", "contact.normal", "gravity_m_s2"),
+)
 
 
 def canonical(name: str) -> str:

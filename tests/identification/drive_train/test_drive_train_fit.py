@@ -135,6 +135,7 @@ def test_the_servo_of_an_arm_in_mujoco() -> None:
     bandwidth = found.bandwidth
     assert not bandwidth.identified[:2].any()
     told = bandwidth.identified[:4]
+    assert told.any()
     assert (np.abs(bandwidth.values[:4] - 100.0)[told] < 2 * bandwidth.errors[:4][told]).all()
 
 

@@ -224,6 +224,7 @@ class Watcher:
     def held(self) -> dict[str, Any]:
         """What a file of thresholds says of the detector whose residuals they were found with."""
         from bumpstop.identification import DynamicsModel
+        from bumpstop.model.dynamics import STANDARD_GRAVITY
 
         settings = self.settings
         names = ["residual", "frozen_s"]
@@ -232,11 +233,12 @@ class Watcher:
             names.append("causal")
         if settings.causal or not fitted:
             names += ["window_s", "measured_rates", "limit_margin", "payload_kg"]
-        if settings.gravity is not None:
-            names.append("gravity")
         if settings.residual == "observer":
             names.append("observer_gain_1_s")
-        return {name: getattr(settings, name) for name in names}
+        found = {name: getattr(settings, name) for name in names}
+        model = self.parts[0]
+        falls = settings.gravity or (STANDARD_GRAVITY if model is None else model.gravity)
+        return found if fitted or falls == STANDARD_GRAVITY else found | {"gravity": falls}
 
 
 @dataclass(frozen=True, kw_only=True)

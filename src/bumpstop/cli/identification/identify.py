@@ -42,7 +42,8 @@ Gravity = Annotated[
     str | None,
     typer.Option(
         metavar="LIST",
-        help="Free fall in the base frame [m/s2]: 0,0,9.80665 of an arm on the ceiling; default: 0,0,-9.80665.",
+        help="Free fall in the base frame [m/s2]: 0,0,9.80665 of an arm on the ceiling; default: the given model's, "
+        "else 0,0,-9.80665.",
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]

@@ -44,20 +44,22 @@ def identify_drive_train_of(
         found = identify_drive_train(
             logs, arm, pushes=table, payloads=payloads, cutoff_hz=cutoff_hz, gravity=gravity or STANDARD_GRAVITY
         )
+    faults = reading_faults(logs)
+    usable = found.identified and not faults
     file = out if out is None or out.suffix == ".toml" else out / "drive_train.toml"
-    if file is not None and out is not None and found.identified:
+    if file is not None and out is not None and usable:
         with writing(None if file == out else out):
             found.save(file)
     if as_json:
-        typer.echo(json.dumps(_json(found), allow_nan=False, indent=2))
+        typer.echo(json.dumps(_json(found) | {"faults": faults}, allow_nan=False, indent=2))
     else:
         typer.echo(str(found))
         print_reading(list(logs))
-        for fault in reading_faults(logs):
-            typer.echo(f"warning: {fault}")
-        if file is not None and found.identified:
+        for fault in faults:
+            typer.echo(f"not usable: {fault}")
+        if file is not None and usable:
             typer.echo(f"drive train: {file}")
-    return 0 if found.identified else _NOT_USABLE
+    return 0 if usable else _NOT_USABLE
 
 
 def _json(found: DriveTrainFit) -> dict[str, Any]:

@@ -144,6 +144,9 @@ def _print(recording: Recording, robot: Robot | None, console: Console) -> None:
         console.print(f"repaired rows: {report.repaired} (angles turned back by whole turns)")
     for fault in report.faults:
         console.print(f"fault: {fault}")
+    for name, (moved_from, moved_to) in report.base_motion.items():
+        where = f"from {_seconds(moved_from, recording)} to {_seconds(moved_to, recording)} s"
+        console.print(f"fault: {name} moves the base, which is taken to stand still, {where}")
     for note in report.notes:
         console.print(f"note: {note}")
 

@@ -48,7 +48,7 @@ def monitor(
         typer.Option(
             "--stop-after-s",
             help="Without a sample for longer the source has stopped [s].",
-            show_default="ten periods, at least 0.1",
+            show_default="ten periods at --speed, at least 0.1, and 1 s before the first",
         ),
     ] = None,
     rearm_s: Annotated[

@@ -107,7 +107,7 @@ def _links(plant: Plant, rtde: int | None, axes: str | None, dds: str | None, do
     if dds is not None:
         links.append(DdsLink(plant, dds, domain=domain))
     if rtde is not None:
-        with as_options({"axes": "--axes"}):
+        with as_options({"axes": "--axes", "rtde": "--rtde"}):
             links.append(RtdeLink(plant, rtde, DEFAULT_AXES if axes is None else read_axes(axes)))
     return links
 

@@ -38,9 +38,10 @@ class CurrentComparison:
             friction and the multiples of torque and acceleration that suit these recordings best.
         estimated: (N, n) torque that the model makes of the measured current [Nm or N]; NaN where the gain is unknown.
         torque_units: of the joints.
+        gravity: acceleration of free fall in the base frame [m/s2].
         free_gains: joints (from 0) whose gain is unknown.
         filter_hz: of the zero-phase filter for ``r2``.
-        notes: where the model was used outside its range, by measured currents.
+        notes: where the motion wants currents outside the model's range, or is faster.
         outside_current, outside_speed: (n,) share of the rows whose motion wants a joint current outside the fitted
             range, and whose speed is outside it; None: not counted.
     """
@@ -52,6 +53,7 @@ class CurrentComparison:
     filter_hz: float
     notes: tuple[str, ...]
     torque_units: tuple[str, ...]
+    gravity: tuple[float, float, float]
     free_gains: tuple[int, ...] = ()
     outside_current: FloatArray | None = None
     outside_speed: FloatArray | None = None
@@ -170,14 +172,14 @@ def compare_currents(
         else:
             predicted[:, j] = motor_current(joint, motion)
     estimated = np.empty_like(rows.current)
-    total, wanted = TorqueState.at_rest(len(place)), TorqueState.at_rest(len(place))
+    total = TorqueState.at_rest(len(place))
     for part in rows.segments:
-        state = TorqueState.at_rest(len(place))
-        estimated[part] = model.torque(rows.current[part], rows.qd[part], rows.qdd[part], state)
-        total.outside_current += state.outside_current
-        total.outside_speed += state.outside_speed
+        measured, wanted = TorqueState.at_rest(len(place)), TorqueState.at_rest(len(place))
+        estimated[part] = model.torque(rows.current[part], rows.qd[part], rows.qdd[part], measured)
         # As the range of the fit: noise would carry its own rows out of it.
         model.torque(predicted[part], rows.qd[part], rows.qdd[part], wanted)
+        total.outside_current += wanted.outside_current
+        total.outside_speed += measured.outside_speed
     return CurrentComparison(
         model=model,
         rows=rows,
@@ -186,8 +188,9 @@ def compare_currents(
         filter_hz=filter_hz or cutoff_hz,
         notes=model.notes(total),
         torque_units=tuple(unit_of(arm.joints[j]) for j in place),
+        gravity=falls,
         free_gains=free_gains,
-        outside_current=wanted.outside_current / len(rows.t),
+        outside_current=total.outside_current / len(rows.t),
         outside_speed=total.outside_speed / len(rows.t),
     )
 

@@ -74,7 +74,7 @@ def judge_joint_model(fit: JointModelFit, recordings: Sequence[Recording]) -> Fi
         warnings.append(
             f"the recordings want different gains of {named(fit.inconsistent)}: did the arm carry something undeclared?"
         )
-    tell_shifts(recordings, fit.robot, "current", faults, warnings)
+    tell_shifts(recordings, fit.robot, "current", faults, warnings, gravity=fit.gravity)
     warnings += doubtful_columns(recordings, fit.robot, "current")
     conditions = [joint.condition for joint in fit.joints if joint.observable]
     return FitVerdict(
@@ -132,7 +132,7 @@ def judge_currents(
             if share > _TOLD:
                 warnings.append(f"{joint.name}: {100 * share:.3g} % of the rows {words}")
     if robot is not None:
-        tell_shifts(recordings, robot, "current", faults, warnings)
+        tell_shifts(recordings, robot, "current", faults, warnings, gravity=found.gravity)
     return FitVerdict(faults=tuple(faults), warnings=tuple(warnings))
 
 
@@ -168,7 +168,7 @@ def judge_payload(found: PayloadFit, recording: Recording, robot: Robot) -> FitV
     if mass is not None and error is not None and abs(mass) > 2 * error and left > 1 - 0.05:
         warnings.append(f"the payload explains {100 * (1 - left):.2g} % of what the arm leaves open")
     quantity = "tau" if recording.tau is not None else "current"
-    tell_shifts([recording], robot, quantity, faults, warnings)
+    tell_shifts([recording], robot, quantity, faults, warnings, gravity=found.source.gravity)
     warnings += doubtful_columns([recording], robot, quantity)
     return FitVerdict(
         faults=tuple(faults), warnings=tuple(warnings), condition=found.condition, held_out=found.unexplained

@@ -72,8 +72,9 @@ def judge_dynamics(fit: DynamicsFit, recordings: Sequence[Recording]) -> FitVerd
                 )
     for name in fit.still:
         warnings.append(f"{name} hardly moves: its friction, its rotor and what only its motion shows are noise")
-    tell_shifts(recordings, fit.model.robot, "tau" if fit.model.gains is None else "current", faults, warnings)
-    warnings += doubtful_columns(recordings, fit.model.robot, "tau" if fit.model.gains is None else "current")
+    quantity = "tau" if fit.model.gains is None else "current"
+    tell_shifts(recordings, fit.model.robot, quantity, faults, warnings, gravity=fit.model.gravity)
+    warnings += doubtful_columns(recordings, fit.model.robot, quantity)
     held_out = None
     if fit.unexplained is not None and np.isfinite(fit.unexplained).any():
         held_out = float(np.nanmean(np.where(moving, fit.unexplained, np.nan)))
@@ -112,7 +113,8 @@ def judge_predictions(
         warnings += fit.seen.outside(rows.motion, [joint.name for joint in fit.model.robot.joints])
     else:
         warnings.append("the model's file does not say what motion it was fitted to: fit it again to know")
-    tell_shifts(recordings, fit.model.robot, "tau" if fit.model.gains is None else "current", faults, warnings)
+    quantity = "tau" if fit.model.gains is None else "current"
+    tell_shifts(recordings, fit.model.robot, quantity, faults, warnings, gravity=fit.model.gravity)
     return FitVerdict(faults=tuple(faults), warnings=tuple(warnings))
 
 

@@ -30,7 +30,13 @@ _MOVES = 0.01  # [rad or m]
 
 
 def tell_shifts(
-    recordings: Sequence[Recording], robot: Robot, quantity: str, faults: list[str], warnings: list[str]
+    recordings: Sequence[Recording],
+    robot: Robot,
+    quantity: str,
+    faults: list[str],
+    warnings: list[str],
+    *,
+    gravity: tuple[float, float, float] = STANDARD_GRAVITY,
 ) -> None:
     """Add a sentence on every recording whose currents or torques are shifted against its motion.
 
@@ -40,12 +46,13 @@ def tell_shifts(
         quantity: ``"current"`` or ``"tau"``.
         faults: what makes a fit not usable; shifts that matter much are added.
         warnings: other shifts are added.
+        gravity: acceleration of free fall in the base frame [m/s2].
     """
     for log in recordings:
         effort = getattr(log, quantity)
         if effort is None:
             continue
-        shift, left = shift_of(log, robot, effort)
+        shift, left = shift_of(log, robot, effort, gravity=gravity)
         if shift == 0:
             continue
         what = {"current": "currents", "tau": "torques"}[quantity]
@@ -56,7 +63,13 @@ def tell_shifts(
         )
 
 
-def shift_of(recording: Recording, robot: Robot, effort: FloatArray) -> tuple[float, float]:
+def shift_of(
+    recording: Recording,
+    robot: Robot,
+    effort: FloatArray,
+    *,
+    gravity: tuple[float, float, float] = STANDARD_GRAVITY,
+) -> tuple[float, float]:
     """Time [s] by which the motors' effort (N, n) lags behind the motion, and the share of what is left that it leaves.
 
     Each joint's effort, shifted, is fitted by the columns of the joint's own torque, inertia, gravity and friction with
@@ -79,7 +92,7 @@ def shift_of(recording: Recording, robot: Robot, effort: FloatArray) -> tuple[fl
     rows = np.arange(edge, grid.t.size - edge, every)
     if rows.size < _MIN_ROWS:
         return _NONE
-    inertial = inertial_regressor(robot, q[rows], qd[rows], qdd[rows], STANDARD_GRAVITY)
+    inertial = inertial_regressor(robot, q[rows], qd[rows], qdd[rows], gravity)
     shifts = np.linspace(-_MAX_S, _MAX_S, 2 * _STEPS + 1)
     left, joints = np.zeros(shifts.size), 0
     for j in range(robot.dof):

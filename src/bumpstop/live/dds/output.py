@@ -78,8 +78,9 @@ class DdsOutput:
         self._write("alarm", types.Bool(tick.state == "alarm"))
 
     def data_loss(self, loss: DataLoss) -> None:
-        """Publish the state."""
+        """Publish the state, which is no alarm."""
         self._write("state", self._types.String(loss.state))
+        self._write("alarm", self._types.Bool(False))
 
     def source_event(self, event: SourceEvent, received_s: float) -> None:
         """Nothing to publish."""

@@ -42,7 +42,7 @@ def joint_order(joints: int, axes: Sequence[int]) -> list[int]:
             numbers of joints.
     """
     if not CONTROLLER_JOINTS <= joints <= MAX_JOINTS:
-        problem = f"a controller of Universal Robots has six joints, the detector's robot has {joints}"
+        problem = f"a controller of Universal Robots has six joints, the robot has {joints}"
         valid = f"wanted {CONTROLLER_JOINTS} to {MAX_JOINTS}, those beyond 6 in output_double_register_24 .."
         raise InputError("rtde", problem, valid)
     known = sorted(set(axes) & set(range(1, joints + 1)))
@@ -65,4 +65,4 @@ def check_turning(axes: Sequence[int], names: Sequence[str], slides: Sequence[bo
     for axis in axes:
         if slides[axis - 1]:
             problem = f"joint {axis}, {names[axis - 1]}, slides, and all six of a controller turn"
-            raise InputError("axes", problem, "wanted the joints that turn, such as axes=2,3,4,5,6,7")
+            raise InputError("axes", problem, "wanted the joints that turn, such as 2,3,4,5,6,7")

@@ -27,7 +27,7 @@ _REMEDIES = {
     "gap": "no sample for longer than five periods",
     "outside_limits": "--limit-margin lets positions beyond their limits pass",
     "frozen": "time goes on, positions and signals do not; --frozen says how long they may",
-    "filling": "too few samples on one side to differentiate; --window of a loop says over how long",
+    "filling": "too few samples yet, or an end of the recording in motion; --window sets how many a loop needs",
 }
 
 

@@ -65,7 +65,7 @@ def judge_protocol(fit: ProtocolFit, beside: FitComparison, recordings: Sequence
                 apart.append(f"{name} {own.value:.4g} and {other.value:.4g}")
         if apart:
             warnings.append(f"protocol and general fit disagree on {pair.general.name}: {named(apart)}")
-    tell_shifts(recordings, fit.plan.robot, "current", faults, warnings)
+    tell_shifts(recordings, fit.plan.robot, "current", faults, warnings, gravity=fit.plan.settings.gravity)
     warnings += doubtful_columns(recordings, fit.plan.robot, "current")
     known = [share for share in shares if share is not None]
     return FitVerdict(
