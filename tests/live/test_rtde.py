@@ -188,7 +188,7 @@ def test_fields_that_cannot_be_had() -> None:
             taken = RtdeSource("127.0.0.1", bench.port, answers=True)
             with pytest.raises(InputError, match=r"another client of .* writes input_int_register_24"):
                 taken.open()
-        with pytest.raises(InputError, match="has six joints, the detector's robot has 5"):
+        with pytest.raises(InputError, match="has six joints, the robot has 5"):
             RtdeSource("127.0.0.1", bench.port, joints=5)
         with pytest.raises(InputError, match=r"cannot listen on .*in use.*; give another port"):
             RtdeServer({}, 500.0, port=bench.port)
