@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -76,3 +77,53 @@ class Host:
 
     def change(self, changes: Mapping[str, Any], key: str = "") -> None:
         self.document = self.document.edit(changes)
+
+
+class Place:
+    """A piece of a page, which counts what is sent."""
+
+    def __init__(self, content: str) -> None:
+        self.__dict__.update(content=content, sent=[])
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        self.__dict__[name] = value
+        self.sent.append(value)
+
+
+class Client:
+    """A browser without a page."""
+
+    def __init__(self) -> None:
+        self.places: list[Place] = []
+        self.flushed = 0
+        self.gui = self.scene = self
+
+    def add_panel(self) -> Client:
+        return self
+
+    def add_tab(self, _: str) -> Any:
+        return nullcontext()
+
+    def atomic(self) -> Any:
+        return nullcontext()
+
+    def dock_right(self) -> None: ...
+
+    def set_width(self, _: int) -> None: ...
+
+    def flush(self) -> None:
+        self.flushed += 1
+
+    def add_html(self, content: str) -> Place:
+        self.places.append(Place(content))
+        return self.places[-1]
+
+
+class Sent:
+    """Takes whatever is sent to it, and remembers it."""
+
+    def __init__(self) -> None:
+        self.sent: list[tuple[Any, ...]] = []
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *values, **_: self.sent.append((name, *values))

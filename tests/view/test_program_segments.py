@@ -12,6 +12,7 @@ from bumpstop.view.answer import Answer
 from bumpstop.view.document import ViewDocument, with_keys
 from bumpstop.view.opened import open_source
 from bumpstop.view.page.program_panel import ProgramPanel
+from bumpstop.view.program_segments import ProgramSegments
 from view.cases import ROOT
 from view.panels import Host
 
@@ -52,14 +53,18 @@ def test_a_program_needs_its_cell(tmp_path: Path) -> None:
         open_source("ur10e", cell=PROGRAMS / "cell.toml")
 
 
-def test_a_segment_that_is_refused_is_not_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The list showed it while the page had the one before, and its verdict."""
+def placing() -> tuple[Any, ProgramSegments, ProgramPanel]:
+    """A page's host with the program of the examples, its program, and the panel of its segments."""
     pytest.importorskip("ruckig")
     opened = open_source(str(PROGRAMS / "place.script"), cell=PROGRAMS / "cell.toml")
-    program = opened.program
-    assert program is not None
-    host: Any = Host(opened.scenario, program=program)
-    panel = ProgramPanel(host)
+    assert opened.program is not None
+    host: Any = Host(opened.scenario, program=opened.program)
+    return host, opened.program, ProgramPanel(host)
+
+
+def test_a_segment_that_is_refused_is_not_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The list showed it while the page had the one before, and its verdict."""
+    host, program, panel = placing()
     first = panel._segment.value
     other = next(name for name in program.names if name != first)
 
@@ -79,12 +84,7 @@ def test_a_segment_that_is_refused_is_not_chosen(monkeypatch: pytest.MonkeyPatch
 
 def test_the_segment_that_was_chosen_last_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     """While one is sought, another may be chosen and a key changed: contact was not sought with that."""
-    pytest.importorskip("ruckig")
-    opened = open_source(str(PROGRAMS / "place.script"), cell=PROGRAMS / "cell.toml")
-    program = opened.program
-    assert program is not None
-    host: Any = Host(opened.scenario, program=program)
-    panel = ProgramPanel(host)
+    host, program, panel = placing()
     seek = type(program).changes
 
     def meanwhile(self: Any, number: int, scenario: bs.Scenario) -> dict[str, Any]:
@@ -109,14 +109,9 @@ def test_the_segment_that_was_chosen_last_is_shown(monkeypatch: pytest.MonkeyPat
 
 def test_contact_is_sought_with_what_is_on_screen() -> None:
     """With another detector a segment is hardest elsewhere: where it was hardest before, it is acceptable."""
-    pytest.importorskip("ruckig")
     from bumpstop.program.cell import Cell
 
-    opened = open_source(str(PROGRAMS / "place.script"), cell=PROGRAMS / "cell.toml")
-    program = opened.program
-    assert program is not None
-    host: Any = Host(opened.scenario, program=program)
-    panel = ProgramPanel(host)
+    host, program, panel = placing()
     panel._choose(program.names[3])
     panel.follow(host.document.scenario)
     assert "harder" not in panel._says.content

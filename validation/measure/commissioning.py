@@ -10,10 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 import bumpstop as bs
-from bumpstop.measure.learning.calibration import Calibration, MeasuredShot, calibrate
+from bumpstop.measure.learning.calibration import Calibration, calibrate
 from bumpstop.measure.learning.peak_force_ensemble import Condition, PeakForceEnsemble
 from bumpstop.measure.learning.posterior import ErrorModel
 from bumpstop.measure.learning.response_surface import normal_points
+from bumpstop.measure.learning.shots import MeasuredShot
 from bumpstop.measure.parameters import Parameters
 from bumpstop.measure.peak_force_model import ShotForce, shot_force
 from bumpstop.measure.planning.design import Belief, greedy_design

@@ -20,6 +20,7 @@ from bumpstop.measure.learning.posterior import (
     sample_posterior,
     single_shots,
 )
+from bumpstop.measure.learning.shots import BadShot, MeasuredShot
 from bumpstop.measure.parameters import Parameters
 from bumpstop.measure.planning.design import Belief
 from bumpstop.measure.planning.plan import target_weights
@@ -40,55 +41,6 @@ _REFINED, _ROUNDS = 64, 2
 _CHECKED = 16
 # Fewer draws that count effectively make quantiles that are not to be trusted.
 _MIN_EFFECTIVE = 400.0
-
-
-@dataclass(frozen=True)
-class MeasuredShot:
-    """A peak force that a gauge showed.
-
-    Attributes:
-        situation: name.
-        speed_mm_s: of the tip [mm/s].
-        force_N: peak force [N].
-        number: of the shot in its plan or list.
-    """
-
-    situation: str
-    speed_mm_s: float
-    force_N: float
-    number: int
-
-
-@dataclass(frozen=True)
-class BadShot:
-    """A shot that does not fit the others.
-
-    Attributes:
-        shot: as measured.
-        ratio: of measured to expected force [1].
-    """
-
-    shot: MeasuredShot
-    ratio: float
-
-    def __str__(self) -> str:
-        """What is wrong with it, in one sentence: several plans may number their shots alike."""
-        shot = self.shot
-        return (
-            f"Shot {shot.number}, {shot.situation} at {shot.speed_mm_s:.4g} mm/s with {shot.force_N:.4g} N, shows "
-            f"{self.ratio:.3g} times what the others make expected: it hardly counts."
-        )
-
-    def to_json(self) -> dict[str, Any]:
-        """By name, with what tells it from others of its number."""
-        shot = self.shot
-        return {
-            "shot": shot.number,
-            "situation": shot.situation,
-            "speed_mm_s": shot.speed_mm_s,
-            "force_N": shot.force_N,
-            "ratio": self.ratio,
-        }
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bumpstop.errors import InputError
-from bumpstop.measure.learning.calibration import Calibration, MeasuredShot, calibrate
+from bumpstop.measure.learning.calibration import Calibration, calibrate
 from bumpstop.measure.learning.peak_force_ensemble import Condition, PeakForceEnsemble
+from bumpstop.measure.learning.shots import MeasuredShot
 from bumpstop.measure.parameters import Parameters
 from bumpstop.measure.planning.measured_situation import MeasuredSituation
 from bumpstop.measure.reading.gauge_reading import GaugeReading, read_gauge
