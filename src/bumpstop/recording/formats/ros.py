@@ -132,15 +132,17 @@ def _gather(
                 found.faults += [(int(i) + 1, what) for i in left[same]]
             else:
                 place = [known.names.index(name) for name in names]
-                there = [known.names.index(name) if name in known.names else -1 for name in left_out]
-                padded = np.pad(numbers(rows[same], known, 0), ((0, 0), (0, 1)), constant_values=np.nan)
-                found.left_out.append(padded[:, there])
+                blocks = [numbers(rows[same], known, part) for part in range(len(found.parts))]
+                beside = np.full((len(blocks[0]), len(left_out)), np.nan)
+                for k, name in enumerate(left_out):
+                    if name in known.names:
+                        beside[:, k] = blocks[0][:, known.names.index(name)]
+                found.left_out.append(beside)
                 found.number.append(left[same])
                 found.stamp.append(stamps(rows[same], known))
-                for part, into in enumerate(found.parts):
-                    block = numbers(rows[same], known, part)
+                for block, into in zip(blocks, found.parts, strict=True):
                     absent = block.shape[1] != len(known.names)
-                    into.append(np.full((int(same.sum()), len(names)), np.nan) if absent else block[:, place])
+                    into.append(np.full((len(block), len(names)), np.nan) if absent else block[:, place])
             left = left[~same]
     if not names:
         raise InputError(str(path), "the messages name no joints", "wanted sensor_msgs/msg/JointState with names")
