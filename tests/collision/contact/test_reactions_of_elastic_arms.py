@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
+from bumpstop.collision import evaluate_batch
 from bumpstop.model import mass_matrix, with_rotors
 from collision.contact.elastic_cases import scenario
 from reference.elastic_arm import Body, ElasticArm, collide
@@ -102,3 +103,18 @@ def test_an_arm_swings_into_bodies_beyond_the_end_of_its_motion() -> None:
         assert drawn.peak_force.exceedance(force) == pytest.approx(p, abs=4.5 * np.sqrt(p * (1 - p) / 20_000))
     assert batch.mean[0] == pytest.approx(exact.peak_force.mean, rel=1e-3)
     assert drawn.peak_force.mean == pytest.approx(exact.peak_force.mean, abs=4.5 * exact.peak_force.sd / 20_000**0.5)
+
+
+def test_a_batch_waits_for_servos_that_lag() -> None:
+    """They press on when the reference has turned back and the first oscillation of contact is over."""
+    slow = bs.load_scenario("examples/05_ur10e.toml").with_values(
+        {
+            "arm.model": "elastic",
+            "pose_rad": [-2.761814, 1.68678, 5.555151, -1.661901, -5.875429, -4.881009],
+            "motion.velocity_mm_s": [0, 0, -60],
+        }
+    )
+    alone = bs.evaluate(slow)
+    together = evaluate_batch(slow, [slow.pose_rad], [[0, 0, -0.06]], probabilities=(0.5,))
+    assert together.mean[0] == pytest.approx(alone.peak_force.mean, rel=1e-3)
+    assert together.quantile[0, 0] == pytest.approx(alone.peak_force.quantile(0.5), rel=1e-3)

@@ -91,7 +91,7 @@ class ContactReactions {
             // One whose servo lags is pressed on by a reference that turned back long ago.
             const int calm = met < 0 ? longest + settles_ : std::max(longest, met) + swing_;
             const bool late = i >= calm,
-                       turned = peak_only_ && met >= 0 && i > std::max(farther, met) + swing_ &&
+                       turned = peak_only_ && met >= 0 && i > std::max(farther, met) + settles_ &&
                                 dynamics_.propagator().static_stiffness * (from - offset) <= state.peak;
             if (turned || (late && (!path.retreats() || i >= longest + max_retreat)))
                 return dynamics_.rest(state, from - offset);
