@@ -14,7 +14,7 @@ using L = NativeLanes;
 
 NewArray<double>::Array matrix_of(const ElasticArm& arm, const ContactBody& body, bool in_contact) {
     const ContactSystem system(arm, body);
-    const detail::SquareMatrix matrix = system.matrix(in_contact);
+    const detail::PaddedMatrix matrix = system.matrix(in_contact);
     const std::size_t n = std::size_t(system.states());
     NewArray<double> out({n, n});
     for (std::size_t i = 0; i < n; ++i)

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <atomic>
+#include <optional>
 
 #include "bumpstop/collision/collision.hpp"
 #include "bumpstop/collision/distribution/cell_mixture.hpp"
@@ -145,42 +146,32 @@ struct BatchWorker {
     std::vector<double> probability[max_group_size];
 };
 
-/// What is asked of a peak force: mean and standard deviation where it is bounded, and its tail both ways.
-template <class Exceedance, class Quantile>
-struct PeakForce {
-    double mean, sd;
-    bool unbounded;
-    Exceedance exceedance;
-    Quantile upper_quantile;
-};
-template <class Exceedance, class Quantile>
-PeakForce(double, double, bool, Exceedance, Quantile) -> PeakForce<Exceedance, Quantile>;
-
-template <class Exceedance, class Quantile>
-void write_distribution(const BatchProblem& problem, std::size_t pose, const PeakForce<Exceedance, Quantile>& force,
-                        const CollisionDistribution& found, BatchResult& out) {
+/// Mean and standard deviation of the peak force where it is bounded, its tail both ways, and probabilities.
+template <class L>
+void write_distribution(const BatchProblem& problem, std::size_t pose, const CollisionDistribution& found,
+                        BatchResult& out) {
+    constexpr double negligible = 1e-12;  // no mean is infinite for that
     const std::size_t dof = std::size_t(problem.setup.chain.dof);
     const std::vector<double>&probability = problem.settings.probability, &limit = problem.settings.limit;
-    out.mean[pose] = force.unbounded ? std::numeric_limits<double>::infinity() : force.mean;
-    out.sd[pose] = force.unbounded ? std::numeric_limits<double>::quiet_NaN() : force.sd;
-    for (std::size_t i = 0; i < limit.size(); ++i) out.exceedance[pose * limit.size() + i] = force.exceedance(limit[i]);
+    const double most = problem.poses.pressed_with != nullptr ? problem.poses.pressed_with[pose] : HUGE_VAL;
+    std::optional<CellMixture> cells;
+    if (found.nodes.gives_way) cells = peak_force_mixture<L>(found, most);
+    const double total = cells ? cells->total() : 1;
+    const Moments force = cells ? Moments{cells->mean(), cells->sd()} : found.moments<L>();
+    const bool bounded = !((cells ? cells->infinite() : found.unbounded()) > negligible * total);
+    out.mean[pose] = bounded ? force.mean : std::numeric_limits<double>::infinity();
+    out.sd[pose] = bounded ? force.sd : std::numeric_limits<double>::quiet_NaN();
+    for (std::size_t i = 0; i < limit.size(); ++i)
+        out.exceedance[pose * limit.size() + i] =
+            cells ? std::min(1.0, cells->above<L>(limit[i]) / total) : found.exceedance<L>(limit[i]);
     for (std::size_t i = 0; i < probability.size(); ++i)
-        out.quantile[pose * probability.size() + i] = force.upper_quantile(1 - probability[i]);
+        out.quantile[pose * probability.size() + i] = cells ? cells->upper_quantile<L>((1 - probability[i]) * total)
+                                                            : found.upper_quantile<L>(1 - probability[i]);
     const double given = found.detected > 0 ? found.detected : std::numeric_limits<double>::quiet_NaN();
     for (std::size_t j = 0; j < dof; ++j) out.trigger[pose * dof + j] = found.trigger[j] / given;
     out.false_alarm[pose] = found.false_alarm;
     out.undetected[pose] = found.undetected;
     out.no_contact[pose] = found.no_contact;
-}
-
-template <class L>
-void write_distribution(const BatchProblem& problem, std::size_t pose, PathEnd end, const CollisionDistribution& found,
-                        BatchResult& out) {
-    const Moments force = found.moments();
-    const PeakForce peak{force.mean, force.sd, found.undetected > 1e-12 && end == PathEnd::motion_end,
-                         [&](double x) { return found.exceedance<L>(x); },
-                         [&](double p) { return found.upper_quantile<L>(p); }};
-    write_distribution(problem, pose, peak, found, out);
 }
 
 /// A pose where arm or body give way: a single distribution.
@@ -193,14 +184,8 @@ void write_yielding(const BatchProblem& problem, int pose, BatchResult& out) {
     const Contact contact = problem.contact_at(path.approach_speed);
     out.end[std::size_t(pose)] = path.singular_start ? batch_singular_start : std::uint8_t(path.end);
     if (path.singular_start) return;
-    const CollisionDistribution found = integrate<L>(problem.setup, curve, problem.detector, {contact, 1, true});
-    const double most = problem.poses.pressed_with != nullptr ? problem.poses.pressed_with[pose] : HUGE_VAL;
-    const CellMixture force = peak_force_mixture<L>(found, most);
-    const double total = force.total();
-    const PeakForce peak{force.mean(), force.sd(), force.infinite() > 1e-12 * total,
-                         [&](double x) { return std::min(1.0, force.above<L>(x) / total); },
-                         [&](double p) { return force.upper_quantile<L>(p * total); }};
-    write_distribution(problem, std::size_t(pose), peak, found, out);
+    write_distribution<L>(problem, std::size_t(pose),
+                          integrate<L>(problem.setup, curve, problem.detector, {contact, 1, true}), out);
 }
 
 /// The paths of `count` poses into worker.path.
@@ -258,10 +243,10 @@ void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool tabul
         if (done.singular_start) continue;
         if (detected[i]) {
             worker.quadrature[std::size_t(i)].finish(curve[i].max_distance);
-            write_distribution<L>(problem, pose, done.end, worker.quadrature[std::size_t(i)].result(), out);
+            write_distribution<L>(problem, pose, worker.quadrature[std::size_t(i)].result(), out);
         } else {
-            write_distribution<L>(problem, pose, done.end,
-                                  integrate<L>(problem.setup, curve[i], problem.detector, settings[i]), out);
+            write_distribution<L>(problem, pose, integrate<L>(problem.setup, curve[i], problem.detector, settings[i]),
+                                  out);
         }
     }
 }

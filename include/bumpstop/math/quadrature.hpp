@@ -15,14 +15,13 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 inline constexpr int max_order = 48;
 
-/// The Gauss-Legendre rule of `order` nodes on [-1, 1], and the matrix that turns the values of a function at
-/// the nodes into the coefficients c_l of sum_l c_l P_l(x), l < order.
+/// The Gauss-Legendre rule of `order` nodes on [-1, 1], and the Legendre polynomials P_l there, l < order.
 struct GaussRule {
     int order = 0;
     std::array<double, max_order> node{}, weight{};
-    std::vector<double> to_legendre;  ///< [l * order + g]
+    std::vector<double> legendre;  ///< P_l at a node [g * order + l]
 
-    explicit GaussRule(int n) : order(n), to_legendre(std::size_t(n) * n) {
+    explicit GaussRule(int n) : order(n), legendre(std::size_t(n) * n) {
         for (int i = 0; i < n; ++i) {
             double x = std::cos(std::numbers::pi * (n - i - 0.25) / (n + 0.5)), slope = 1;
             for (int iteration = 0; iteration < 100; ++iteration) {
@@ -43,14 +42,34 @@ struct GaussRule {
         for (int g = 0; g < n; ++g) {
             double p0 = 1, p1 = node[g];
             for (int l = 0; l < n; ++l) {
-                to_legendre[std::size_t(l) * n + g] = (2 * l + 1) / 2.0 * weight[g] * p0;
+                legendre[std::size_t(g) * n + l] = p0;
                 const double p2 = ((2 * l + 3) * node[g] * p1 - (l + 1) * p0) / (l + 2);
                 p0 = p1;
                 p1 = p2;
             }
         }
     }
+
+    /// What the value of a function at node g counts in the coefficient c_l of its series sum_l c_l P_l(x).
+    double to_legendre(int l, int g) const { return (l + 0.5) * weight[g] * legendre[std::size_t(g) * order + l]; }
 };
+
+/// From values at the nodes of a rule, weights included: the sums of their products with P_l / 2, by degree. The order is a
+/// multiple of 8. Nodes lie in pairs about zero, where Legendre polynomials are even or odd: half the products do.
+template <class T>
+void half_legendre_sums(const GaussRule& rule, const double* value, double* series) {
+    constexpr int lanes = Scalar<T>::lanes;
+    alignas(64) static constexpr double alternating[8] = {0.5, -0.5, 0.5, -0.5, 0.5, -0.5, 0.5, -0.5};
+    const int order = rule.order;
+    T sum[max_order / lanes];
+    for (int r = 0; r * lanes < order; ++r) sum[r] = 0.0;
+    const T sign = load<T>(alternating);
+    for (int g = 0; 2 * g < order; ++g) {
+        const T pair = 0.5 * value[g] + sign * value[order - 1 - g];
+        for (int r = 0; r * lanes < order; ++r) sum[r] += pair * load<T>(&rule.legendre[g * order + r * lanes]);
+    }
+    for (int r = 0; r * lanes < order; ++r) store(sum[r], series + r * lanes);
+}
 
 /// The rule of n nodes, 1 <= n <= max_order, made once.
 inline const GaussRule& gauss_rule(int n) {

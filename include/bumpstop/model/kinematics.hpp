@@ -40,16 +40,6 @@ void set_lane(Point3<T>& p, int lane, const Vector3& v) {
     set_lane(p.z, lane, v[2]);
 }
 
-/// Turns a vector about z, or about x, by the angle of this cosine and sine: a double's, or a lane's own.
-template <class T, class S>
-[[gnu::always_inline]] inline void turn_z(const S& c, const S& s, Point3<T>& v) {
-    v = {v.x * c - v.y * s, v.x * s + v.y * c, v.z};
-}
-template <class T, class S>
-[[gnu::always_inline]] inline void turn_x(const S& c, const S& s, Point3<T>& v) {
-    v = {v.x, v.y * c - v.z * s, v.y * s + v.z * c};
-}
-
 /// A point fixed to a link. link -1 is the base; `offset` is given in the computing frame of the link (see
 /// Chain).
 struct LinkPoint {

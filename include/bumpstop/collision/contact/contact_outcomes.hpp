@@ -321,7 +321,7 @@ class ContactOutcomes {
             double last = 0;
             for (std::size_t l = order_ - 2; l < order_; ++l) {
                 double term = 0;
-                for (std::size_t g = 0; g < order_; ++g) term += rule_.to_legendre[l * order_ + g] * value[g];
+                for (std::size_t g = 0; g < order_; ++g) term += rule_.to_legendre(int(l), int(g)) * value[g];
                 last += std::fabs(term);
             }
             if (!(2 * last <= allowed[row])) return false;
@@ -360,8 +360,7 @@ class ContactOutcomes {
         for (std::size_t g = 0; g < order_; g += std::size_t(lanes)) {
             const T x = middle + half * load<T>(&rule_.node[g]);
             for (std::size_t m = 0; m < order_; ++m)
-                store(legendre_series(int(order_), x,
-                                      [&](int l) { return T(rule_.to_legendre[std::size_t(l) * order_ + m]); }),
+                store(legendre_series(int(order_), x, [&](int l) { return T(rule_.to_legendre(l, int(m))); }),
                       &weight_[m * order_ + g]);
         }
     }

@@ -19,6 +19,18 @@ struct ContactPaths {
         later;                    ///< by tick and step of its reaction: the greatest distance from there on [m]
     std::vector<double> reached;  ///< by step: the greatest distance of the undisturbed motion so far [m]
 
+    ContactPaths() = default;
+    /// Of the ticks of a path; their reactions are still empty.
+    ContactPaths(const CollisionSetup& setup, const LinePath& of)
+        : path(&of),
+          period(setup.timing.period),
+          latency(setup.timing.latency),
+          end_step(int(of.brakes() ? of.s.size() + of.braking.size() - 1 : of.end_step(setup.timing))),
+          step(setup.motion.step),
+          reverses(setup.reaction == ReactionKind::reverse),
+          reaction(std::size_t(of.ticks)),
+          later(std::size_t(of.ticks)) {}
+
     /// The step after which nothing is known of the undisturbed motion: it goes on for a latency, for the reactions, or until
     /// an arm that cannot follow its line has come to rest.
     int last_step() const { return int(path->s.size() + path->braking.size()) - 1; }
@@ -229,18 +241,7 @@ ContactPaths contact_paths(const CollisionSetup& setup, const StoppingCurve& cur
     int certain = path.ticks;  // ticks of contact after which a detection is
     for (int k = 0; path.end == PathEnd::all_detected && k < path.ticks; ++k)
         certain -= path.at_tick(k, timing.period) <= largest_offset;
-    ContactPaths paths{&path,
-                       timing.period,
-                       timing.latency,
-                       int(path.brakes() ? path.s.size() + path.braking.size() - 1 : path.end_step(timing)),
-                       setup.motion.step,
-                       setup.reaction == ReactionKind::reverse,
-                       {},
-                       {},
-                       {},
-                       {}};
-    paths.reaction.resize(std::size_t(path.ticks));
-    paths.later.resize(std::size_t(path.ticks));
+    ContactPaths paths(setup, path);
     const std::vector<double> least =
         setup.reaction == ReactionKind::reverse ? detail::least_touched(paths, by, certain) : std::vector<double>();
     auto simulate = [&](const std::vector<int>& ticks) {

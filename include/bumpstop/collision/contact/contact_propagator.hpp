@@ -10,65 +10,6 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-namespace detail {
-
-/// Adds `registers` registers of rows of M x to y. Several sums of each, where there are few, hide how long an addition takes.
-template <int registers>
-void multiply_add_registers(const double* column, int stride, int columns, const double* x, double* y) {
-    using Native = Lanes<native_lanes>;
-    constexpr int sums = registers <= 2 ? 4 : registers <= 4 ? 2 : 1;
-    Native sum[sums][registers];
-    for (int n = 0; n < sums; ++n)
-        for (int r = 0; r < registers; ++r) sum[n][r] = n == 0 ? Native::load(y + r * native_lanes) : Native(0.0);
-    int j = 0;
-    for (; j + sums <= columns; j += sums)
-        for (int n = 0; n < sums; ++n)
-            for (int r = 0; r < registers; ++r)
-                sum[n][r] =
-                    fused(Native::load(column + (j + n) * stride + r * native_lanes), Native(x[j + n]), sum[n][r]);
-    for (; j < columns; ++j)
-        for (int r = 0; r < registers; ++r)
-            sum[0][r] = fused(Native::load(column + j * stride + r * native_lanes), Native(x[j]), sum[0][r]);
-    for (int r = 0; r < registers; ++r) {
-        for (int n = 1; n < sums; ++n) sum[0][r] += sum[n][r];
-        sum[0][r].store(y + r * native_lanes);
-    }
-}
-
-/// Adds M x to y, for a matrix of `columns` stored one after the other, each of `stride` values, of which some may be
-/// padding: whole registers of rows.
-inline void multiply_add(const double* column, int stride, int columns, const double* x, double* y) {
-    constexpr int most = 8;
-    for (int i = 0; i < stride; i += most * native_lanes) {
-        const auto add = [&]<int... n>(std::integer_sequence<int, n...>) {
-            const int registers = std::min(most, (stride - i) / native_lanes);
-            ((registers == n + 1 ? multiply_add_registers<n + 1>(column + i, stride, columns, x, y + i) : void()), ...);
-        };
-        add(std::make_integer_sequence<int, most>());
-    }
-}
-
-/// Rows of a matrix as `multiply_add` wants them, padded with zeros.
-class PaddedMatrix {
-  public:
-    static constexpr int padding = 8;
-    static constexpr int padded(int rows) { return (rows + padding - 1) / padding * padding; }
-
-    PaddedMatrix() = default;
-    PaddedMatrix(int rows, int columns)
-        : stride_(padded(rows)), columns_(columns), column_(std::size_t(stride_ * columns), 0.0) {}
-    double& operator()(int i, int j) { return column_[std::size_t(j * stride_ + i)]; }
-    int rows() const { return stride_; }
-    /// Adds M x to y, of length `rows`.
-    void add(const double* x, double* y) const { multiply_add(column_.data(), stride_, columns_, x, y); }
-
-  private:
-    int stride_ = 0, columns_ = 0;
-    std::vector<double> column_;
-};
-
-}  // namespace detail
-
 /// exp(A t) - 1 for t = duration, duration / 2, duration / 4 and so on, until A t is small. Kept without the 1: that keeps
 /// the digits of what hardly changes.
 class Transitions {
@@ -76,20 +17,20 @@ class Transitions {
     static constexpr int padded = detail::PaddedMatrix::padded(ContactSystem::max_size);
 
     Transitions() = default;
-    Transitions(const detail::SquareMatrix& a, double duration)
-        : size_(a.size()), coordinates_(a.size() / 2 - 1), duration_(duration) {
+    Transitions(const detail::PaddedMatrix& a, double duration)
+        : size_(a.columns()), coordinates_(a.columns() / 2 - 1), duration_(duration) {
         int halvings = 0;
         double t = duration;
         for (const double norm = a.norm(); norm * t > small; t /= 2) ++halvings;
         // The series by Horner's rule.
-        const detail::SquareMatrix step = t * a;
-        detail::SquareMatrix psi = step;
+        const detail::PaddedMatrix step = t * a;
+        detail::PaddedMatrix psi = step;
         for (int k = matrix_terms; k > 1; --k) psi = step + (1.0 / k) * (step * psi);
         by_halving_.resize(std::size_t(halvings) + 1);
-        by_halving_.back() = kept(psi);
+        by_halving_.back() = psi;
         for (int h = halvings; h-- > 0;) {
             psi = 2.0 * psi + psi * psi;
-            by_halving_[std::size_t(h)] = kept(psi);
+            by_halving_[std::size_t(h)] = psi;
         }
         if (coordinates_ == 0) return;
         rate_unit_ = a(0, coordinates_);
@@ -135,13 +76,6 @@ class Transitions {
     /// What a series of so many terms leaves out is beyond the last digit: small^15 / 15!, and (small / 2)^12 / 12!.
     static constexpr double small = 0.5;
     static constexpr int matrix_terms = 14, terms = 11;
-
-    detail::PaddedMatrix kept(const detail::SquareMatrix& psi) const {
-        detail::PaddedMatrix out(size_, size_);
-        for (int j = 0; j < size_; ++j)
-            for (int i = 0; i < size_; ++i) out(i, j) = psi(i, j);
-        return out;
-    }
 
     int size_ = 0, coordinates_ = 0;
     double duration_ = 0, rate_unit_ = 1;
@@ -261,7 +195,7 @@ struct ContactPropagator {
           static_stiffness(system.static_stiffness()),
           half_oscillation(system.half_oscillation()),
           servo_lag(system.servo_lag()) {
-        const detail::SquareMatrix pressed = system.matrix(true), alone = system.matrix(false);
+        const detail::PaddedMatrix pressed = system.matrix(true), alone = system.matrix(false);
         in_contact = Transitions(pressed, piece);
         apart = Transitions(alone, piece);
         force[0] = system.force();

@@ -8,7 +8,7 @@
 #include <numbers>
 #include <vector>
 
-#include "bumpstop/math/lanes.hpp"
+#include "bumpstop/collision/contact/padded_matrix.hpp"
 #include "bumpstop/model/chain.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -57,59 +57,6 @@ struct ElasticArm {
 };
 
 namespace detail {
-
-/// Square matrix of doubles, rows padded to a register's length.
-class SquareMatrix {
-  public:
-    SquareMatrix() = default;
-    explicit SquareMatrix(int n) : n_(n), stride_((n + 7) / 8 * 8), value_(std::size_t(n * stride_), 0.0) {}
-
-    int size() const { return n_; }
-    double& operator()(int i, int j) { return value_[std::size_t(i * stride_ + j)]; }
-    double operator()(int i, int j) const { return value_[std::size_t(i * stride_ + j)]; }
-
-    friend SquareMatrix operator*(const SquareMatrix& a, const SquareMatrix& b) {
-        using Native = Lanes<native_lanes>;
-        constexpr int block = 4;  // rows at a time, which share what they load
-        SquareMatrix c(a.n_);
-        const int s = a.stride_;
-        for (int i = 0; i < a.n_; i += block) {
-            const double* row[block];
-            for (int r = 0; r < block; ++r) row[r] = &a.value_[std::size_t(std::min(i + r, a.n_ - 1) * s)];
-            for (int j = 0; j < s; j += native_lanes) {
-                Native sum[block] = {0.0, 0.0, 0.0, 0.0};
-                for (int k = 0; k < a.n_; ++k) {
-                    const Native here = Native::load(&b.value_[std::size_t(k * s + j)]);
-                    for (int r = 0; r < block; ++r) sum[r] += row[r][k] * here;
-                }
-                for (int r = 0; r < block && i + r < a.n_; ++r) sum[r].store(&c.value_[std::size_t((i + r) * s + j)]);
-            }
-        }
-        return c;
-    }
-    friend SquareMatrix operator+(SquareMatrix a, const SquareMatrix& b) {
-        for (std::size_t i = 0; i < a.value_.size(); ++i) a.value_[i] += b.value_[i];
-        return a;
-    }
-    friend SquareMatrix operator*(double f, SquareMatrix a) {
-        for (double& value : a.value_) value *= f;
-        return a;
-    }
-    /// The greatest sum of a row's magnitudes.
-    double norm() const {
-        double most = 0;
-        for (int i = 0; i < n_; ++i) {
-            double sum = 0;
-            for (int j = 0; j < n_; ++j) sum += std::fabs((*this)(i, j));
-            most = std::max(most, sum);
-        }
-        return most;
-    }
-
-  private:
-    int n_ = 0, stride_ = 0;
-    std::vector<double> value_;
-};
 
 /// Inverse of a symmetric, positive definite matrix [row][column] of n columns; by Gauss and Jordan without pivots, which
 /// such a matrix does not need.
@@ -170,15 +117,14 @@ class ContactSystem {
     int coordinates() const { return 2 * arm_.dof + (body_.mass > 0 ? 1 : 0); }
     int states() const { return 2 * coordinates(); }
     int size() const { return states() + 2; }
-    double rate_unit() const { return rate_unit_; }  ///< rad/s
     /// Of the links and the body on the contact spring, did gears and servo not hold them [rad/s]; 0: nothing moves.
     double frequency() const { return frequency_; }
     /// How long contact lasts then [s]; 0: nothing moves.
     double half_oscillation() const { return frequency_ > 0 ? std::numbers::pi / frequency_ : 0; }
 
-    detail::SquareMatrix matrix(bool in_contact) const {
+    detail::PaddedMatrix matrix(bool in_contact) const {
         const int m = coordinates(), n = states();
-        detail::SquareMatrix a(n + 2);
+        detail::PaddedMatrix a(n + 2, n + 2);
         for (int i = 0; i < m; ++i) {
             a(i, m + i) = rate_unit_;
             const Row by_position = accelerations(i, in_contact), by_rate = dampings(i, in_contact);
@@ -216,7 +162,7 @@ class ContactSystem {
         return row;
     }
     /// The rate of what a row tells, in contact or apart.
-    Row rate(const Row& row, const detail::SquareMatrix& a) const {
+    Row rate(const Row& row, const detail::PaddedMatrix& a) const {
         Row out{};
         for (int i = 0; i < size(); ++i)
             for (int j = 0; j < size(); ++j) out[std::size_t(j)] += row[std::size_t(i)] * a(i, j);

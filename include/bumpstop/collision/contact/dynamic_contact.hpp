@@ -12,12 +12,11 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// motion: cells of offset, and the nodes of a quadrature over the same offsets.
 struct EarlyReactions {
     static constexpr int cells = 16, nodes = 12;
-    std::vector<int> tick;                                        ///< [piece]; the number of ticks: of none
-    std::vector<double> mass;                                     ///< [piece][cell]: probability
-    std::vector<double> edge_force, edge_lasting, edge_duration;  ///< [piece][cell + 1] [N, N, s]
-    std::vector<double> node_mass;                                ///< [piece][node]
-    std::vector<double> node_force, node_lasting, node_duration;  ///< [piece][node] [N, N, s]
-    double total = 0;                                             ///< probability of all pieces
+    std::vector<int> tick;                        ///< [piece]; the number of ticks: of none
+    std::vector<double> mass, node_mass;          ///< [piece][cell], [piece][node]: probability
+    std::vector<ContactReactions::Outcome> edge;  ///< [piece][cell + 1]
+    std::vector<ContactReactions::Outcome> node;  ///< [piece][node]
+    double total = 0;                             ///< probability of all pieces
 
     std::size_t pieces() const { return tick.size(); }
 };
@@ -117,23 +116,10 @@ void add_piece(const Follow& follow, const OffsetDistribution& offset, int k, do
         out.mass.push_back(chance * share);
         out.total += chance * share;
     }
-    std::array<double, place.size()> force, lasting, duration;
-    // A body that stands at one place is struck once.
-    const std::size_t places = fixed ? 1 : place.size();
-    for (std::size_t i = 0; i < places; ++i) {
-        const ContactReactions::Outcome outcome = follow(place[i]);
-        force[i] = outcome.peak;
-        lasting[i] = outcome.lasting;
-        duration[i] = outcome.duration;
-    }
-    const auto keep = [&](auto& values, std::vector<double>& at_edge, std::vector<double>& at_node) {
-        if (fixed) std::fill(values.begin() + 1, values.end(), values[0]);
-        at_edge.insert(at_edge.end(), values.begin(), values.begin() + cells + 1);
-        at_node.insert(at_node.end(), values.begin() + cells + 1, values.end());
-    };
-    keep(force, out.edge_force, out.node_force);
-    keep(lasting, out.edge_lasting, out.node_lasting);
-    keep(duration, out.edge_duration, out.node_duration);
+    const ContactReactions::Outcome first = follow(place[0]);
+    for (std::size_t i = 0; i < place.size(); ++i)
+        // A body that stands at one place is struck once.
+        (i <= cells ? out.edge : out.node).push_back(i == 0 || fixed ? first : follow(place[i]));
 }
 
 /// The same in pieces, as large as the density of the offset bends little in any, or larger where they may be `rough`; they

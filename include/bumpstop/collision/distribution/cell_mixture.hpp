@@ -188,7 +188,7 @@ CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity qu
         legendre(x, right);
         for (std::size_t g = 0; g < order; ++g) {
             double sum = 0;
-            for (std::size_t l = 0; l < order; ++l) sum += right[l] * rule.to_legendre[l * order + g];
+            for (std::size_t l = 0; l < order; ++l) sum += right[l] * rule.to_legendre(int(l), int(g));
             to_edge[g * rows + i] = sum;
         }
         for (std::size_t l = 0; i > 0 && l < order; ++l) {
@@ -199,10 +199,8 @@ CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity qu
         }
         std::swap(left, right);
     }
-    for (std::size_t g = 0; g < order; ++g) {
-        legendre(rule.node[g], right);
-        for (std::size_t l = 0; l < order; ++l) at_nodes[l * rows + g] = right[l] * rule.weight[g];
-    }
+    for (std::size_t g = 0; g < order; ++g)
+        for (std::size_t l = 0; l < order; ++l) at_nodes[l * rows + g] = rule.legendre[g * order + l] * rule.weight[g];
     const auto product = [&](const std::vector<double>& matrix, const double* x, auto factor, double* out) {
         for (std::size_t r = 0; r < rows; r += std::size_t(lanes)) {
             T sum = 0.0;
@@ -239,15 +237,17 @@ CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity qu
                           : positive                              ? nodes.duration
                                                                   : nodes.force_at_detection;
     const auto& missed = positive ? nodes.undetected_duration : nodes.undetected_peak_force;
-    std::vector<double> share;
-    // Values from `first` on, or their shares. A force that lasts longer than the first phase is the peak in it at most.
-    const auto values_of = [&](const std::vector<double>& values, const std::vector<double>& lasting, std::size_t first,
-                               std::size_t count) {
+    // A force that lasts longer than the first phase is the peak in it at most.
+    const auto share_of = [&](double value, double lasting) {
+        return phases ? std::max(value * phases->transient, lasting * phases->lasting) : value;
+    };
+    std::vector<double> share(order);
+    // Values at the nodes from `first` on, or their shares.
+    const auto values_of = [&](const std::vector<double>& values, const std::vector<double>& lasting,
+                               std::size_t first) {
         const double* value = &values[first];
         if (!phases) return value;
-        share.resize(count);
-        for (std::size_t i = 0; i < count; ++i)
-            share[i] = std::max(value[i] * phases->transient, lasting[first + i] * phases->lasting);
+        for (std::size_t i = 0; i < order; ++i) share[i] = share_of(value[i], lasting[first + i]);
         return static_cast<const double*>(share.data());
     };
     const bool of_all = quantity != ContactQuantity::force_at_detection;
@@ -255,7 +255,7 @@ CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity qu
         const PiecewiseDensity::Panel& panel = density.panel[p];
         for (int slot = 0; slot < panel.slots && !by_slot.empty(); ++slot) {
             const std::size_t at = panel.first_slot + std::size_t(slot);
-            const double* value = values_of(by_slot, nodes.lasting_force, at * order, order);
+            const double* value = values_of(by_slot, nodes.lasting_force, at * order);
             if (density.mass[at] > one_cell) {
                 add(density.series_of(panel, slot), value);
             } else {
@@ -264,7 +264,7 @@ CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity qu
             }
         }
         if (of_all && !never && !density.end_series.empty() && (p + 1) * order <= missed.size())
-            add(density.end_series_of(p), values_of(missed, nodes.undetected_lasting_force, p * order, order));
+            add(density.end_series_of(p), values_of(missed, nodes.undetected_lasting_force, p * order));
     }
     if (!of_all) return out;
     if (never && law.undetected > 0) {
@@ -273,18 +273,17 @@ CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity qu
         if (std::isfinite(*never) || law.undetected > negligible) out.add_node(*never, law.undetected);
     }
     const EarlyReactions& early = law.early_reactions;
-    const std::vector<double>& at_edge = positive ? early.edge_duration : early.edge_force;
-    const std::vector<double>& at_node = positive ? early.node_duration : early.node_force;
+    const auto wanted = [&](const ContactReactions::Outcome& one) {
+        return positive ? share_of(one.duration, one.lasting) : share_of(one.peak, one.lasting);
+    };
     for (std::size_t i = 0; i < early.pieces(); ++i) {
-        for (int c = 0; c < EarlyReactions::cells; ++c) {
-            const double* end =
-                values_of(at_edge, early.edge_lasting, i * (EarlyReactions::cells + 1) + std::size_t(c), 2);
-            if (!positive || std::max(end[0], end[1]) > 0)
-                out.add_cell(end[0], end[1], early.mass[i * EarlyReactions::cells + std::size_t(c)]);
+        for (std::size_t c = i * EarlyReactions::cells; c < (i + 1) * EarlyReactions::cells; ++c) {
+            const double low = wanted(early.edge[c + i]), high = wanted(early.edge[c + i + 1]);
+            if (!positive || std::max(low, high) > 0) out.add_cell(low, high, early.mass[c]);
         }
         for (std::size_t g = i * EarlyReactions::nodes; g < (i + 1) * EarlyReactions::nodes; ++g)
-            if (!positive || at_node[g] > 0)
-                out.add_node(*values_of(at_node, early.node_lasting, g, 1), early.node_mass[g]);
+            if (const double value = wanted(early.node[g]); !positive || value > 0)
+                out.add_node(value, early.node_mass[g]);
     }
     if (!positive) {
         out.add_cell(0, 0, law.zero_force);

@@ -165,7 +165,6 @@ class DetectionIntegrator {
     }
 
     const LinePath& path() const { return *path_; }
-    const Timing& timing() const { return timing_; }
 
   private:
     using Native = Lanes<native_lanes>;

@@ -111,47 +111,29 @@ class InterpolatedPanels {
                 const double* survived = &out_.survived[out_.panel[from_.panel[m]].row * order_];
                 if (*std::max_element(survived, survived + order_) > negligible_) return false;
             }
-        } else {
-            if (!survival_agrees(p)) return false;
+        } else if (!values_agree(p, order_, tolerance_,
+                                 [&](const auto& of) { return &out_.survived[of.row * order_]; })) {
+            return false;
         }
-        for (int slot = 0; slot < out_.panel[p].slots; ++slot)
-            if (!slot_agrees(p, slot)) return false;
-        return triggers_agree(p);
-    }
-
-    /// Sums over the ticks, which are off by more than each.
-    bool triggers_agree(std::size_t p) const {
+        for (int slot = 0; slot < out_.panel[p].slots; ++slot) {
+            const auto detected = [&](const DetectionProbabilities::Panel& of) {
+                return slot < of.slots ? &out_.detected[(of.first_slot + std::size_t(slot)) * order_] : nullptr;
+            };
+            if (!values_agree(p, order_, tolerance_, detected)) return false;
+        }
+        // Sums over the ticks, which are off by more than each.
         const std::size_t count = order_ * (out_.trigger.size() / out_.survived.size());
+        return values_agree(p, count, 10 * tolerance_, [&](const auto& of) { return &out_.trigger[of.row * count]; });
+    }
+    /// The same of so many values, which `at` tells where to find of a panel; a null pointer: they are 0.
+    template <class At>
+    bool values_agree(std::size_t p, std::size_t count, double tolerance, const At& at) const {
+        const double* direct = at(out_.panel[p]);
         for (std::size_t i = 0; i < count; i += std::size_t(lanes)) {
-            T off = -load<T>(&out_.trigger[out_.panel[p].row * count + i]);
+            T off = -load<T>(direct + i);
             for (int m = 0; m < from_.nodes; ++m)
-                off += weight_[m] * load<T>(&out_.trigger[out_.panel[from_.panel[m]].row * count + i]);
-            if (any(abs(off) > T(10 * tolerance_))) return false;
-        }
-        return true;
-    }
-
-    /// Whether the probabilities of a slot are interpolated well.
-    bool slot_agrees(std::size_t p, int slot) const {
-        const std::size_t at = (out_.panel[p].first_slot + std::size_t(slot)) * order_;
-        for (std::size_t g = 0; g < order_; g += std::size_t(lanes)) {
-            T off = -load<T>(&out_.detected[at + g]);
-            for (int m = 0; m < from_.nodes; ++m) {
-                const DetectionProbabilities::Panel& from = out_.panel[from_.panel[m]];
-                if (slot < from.slots)
-                    off += weight_[m] * load<T>(&out_.detected[(from.first_slot + std::size_t(slot)) * order_ + g]);
-            }
-            if (any(abs(off) > T(tolerance_))) return false;
-        }
-        return true;
-    }
-    /// Whether those of no detection are.
-    bool survival_agrees(std::size_t p) const {
-        for (std::size_t g = 0; g < order_; g += std::size_t(lanes)) {
-            T off = -load<T>(&out_.survived[out_.panel[p].row * order_ + g]);
-            for (int m = 0; m < from_.nodes; ++m)
-                off += weight_[m] * load<T>(&out_.survived[out_.panel[from_.panel[m]].row * order_ + g]);
-            if (any(abs(off) > T(tolerance_))) return false;
+                if (const double* from = at(out_.panel[from_.panel[m]])) off += weight_[m] * load<T>(from + i);
+            if (any(abs(off) > T(tolerance))) return false;
         }
         return true;
     }

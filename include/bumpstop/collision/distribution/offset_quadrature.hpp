@@ -4,7 +4,7 @@
 
 #include "bumpstop/collision/contact/elastic_arm.hpp"
 #include "bumpstop/collision/distribution/collision_distribution.hpp"
-#include "bumpstop/math/legendre_series.hpp"
+#include "bumpstop/math/quadrature.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -120,7 +120,7 @@ class OffsetQuadrature {
     void weigh() {
         const int order = mesh_.order(), ticks = path_->ticks;
         const std::size_t step = std::size_t(order);
-        legendre_.prepare(order);
+        const GaussRule& rule = gauss_rule(order);
         PiecewiseDensity& density = result_.density;
         density.clear(order);
         alarm_before_ = result_.undetected = result_.multi_joint = 0;
@@ -155,7 +155,7 @@ class OffsetQuadrature {
                 for (int g = 0; g < order; g += lanes)
                     store(load<T>(weight.value + g) * max(load<T>(from + g), T(0.0)), row.value + g);
                 double* to = &density.series[(panel.first_slot + std::size_t(slot)) * step];
-                legendre_.find(row.value, to);
+                half_legendre_sums<T>(rule, row.value, to);
                 const double mass = 2 * to[0];
                 density.mass[panel.first_slot + std::size_t(slot)] = mass;
                 detection_[std::size_t(panel.tick(slot))] += mass;
@@ -173,7 +173,7 @@ class OffsetQuadrature {
             if (undetected == 0) continue;
             result_.undetected += undetected;
             density.end_series.resize(density.panel.size() * step, 0.0);
-            legendre_.find(row.value, &density.end_series[p * step]);
+            half_legendre_sums<T>(rule, row.value, &density.end_series[p * step]);
         }
         find_triggers();
         density.sum_later_masses();
@@ -269,7 +269,7 @@ class OffsetQuadrature {
             density.offset_series.resize(density.panel.size() * std::size_t(density.order), 0.0);
             double* series = &density.offset_series[p * std::size_t(density.order)];
             weigh_offsets(panel.low, panel.high, row);
-            legendre_.find(row.value, series);
+            half_legendre_sums<T>(gauss_rule(density.order), row.value, series);
             zero_force_from_ -= 2 * series[0] * sort_alarms(panel);
         }
     }
@@ -350,7 +350,6 @@ class OffsetQuadrature {
     std::optional<ContactReactions> reactions_;  ///< where something gives way,
     std::optional<KeptCollisions> kept_;         ///< and what detection has simulated of it
     const LinePath* path_ = nullptr;
-    LegendreSeries<T> legendre_;
     double alarm_before_ = 0;           ///< probability of an alarm before contact
     double zero_force_from_ = 0;        ///< of no contact, or an alarm before it; then less those that arrive
     std::vector<double> contact_from_;  ///< by first tick in contact: probability; the last is all later ones

@@ -11,7 +11,6 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 struct StoppingCurve {
     LinePath path;
     std::vector<double> max_distance;  ///< by tick: greatest distance along the normal from that tick on [m]
-    int reactions_simulated = 0;       ///< the others were interpolated
 };
 
 namespace detail {
@@ -157,7 +156,6 @@ void complete_curves(const CollisionSetup& setup, StoppingCurve* curves, int cou
     for (int c = 0; c < count; ++c) {
         StoppingCurve& curve = curves[c];
         curve.max_distance.assign(curve.path.ticks, 0.0);
-        curve.reactions_simulated = 0;
         detail::split_at_switches(setup, curve.path, c, tolerance(c), pending);
     }
     std::vector<ReactionJob> jobs;
@@ -172,7 +170,6 @@ void complete_curves(const CollisionSetup& setup, StoppingCurve* curves, int cou
         refine_near_singularities<T>(setup, jobs, ReactionDetail::only_peak, [&](const ReactionJob& job) {
             return tolerance(job.curve).refines_near_singular(job.tick);
         });
-        for (const ReactionJob& job : jobs) ++curves[job.curve].reactions_simulated;
     };
     auto place = [&](int curve, int k, double travelled) {
         const LinePath& path = curves[curve].path;

@@ -169,17 +169,7 @@ class ArmTrajectory {
     /// What a body that can get away meets on such a curve: the reactions to all ticks whose path arrives, or to one.
     ContactPaths contact_paths(const StoppingCurve& curve, double begin, const Point3<double>& normal,
                                int only_tick = -1) const {
-        ContactPaths paths{&curve.path,
-                           setup_.timing.period,
-                           setup_.timing.latency,
-                           int(curve.path.end_step(setup_.timing)),
-                           step(),
-                           setup_.reaction == ReactionKind::reverse,
-                           {},
-                           {},
-                           {},
-                           {}};
-        paths.reaction.resize(std::size_t(curve.path.ticks));
+        ContactPaths paths(setup_, curve.path);
         for (int k = 0; k < curve.path.ticks; ++k) {
             if (only_tick < 0 ? curve.max_distance[std::size_t(k)] > 0 : k == only_tick)
                 paths.reaction[std::size_t(k)] = reaction_distances(k, begin, normal);

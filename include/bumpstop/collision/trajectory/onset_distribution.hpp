@@ -97,10 +97,10 @@ OnsetDistribution integrate_onset(const ArmTrajectory& trajectory, double begin,
     const EarlyReactions& pieces = found.early_reactions;
     for (std::size_t i = 0; i < pieces.pieces(); ++i) {
         // All cells of a body at one place are alike.
-        const std::size_t edge = i * (EarlyReactions::cells + 1);
+        const ContactReactions::Outcome& edge = pieces.edge[i * (EarlyReactions::cells + 1)];
         out.detection.push_back({pieces.tick[i], pieces.mass[i * EarlyReactions::cells] * EarlyReactions::cells,
-                                 curve.max_distance[std::size_t(pieces.tick[i])], -1, pieces.edge_force[edge],
-                                 pieces.edge_lasting[edge], pieces.edge_duration[edge], 0});
+                                 curve.max_distance[std::size_t(pieces.tick[i])], -1, edge.peak, edge.lasting,
+                                 edge.duration, 0});
     }
     return out;
 }
