@@ -29,7 +29,7 @@ FILLING = DetectorSettings(window_s=0.02).window_samples(DT) - 1
 def detector_file(folder: Path, **settings: object) -> Path:
     """A detector of torques for a UR5e at 250 Hz."""
     path = folder / "ur5e.detector"
-    given = DetectorSettings(period_s=DT, window_s=0.02, arming_delay_s=0.0, **settings)  # type: ignore[arg-type]
+    given = DetectorSettings(**{"period_s": DT, "window_s": 0.02, "arming_delay_s": 0.0} | settings)  # type: ignore[arg-type]
     save_detector(Detector(UR5E, None, np.full(N, THRESHOLD_NM), given), path)
     return path
 

@@ -33,6 +33,7 @@ class LoadedDetector:
         takes_current: samples must have motor currents; else joint torques.
         measured_rates: samples must have measured rates.
         thresholds: (n,) constant part; infinite: not monitored [Nm or N].
+        fast_thresholds: (n,) of the band-pass channel, likewise.
         fitted: its dynamics are fitted.
         force_at: where the forces of alarms are given: the tip, a link or a point of one [m], in words.
         direction: they are given along it, base frame.
@@ -48,6 +49,7 @@ class LoadedDetector:
     takes_current: bool
     measured_rates: bool
     thresholds: FloatArray
+    fast_thresholds: FloatArray
     fitted: bool
     force_at: str
     direction: tuple[float, float, float]
@@ -58,7 +60,7 @@ class LoadedDetector:
         """Read a file of ``bumpstop detector``.
 
         Raises:
-            InputError: the file is absent, or holds something else; says the line.
+            InputError: the file is absent, or holds something else; says the line. Or it monitors no joint.
         """
         wanted = "wanted a file that 'bumpstop detector' wrote"
         name = str(as_path(path, "--detector"))
@@ -67,6 +69,10 @@ class LoadedDetector:
         if found is None:
             raise InputError("--detector", f"{name!r}: {why}", wanted)
         settings = found.settings
+        thresholds, fast = np.array(found.constant), np.array(settings.alarm.thresholds.fast[: len(found.joints)])
+        if not (np.isfinite(thresholds) | np.isfinite(fast)).any():
+            problem = f"{name!r} monitors no joint: all its thresholds are infinite"
+            raise InputError("--detector", problem, "wanted a finite one, of the residual or of the band-pass channel")
         return cls(
             path=name,
             robot=found.robot,
@@ -77,7 +83,8 @@ class LoadedDetector:
             longest_interval_s=settings.samples.longest_interval,
             takes_current=settings.source == _native.TorqueSource.current,
             measured_rates=settings.samples.measured_rates,
-            thresholds=np.array(found.constant),
+            thresholds=thresholds,
+            fast_thresholds=fast,
             fitted=found.fitted,
             force_at=contact_place(
                 found.links, found.contact_link, found.contact_point, found.tip_name, found.tip_origin
@@ -98,8 +105,8 @@ class LoadedDetector:
 
     @property
     def monitored(self) -> tuple[bool, ...]:
-        """(n,) whether a joint has a threshold of the residual."""
-        return tuple(bool(seen) for seen in np.isfinite(self.thresholds))
+        """(n,) whether a joint has a threshold, of the residual or of the band-pass channel."""
+        return tuple(bool(seen) for seen in np.isfinite(self.thresholds) | np.isfinite(self.fast_thresholds))
 
     def kernel(self, *, latched: bool = False) -> _native.LoopDetector:
         """The detector of a control loop, new.

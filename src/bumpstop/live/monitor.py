@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 # Kinds that say nothing bad of a source.
 _USUAL = (SourceEventKind.STARTED, SourceEventKind.ENDED)
-_NO_DATA, _ALARM = STATES.index("no_data"), STATES.index("alarm")
+_NO_DATA, _ARMING, _ALARM = (STATES.index(name) for name in ("no_data", "arming", "alarm"))
 _FLUSH_S = 0.1
 _LONGEST_READ_S = 0.05
 _FIRST_S = 1.0
@@ -95,7 +95,7 @@ class Monitor:
         self._quiet_since, self._was_judged = -math.inf, False
         self._last_state = _NO_DATA
         self.latency, self.alarm_latency = LatencyHistogram(), LatencyHistogram()
-        self.samples = self.judged = self.alarms = self.dropped = 0
+        self.samples = self.judged = self.alarms = self.dropped = self.arming = self.masked_while_arming = 0
         self.kinds: Counter[SourceEventKind] = Counter()
         self.faults: Counter[str] = Counter()
         self.largest_share = np.zeros(detector.dof)
@@ -127,6 +127,8 @@ class Monitor:
             duration_s=self._lasted,
             samples=self.samples,
             judged=self.judged,
+            arming=self.arming,
+            masked_while_arming=self.masked_while_arming,
             no_data=dict(sorted(self.faults.items())),
             dropped=self.dropped,
             found=found,
@@ -135,7 +137,7 @@ class Monitor:
             latency_ms=self.latency.in_ms(),
             alarm_latency_ms=self.alarm_latency.in_ms(),
             largest_share=tuple(float(x) for x in self.largest_share),
-            active_at_end=not self.inactive,
+            active_at_end=not self.inactive and self._last_state != _ARMING,
             problems=tuple(self.problems),
         )
 
@@ -221,7 +223,7 @@ class Monitor:
             self.faults[tick.fault] += 1
             self._was_judged = False
         else:
-            self.judged += 1
+            self._count(state, masked=out.masked_while_arming)
             share = np.abs(residual) / tick.threshold
             np.maximum(self.largest_share, share, out=self.largest_share)
             unit = self._units.look(sample.stamp_s, signal, residual)
@@ -231,6 +233,13 @@ class Monitor:
                 self._kernel.acknowledge()
         for output in self._outputs:
             output.tick(tick)
+
+    def _count(self, state: int, *, masked: bool) -> None:
+        if state == _ARMING:
+            self.arming += 1
+            self.masked_while_arming += masked
+        else:
+            self.judged += 1
 
     def _alarm(self, tick: MonitorTick) -> None:
         self.alarms += 1

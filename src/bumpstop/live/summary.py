@@ -18,7 +18,9 @@ class MonitorSummary:
     Attributes:
         duration_s: of the run [s].
         samples: that came.
-        judged: samples with a residual.
+        judged: samples in which the detector monitored: neither without data nor while it armed itself.
+        arming: samples with a residual that was not judged, as a motion had just begun.
+        masked_while_arming: of those, over a threshold.
         no_data: samples that the detector was given and could not judge, by fault.
         dropped: samples that it was not given: foreign ones and floods.
         found: samples or messages by what was wrong with them, and how often the source stopped and restarted.
@@ -27,13 +29,15 @@ class MonitorSummary:
         latency_ms: p50, p99 and largest, from the receipt of a sample to the detector's word on it [ms].
         alarm_latency_ms: the same from the receipt of a sample to the end of telling its alarm to all outputs [ms].
         largest_share: largest residual by joint, in units of its threshold; 0 where not monitored.
-        active_at_end: the arm was watched when the monitor ended.
+        active_at_end: the arm was watched when the monitor ended: the state was ``monitoring`` or ``alarm``.
         problems: what outputs could not do.
     """
 
     duration_s: float
     samples: int
     judged: int
+    arming: int
+    masked_while_arming: int
     no_data: dict[str, int]
     dropped: int
     found: dict[str, int]
@@ -58,6 +62,8 @@ class MonitorSummary:
             "duration_s": self.duration_s,
             "samples": self.samples,
             "judged": self.judged,
+            "arming": self.arming,
+            "masked_while_arming": self.masked_while_arming,
             "no_data": self.no_data,
             "dropped": self.dropped,
             "found": self.found,
@@ -78,6 +84,8 @@ class MonitorSummary:
             f"{sum(self.no_data.values())} without data, {self.dropped} not usable",
             f"collisions: {self.alarms}",
         ]
+        if self.arming:
+            told.append(f"arming: {self.arming} samples; over a threshold meanwhile: {self.masked_while_arming}")
         if self.no_data:
             told.append("without data: " + ", ".join(f"{name} {count}" for name, count in self.no_data.items()))
         if self.found:
@@ -92,5 +100,8 @@ class MonitorSummary:
                 )
         told += [f"warning: {problem}" for problem in self.problems]
         if not self.judged:
-            told.append("NOT MONITORED: no sample could be judged")
+            why = "no sample could be judged"
+            if self.arming:
+                why = "in every sample with data the detector was arming"
+            told.append(f"NOT MONITORED: {why}")
         return told
