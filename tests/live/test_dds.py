@@ -290,11 +290,12 @@ def test_output() -> None:
     output = DdsOutput(JOINTS, frame="base_link", prefix="/cell", domain=DOMAIN, loopback=True)
     time.sleep(0.3)
     sample = JointSample(stamp_s=4.25, received_s=0.0, position_rad=np.zeros(3))
-    tick: Any = SimpleNamespace(sample=sample, state="alarm", residual=np.array([1.0, -2.0, np.nan]))
+    tick: Any = SimpleNamespace(sample=sample, state="alarm", alarm=True, residual=np.array([1.0, -2.0, np.nan]))
     event = SimpleNamespace(force=np.array([0.0, 0.0, -30.5]))
     output.alarm(SimpleNamespace(stamp_s=4.25, event=event, number=1))  # type: ignore[arg-type]
     output.tick(tick)
-    output.data_loss(DataLoss(fault="stopped", received_s=0.0))
+    output.data_loss(DataLoss(fault="stopped", alarm=True, received_s=0.0))
+    output.data_loss(DataLoss(fault="ended", received_s=0.0))
     time.sleep(0.2)
     taken = {name: reader.take(10) for name, reader in readers.items()}
     (residual,), (wrench,) = taken["residual"], taken["wrench"]
@@ -302,8 +303,8 @@ def test_output() -> None:
     np.testing.assert_array_equal(residual.effort, [1.0, -2.0, np.nan])
     assert (residual.header.stamp.sec, residual.header.stamp.nanosec) == (4, 250_000_000)
     assert (wrench.wrench.force.z, wrench.header.frame_id) == (-30.5, "base_link")
-    assert [message.data for message in taken["alarm"]] == [True, True, False]
-    assert [message.data for message in taken["state"]] == ["alarm", "no_data"]
+    assert [message.data for message in taken["alarm"]] == [True, True, True, False]
+    assert [message.data for message in taken["state"]] == ["alarm", "no_data", "no_data"]
     assert output.problems() == []
     output.close()
     output.tick(tick)

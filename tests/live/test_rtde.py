@@ -14,6 +14,7 @@ import pytest
 from bumpstop.errors import InputError
 from bumpstop.live import JointSample, SourceEvent, SourceEventKind
 from bumpstop.live.rtde import RtdeServer, RtdeSource
+from bumpstop.live.rtde.connection import RtdeConnection
 from bumpstop.live.rtde.fields import ProtocolError, Recipe, Value
 from bumpstop.live.rtde.messages import (
     Data,
@@ -109,9 +110,16 @@ def test_half_the_rate() -> None:
     assert stamps == [0, 2, 4, 6, 8]
 
 
-def test_a_controller_that_comes_back() -> None:
-    """The end of a connection and its new beginning are told, and an answer that stands is written again."""
-    zero = np.zeros(6)
+def test_a_controller_that_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The end of a connection and its new beginning are told, and an answer that stands is written again, at once."""
+    zero, send = np.zeros(6), RtdeConnection.send_inputs
+    written: list[tuple[int, int]] = []
+
+    def noted(self: RtdeConnection, recipe: Recipe, values: tuple[int, int]) -> None:
+        written.append(values)
+        send(self, recipe, values)
+
+    monkeypatch.setattr(RtdeConnection, "send_inputs", noted)
     with server() as first:
         port = first.port
         source = RtdeSource("127.0.0.1", port, answers=True)
@@ -133,6 +141,8 @@ def test_a_controller_that_comes_back() -> None:
         assert source.read(1.0).stamp_s == 5.0  # type: ignore[union-attr]
         source.close()
         source.close()
+    # No zero between: a program on the controller would go on.
+    assert written == [(0, 0), (2, 3), (2, 3)]
 
 
 def wait_until(true: object, seconds: float = 2.0) -> None:

@@ -47,7 +47,7 @@ class MonitorSettings:
         stop_after_s: without a sample for longer the source has stopped [s]; None: ten periods of the detector at
             ``speed``, at least 0.1 s, and 1 s before the first.
         rearm_s: an alarm is taken as dealt with once everything was below its thresholds for so long [s]; infinite:
-            the first alarm stands.
+            the first alarm stands. No silence, gap or new connection ends an alarm: the time counts anew behind it.
         speed: seconds of the source in a second of our clock; infinite: its samples are read as fast as they can be.
     """
 
@@ -93,6 +93,8 @@ class Monitor:
         self._last_received: float | None = None
         self._events = self._kernel.events
         self._quiet_since, self._was_judged = -math.inf, False
+        # An alarm that nobody has dealt with; what the kernel forgets of it is kept here.
+        self._standing = False
         self._last_state = _NO_DATA
         self.latency, self.alarm_latency = LatencyHistogram(), LatencyHistogram()
         self.samples = self.judged = self.alarms = self.dropped = self.arming = self.masked_while_arming = 0
@@ -203,19 +205,25 @@ class Monitor:
 
     def _judge(self, sample: JointSample, signal: FloatArray, out: _native.DetectorOutput) -> None:
         n, state = self.detector.dof, int(out.state.value)
+        events = self._kernel.events
+        begins, self._events = events != self._events, events
+        # Where the first alarm stands, an event behind a silence is no other.
+        told = begins and not (self._standing and math.isinf(self._settings.rearm_s))
+        self._standing |= begins
+        if self._standing and state != _NO_DATA:
+            state = _ALARM
         residual = np.array(out.residual[:n])
         tick = MonitorTick(
             sample=sample,
             state=STATES[state],
             fault=FAULTS[int(out.fault.value)],
-            stop=out.stop,
+            alarm=self._standing,
+            stop=out.stop or self._standing,
             residual=residual,
             threshold=np.array(out.threshold[:n]),
         )
         self._last_state = state
-        events = self._kernel.events
-        if events != self._events:
-            self._events = events
+        if told:
             self._alarm(tick)
         self.latency.add(max(0.0, time.monotonic() - sample.received_s))
         over = out.over | out.over_fast
@@ -229,8 +237,9 @@ class Monitor:
             unit = self._units.look(sample.stamp_s, signal, residual)
             if unit:
                 self._found(SourceEventKind.WRONG_UNIT, unit, 1, sample.received_s)
-            if self._rearmed(sample.stamp_s, state == _ALARM, over != 0):
+            if self._rearmed(sample.stamp_s, self._standing, over != 0):
                 self._kernel.acknowledge()
+                self._standing = False
         for output in self._outputs:
             output.tick(tick)
 
@@ -269,6 +278,7 @@ class Monitor:
             sample=sample,
             state="no_data",
             fault=fault,
+            alarm=self._standing,
             stop=True,
             residual=self._nan,
             threshold=self.detector.thresholds,
@@ -318,9 +328,10 @@ class Monitor:
 
     def _tell_loss(self, why: SourceEventKind, now: float) -> None:
         for output in self._outputs:
-            output.data_loss(DataLoss(fault=str(why), received_s=now))
+            output.data_loss(DataLoss(fault=str(why), alarm=self._standing, received_s=now))
 
     def _forget(self) -> None:
+        """Begin anew, but for an alarm that stands: what is not seen does not end it."""
         self._kernel.reset()
         self._events = self._kernel.events
         self._checks.reset()

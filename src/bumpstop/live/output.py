@@ -23,6 +23,7 @@ class MonitorTick:
         sample: as it came.
         state: ``"no_data"``, ``"arming"``, ``"monitoring"`` or ``"alarm"``.
         fault: why there is no data; ``"none"`` otherwise.
+        alarm: an alarm stands, though a bad sample may hide it from the state.
         stop: the arm must stop.
         residual: (n,) estimated minus predicted motor torque, NaN without data [Nm or N].
         threshold: (n,) of the residual in this tick; infinite: not monitored [Nm or N].
@@ -31,6 +32,7 @@ class MonitorTick:
     sample: JointSample
     state: str
     fault: str
+    alarm: bool
     stop: bool
     residual: FloatArray
     threshold: FloatArray
@@ -52,10 +54,12 @@ class DataLoss:
 
     Attributes:
         fault: why: ``"stopped"``, ``"restarted"``, or ``"ended"`` of the source or of the monitor.
+        alarm: an alarm stands.
         received_s: ``time.monotonic()`` when the monitor knew [s].
     """
 
     fault: str
+    alarm: bool = False
     received_s: float
 
     @property

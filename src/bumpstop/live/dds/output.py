@@ -19,7 +19,7 @@ class DdsOutput:
 
     Of every sample ``/bumpstop/residual`` has the residual as the efforts of a ``sensor_msgs/msg/JointState`` (NaN
     without data) [Nm or N], ``/bumpstop/state`` the state as a ``std_msgs/msg/String``, and ``/bumpstop/alarm`` a
-    ``std_msgs/msg/Bool`` that says whether the state is ``alarm``. At an alarm ``/bumpstop/wrench`` has the estimated
+    ``std_msgs/msg/Bool`` that says whether an alarm stands. At an alarm ``/bumpstop/wrench`` has the estimated
     force of the contact as a ``geometry_msgs/msg/WrenchStamped`` (NaN where unknown, as all torques are) [N].
 
     Args:
@@ -75,12 +75,12 @@ class DdsOutput:
         head = types.header(tick.sample.stamp_s, self._frame)
         self._write("residual", types.JointState(head, self._joints, [], [], tick.residual.tolist()))
         self._write("state", types.String(tick.state))
-        self._write("alarm", types.Bool(tick.state == "alarm"))
+        self._write("alarm", types.Bool(tick.alarm))
 
     def data_loss(self, loss: DataLoss) -> None:
-        """Publish the state, which is no alarm."""
+        """Publish the state, and whether an alarm stands."""
         self._write("state", self._types.String(loss.state))
-        self._write("alarm", self._types.Bool(False))
+        self._write("alarm", self._types.Bool(loss.alarm))
 
     def source_event(self, event: SourceEvent, received_s: float) -> None:
         """Nothing to publish."""

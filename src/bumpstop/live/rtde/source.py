@@ -92,7 +92,7 @@ class RtdeSource(Source):
         self._limiter = EventLimiter()
         self._bad = 0
         self._pause, self._next_trial = _FIRST_PAUSE_S, 0.0
-        self._answered: tuple[int, int] | None = None
+        self._answered = 0, 0
 
     @property
     def name(self) -> str:
@@ -126,7 +126,8 @@ class RtdeSource(Source):
         try:
             self._outputs, self._written = connection.negotiate(self._frequency, fields, self._inputs)
             if self._inputs:
-                connection.send_inputs(self._written, (0, 0))
+                # A robot that was told to stop must not see that taken back by a connection made anew.
+                connection.send_inputs(self._written, self._answered)
         except BaseException:
             connection.close()
             raise
@@ -238,8 +239,6 @@ class RtdeSource(Source):
             self._next_trial = time.monotonic() + self._pause
             return
         self._tell_at_once(SourceEventKind.RESTARTED, "connected again")
-        if self._answered is not None:
-            self._write(*self._answered)
 
     def answer(self, answer: Answer, number: int) -> None:
         """Write an answer into the controller's registers, at once.
