@@ -201,6 +201,21 @@ def test_damaged_states(names: Sequence[str], given: dict[str, Any], words: str)
     assert words in event.text
 
 
+def test_a_state_without_joints_is_none_of_the_arm() -> None:
+    """A node that publishes empty states before the arm's driver begins is not taken for its driver."""
+    one = source("empty")
+    empty = types.JointState(types.header(1.0), [], [], [], [])
+    one.take_state(empty, 1, 0.0)
+    (event,) = one._queue
+    assert isinstance(event, SourceEvent)
+    assert event.kind is SourceEventKind.FOREIGN
+    assert "a joint state lacks 'a', 'b', 'c', names no joint" in event.text
+    one.take_state(types.JointState(types.header(2.0), list(JOINTS), [0.0] * 3, [], [0.0] * 3), 2, 0.0)
+    sample = one._queue[-1]
+    assert isinstance(sample, JointSample)
+    assert sample.position_rad.size == 3
+
+
 def test_bytes_that_are_no_state_take_no_sample_away() -> None:
     class Damaged(types.JointState, typename="sensor_msgs::msg::dds_::JointState_"):
         payload = b""

@@ -35,7 +35,8 @@ class JointStateReader:
 
     def __init__(self, joints: Sequence[str], effort: Effort) -> None:
         self._joints, self._effort = tuple(joints), effort
-        self._names: list[str] = []
+        # Of the last state with all joints; before one has come even an empty list is another.
+        self._names: list[str] | None = None
         self._rows: list[int] = []
 
     def sample(self, message: Any, received_s: float) -> JointSample:
@@ -55,12 +56,13 @@ class JointStateReader:
         stamp = message.header.stamp
         if stamp.nanosec >= _MAX_NANOSECONDS:
             raise DamagedStateError(f"its time has {stamp.nanosec} nanoseconds")
-        effort = self._picked(message.effort, "effort")
+        count = len(message.name)
+        effort = self._picked(message.effort, "effort", count)
         return JointSample(
             stamp_s=stamp.sec + stamp.nanosec / _MAX_NANOSECONDS,
             received_s=received_s,
-            position_rad=self._picked(message.position, "position"),
-            velocity_rad_s=self._picked(message.velocity, "velocity") if len(message.velocity) else None,
+            position_rad=self._picked(message.position, "position", count),
+            velocity_rad_s=self._picked(message.velocity, "velocity", count) if len(message.velocity) else None,
             current_A=effort if self._effort == "current" else None,
             torque_Nm=effort if self._effort == "torque" else None,
         )
@@ -76,9 +78,9 @@ class JointStateReader:
             raise DamagedStateError(f"names {twice[:40]!r} twice")
         return [where[name] for name in self._joints]
 
-    def _picked(self, values: Sequence[float], field: str) -> FloatArray:
-        if len(values) != len(self._names):
-            raise DamagedStateError(f"has {len(values)} values of {field} for {len(self._names)} names")
+    def _picked(self, values: Sequence[float], field: str, count: int) -> FloatArray:
+        if len(values) != count:
+            raise DamagedStateError(f"has {len(values)} values of {field} for {count} names")
         return np.array([values[row] for row in self._rows])
 
 
