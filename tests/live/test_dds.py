@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 import threading
 import time
@@ -155,7 +156,7 @@ def test_two_writers() -> None:
         pass
     second.close()
     # Once one is read, another is left out, and said so.
-    with opened(source("two"), first) as one:
+    with opened(source("two", stop_after_s=10.0), first) as one:
         late = Publisher("two")
         time.sleep(0.1)
         late.states(JOINTS, [7.0])
@@ -178,6 +179,39 @@ def test_two_writers() -> None:
         assert isinstance(sample, JointSample)
         assert sample.stamp_s == 8.0
     late.close()
+
+
+def test_a_writer_that_was_killed_gives_way() -> None:
+    """A driver that was killed is matched for seconds more: the next is read once the old one was silent."""
+    old = Publisher("killed")
+    with opened(source("killed", stop_after_s=0.3), old) as one:
+        new = Publisher("killed")
+        time.sleep(0.4)
+        # What waited here does not count as a silence, in whatever order it comes.
+        new.states(JOINTS, [1.0])
+        old.states(JOINTS, [2.0])
+        time.sleep(0.1)
+        event, sample = read(one, 2)
+        assert isinstance(event, SourceEvent)
+        assert event.kind is SourceEventKind.FOREIGN
+        assert isinstance(sample, JointSample)
+        assert sample.stamp_s == 2.0
+        time.sleep(0.4)
+        new.states(JOINTS, [3.0])
+        event, sample = read(one, 2)
+        assert isinstance(event, SourceEvent)
+        assert event.kind is SourceEventKind.RESTARTED
+        assert re.search(r"its writer was silent for 0\.\d+ s; another with the same joints is read", event.text)
+        assert isinstance(sample, JointSample)
+        assert sample.stamp_s == 3.0
+        # From now on the old one is the second.
+        old.states(JOINTS, [4.0])
+        new.states(JOINTS, [5.0])
+        while not isinstance(item := one.read(1.0), JointSample):
+            assert item is None or "second writer" in item.text
+        assert item.stamp_s == 5.0
+    old.close()
+    new.close()
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from bumpstop.live.event_limiter import EventLimiter
 from bumpstop.live.latency import LatencyHistogram
 from bumpstop.live.output import CollisionAlarm, DataLoss, MonitorTick
 from bumpstop.live.sample import JointSample
-from bumpstop.live.source import SourceEvent, SourceEventKind
+from bumpstop.live.source import SourceEvent, SourceEventKind, stop_time
 from bumpstop.live.stream_checks import StreamChecks
 from bumpstop.live.summary import MonitorSummary
 from bumpstop.live.unit_check import UnitCheck
@@ -84,7 +84,7 @@ class Monitor:
         self._units = UnitCheck(detector)
         self._limiter = EventLimiter()
         given = self._settings.stop_after_s
-        self._stop_after = max(0.1, 10 * detector.period_s / self._settings.speed) if given is None else given
+        self._stop_after = stop_time(detector.period_s, self._settings.speed) if given is None else given
         # A source that begins may take a while.
         self._begin_after = max(_FIRST_S, self._stop_after) if given is None else given
         self._nan = np.full(detector.dof, math.nan)

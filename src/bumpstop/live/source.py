@@ -45,6 +45,16 @@ class SourceEvent:
     count: int = 1
 
 
+def stop_time(period_s: float, speed: float = 1.0) -> float:
+    """Without a sample for longer a source has stopped, unless a user says otherwise [s].
+
+    Args:
+        period_s: of the detector [s].
+        speed: seconds of the source in a second of our clock.
+    """
+    return max(0.1, 10 * period_s / speed)
+
+
 class Source(Protocol):
     """A stream of joint samples. Sources tell of themselves; what samples show, the monitor finds (``StreamChecks``).
 

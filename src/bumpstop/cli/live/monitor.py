@@ -93,9 +93,10 @@ def monitor(
     if on_collision is None and shell:
         raise InputError("--shell", "has no meaning without --on-collision", "leave it out")
     made = LoadedDetector.load(detector)
-    stream = source_of(
-        source, made, SourceOptions(speed=pace, columns=columns, topic=topic, answers=answer is not None)
+    asked = SourceOptions(
+        speed=pace, columns=columns, topic=topic, answers=answer is not None, stop_after_s=settings.stop_after_s
     )
+    stream = source_of(source, made, asked)
     view = None if as_json else MonitorView(made, terminal(), source)
     with ExitStack() as stack:
         outputs: list[Output] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Sequence
@@ -34,7 +35,8 @@ class DdsSource(Source):
     """Samples of a topic of ``sensor_msgs/msg/JointState``.
 
     The reader takes what any writer offers: best-effort and volatile. One writer is read, the first whose states have
-    all joints; another that has them, too, is named and left out. A writer that went away is waited for.
+    all joints; another that has them, too, is named and left out. A writer that went away is waited for. One that was
+    killed is on the list of writers for some seconds more: another with the joints is read once it has been silent.
 
     Args:
         topic: ``/joint_states``, ``joint_states`` or ``rt/joint_states``.
@@ -42,6 +44,7 @@ class DdsSource(Source):
         effort: what the states carry as effort: ``"current"`` or ``"torque"``.
         domain: of DDS; None: that of ``ROS_DOMAIN_ID``, else 0.
         wait_s: for the first sample [s].
+        stop_after_s: once the writer that is read was silent for longer, another is read in its place [s].
         loopback: stay on this machine; None: as ``ROS_LOCALHOST_ONLY`` says.
         answers: whether :meth:`answer` will be called.
 
@@ -57,12 +60,14 @@ class DdsSource(Source):
         effort: Effort = "torque",
         domain: int | None = None,
         wait_s: float = 5.0,
+        stop_after_s: float = 0.1,
         loopback: bool | None = None,
         answers: bool = False,
     ) -> None:
         if effort not in get_args(Effort):
             raise InputError("effort", f"is {effort!r}", f"valid: {', '.join(get_args(Effort))}")
         self._topic, self._domain, self._wait = topic_name(topic), domain_of(domain), wait_s
+        self._stop_after = stop_after_s
         self._joints = tuple(joints)
         self._loopback = on_loopback_only() if loopback is None else loopback
         self._states = JointStateReader(joints, effort)
@@ -73,7 +78,9 @@ class DdsSource(Source):
         self._waiting: Any = None
         self._will_answer, self._answers = answers, None  # type: bool, Any
         self._writer: int | None = None
-        self._lost = False
+        # When the writer that is read was heard last.
+        self._heard_s = -math.inf
+        self._opening = self._lost = False
 
     @property
     def name(self) -> str:
@@ -106,11 +113,14 @@ class DdsSource(Source):
         if self._will_answer:
             # Now, so that readers have found it when an answer is due.
             self._answers = writer(self._participant, ANSWER_TOPIC, String)
+        self._opening = True
         try:
             self._await_first()
         except BaseException:
             self.close()
             raise
+        finally:
+            self._opening = False
 
     def _await_first(self) -> None:
         end, second = time.monotonic() + self._wait, None
@@ -162,17 +172,28 @@ class DdsSource(Source):
             self._writer_changed()
             return
         now = time.monotonic()
+        messages = self._taken(now)
+        # Nobody was silent whose messages only waited here.
+        if any(one.sample_info.valid_data and one.sample_info.publication_handle == self._writer for one in messages):
+            self._heard_s = now
+        for message in messages:
+            self._take(message, now)
+        self._queue.extend(self._limiter.due(now))
+
+    def _taken(self, now_s: float) -> list[Any]:
+        """Messages that wait, not too many at once."""
+        found: list[Any] = []
         for _ in range(_MAX_AT_ONCE):
             try:
                 # One by one: what cannot be read must not take its neighbours away.
                 taken = self._reader.take(1)
             except Exception as error:
-                self._tell(SourceEventKind.DAMAGED, f"a message that cannot be read ({type(error).__name__})", now)
+                self._tell(SourceEventKind.DAMAGED, f"a message that cannot be read ({type(error).__name__})", now_s)
                 continue
             if not taken:
                 break
-            self._take(taken[0], now)
-        self._queue.extend(self._limiter.due(now))
+            found += taken
+        return found
 
     def _take(self, message: Any, now_s: float) -> None:
         info = message.sample_info
@@ -204,11 +225,17 @@ class DdsSource(Source):
                 self._queue.append(SourceEvent(SourceEventKind.RESTARTED, f"{self.name}: a writer is there again"))
         elif writer != self._writer:
             self._writer_changed()
-            if self._writer is not None:
+            silent_s = now_s - self._heard_s
+            if self._writer is not None and (self._opening or silent_s <= self._stop_after):
                 self._tell(SourceEventKind.FOREIGN, "a second writer has the same joints; it is left out", now_s)
                 return
-            self.take_state(message, writer, now_s)
-            return
+            if self._writer is None:
+                self.take_state(message, writer, now_s)
+                return
+            self._writer = writer
+            text = f"{self.name}: its writer was silent for {silent_s:.3g} s; another with the same joints is read"
+            self._queue.append(SourceEvent(SourceEventKind.RESTARTED, text))
+        self._heard_s = now_s
         self._queue.append(sample)
 
     def _writer_changed(self) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qsl, urlsplit
 
 from bumpstop.errors import InputError, near_matches
+from bumpstop.live.source import stop_time
 
 if TYPE_CHECKING:
     from bumpstop.live.loaded_detector import LoadedDetector
@@ -27,12 +28,15 @@ class SourceOptions:
         columns: column file of a recording.
         topic: of a bag.
         answers: whether the source must be able to answer alarms.
+        stop_after_s: without a sample for longer a writer of DDS gives way to another [s]; None: :func:`stop_time` of
+            the detector.
     """
 
     speed: float | None = None
     columns: Path | None = None
     topic: str | None = None
     answers: bool = False
+    stop_after_s: float | None = None
 
 
 def source_of(text: str, detector: LoadedDetector, options: SourceOptions | None = None) -> Source:
@@ -51,7 +55,7 @@ def source_of(text: str, detector: LoadedDetector, options: SourceOptions | None
     if scheme in ("rtde", "dds") and rest.startswith("//"):
         _refuse(given, scheme, ("speed", "columns", "topic"))
         made = _rtde if scheme == "rtde" else _dds
-        return made(text, detector, given.answers)
+        return made(text, detector, given)
     if scheme == "plant":
         _refuse(given, "the plant", ("columns", "topic"))
         return _plant(text, rest, detector, given)
@@ -147,13 +151,15 @@ def _query(text: str, known: tuple[str, ...]) -> tuple[Any, dict[str, str]]:
     return parts, query
 
 
-def _rtde(text: str, detector: LoadedDetector, answers: bool) -> Source:
+def _rtde(text: str, detector: LoadedDetector, given: SourceOptions) -> Source:
     from bumpstop.live.rtde.axes import CONTROLLER_JOINTS, DEFAULT_AXES, check_turning, read_axes
     from bumpstop.live.rtde.source import MAX_FREQUENCY_HZ, RtdeSource
 
     parts, query = _query(text, ("signal", "frequency", "axes"))
     axes = read_axes(query["axes"]) if "axes" in query else DEFAULT_AXES
-    more: dict[str, Any] = {"answers": answers, "axes": axes} | ({} if parts.port is None else {"port": parts.port})
+    more: dict[str, Any] = {"answers": given.answers, "axes": axes} | (
+        {} if parts.port is None else {"port": parts.port}
+    )
     more["frequency_hz"] = _number(query, "frequency", min(MAX_FREQUENCY_HZ, 1 / detector.period_s))
     _check_signal(query, "signal", detector)
     source = RtdeSource(parts.hostname, joints=detector.dof, signal=detector.signal, **more)
@@ -165,10 +171,11 @@ def _rtde(text: str, detector: LoadedDetector, answers: bool) -> Source:
     return source
 
 
-def _dds(text: str, detector: LoadedDetector, answers: bool) -> Source:
+def _dds(text: str, detector: LoadedDetector, given: SourceOptions) -> Source:
     parts, query = _query(text, ("domain", "effort"))
     made = _imported("bumpstop.live.dds.source", "DdsSource")
-    more: dict[str, Any] = {"answers": answers}
+    stop_after = stop_time(detector.period_s) if given.stop_after_s is None else given.stop_after_s
+    more: dict[str, Any] = {"answers": given.answers, "stop_after_s": stop_after}
     if "domain" in query:
         if not (query["domain"].isascii() and query["domain"].isdigit()):
             raise InputError("SOURCE", f"domain is {query['domain']!r}", "wanted a whole number")
