@@ -145,14 +145,51 @@ def test_names_of_a_file_put_joints_into_the_robots_order(tmp_path: Path) -> Non
         Recording.load(tmp_path / "run.csv", columns=columns | {"joint_names": ["a", "b"]})
 
 
-def test_other_names_are_told_and_columns_chosen_have_none(tmp_path: Path) -> None:
+def test_other_names_are_told(tmp_path: Path) -> None:
     robot = Robot.load("ur10e")
     recording(dof=6).save(tmp_path / "run.parquet")
     assert any(
         "calls the joints j0, j1" in note for note in Recording.load(tmp_path / "run.parquet", robot=robot).report.notes
     )
-    columns = {"time": {"column": "t"}, "position": {"columns": ["q_2", "q_1"]}}
-    assert Recording.load(tmp_path / "run.parquet", columns=columns).joint_names == ()
+
+
+def test_columns_chosen_keep_the_names_of_their_joints(tmp_path: Path) -> None:
+    robot = Robot.load("ur10e")
+    own = tuple(joint.name for joint in robot.joints)
+    before, place = shuffled(own)
+    path = tmp_path / "run.parquet"
+    before.save(path)
+    columns = {
+        "time": {"column": "t"},
+        "position": {"columns": [f"q_{i + 1}" for i in range(6)]},
+        "torque": {"columns": [f"tau_{i + 1}" for i in range(6)]},
+    }
+    found = Recording.load(path, columns=columns, robot=robot)
+    np.testing.assert_array_equal(found.q, before.q[:, place])
+    assert found.tau is not None
+    assert before.tau is not None
+    np.testing.assert_array_equal(found.tau, before.tau[:, place])
+    columns["position"]["columns"] = ["q_2", 2]
+    del columns["torque"]
+    assert Recording.load(path, columns=columns).joint_names == (before.joint_names[1], before.joint_names[0])
+
+
+def test_names_that_say_nothing_of_the_columns_are_told(tmp_path: Path) -> None:
+    """Columns that are none of ours, or those of one joint for position and another for torque."""
+    path = tmp_path / "run.parquet"
+    recording(dof=2).save(path)
+    time = {"column": "t"}
+    for columns in (
+        {"position": {"columns": ["current_1", "current_2"]}},
+        {"position": {"columns": ["q_1", "q_2"]}, "torque": {"columns": ["tau_2", "tau_1"]}},
+    ):
+        found = Recording.load(path, columns={"time": time, **columns}, max_bad=1.0)
+        assert found.joint_names == ()
+        (note,) = [note for note in found.report.notes if "calls its joints" in note]
+        assert note.startswith("The file calls its joints a, b, but the column file does not choose its own columns")
+    named = Recording.load(path, columns={"time": time, **columns, "joint_names": ["x", "y"]}, max_bad=1.0)
+    assert named.joint_names == ("x", "y")
+    assert not [note for note in named.report.notes if "calls its joints" in note]
 
 
 def test_joints_in_another_order_are_no_recording_of_the_robot() -> None:

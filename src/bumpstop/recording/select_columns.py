@@ -51,6 +51,8 @@ def choose(table: Table, columns: Columns, path: Path, open_table: Callable[[Pat
         raise InputError("columns.time", "names neither a column nor a rate", "wanted column = ..., or rate_hz = ...")
     if time.columns:
         quantities["t"] = time
+    names, told = _joint_names(table, columns)
+    notes += told
     values = _fetched(table, {name: own for name, own in quantities.items() if own.file is None}, path)
     if not time.columns:
         assert time.rate_hz is not None
@@ -61,8 +63,7 @@ def choose(table: Table, columns: Columns, path: Path, open_table: Callable[[Pat
         rows_read=table.rows_read,
         numbered=table.numbered,
         faults=table.faults,
-        # The file's names are those of its own columns.
-        joint_names=() if columns.quantities else table.joint_names,
+        joint_names=names,
         robot=table.robot,
         notes=tuple(notes),
     )
@@ -73,6 +74,38 @@ def choose(table: Table, columns: Columns, path: Path, open_table: Callable[[Pat
                 raw, table.first_row, beside, _fetched(beside, {name: quantity}, quantity.file), quantity.file
             )
     return raw
+
+
+def _joint_names(table: Table, columns: Columns) -> tuple[tuple[str, ...], list[str]]:
+    """The file's names of the joints whose columns are read, and a note where its names say nothing of them.
+
+    They are those of the columns ``q_1 ..``, ``current_1 ..`` and so on; a column file may choose others.
+    """
+    if not columns.quantities or not table.joint_names or columns.joint_names:
+        return table.joint_names, []
+    numbers = {
+        tuple(_number(table, column, _OWN[name]) for column in quantity.columns)
+        for name, quantity in columns.quantities.items()
+        if name in _OWN and quantity.file is None
+    }
+    if len(numbers) == 1:
+        (chosen,) = numbers
+        if chosen and all(0 < number <= len(table.joint_names) for number in chosen):
+            return tuple(table.joint_names[number - 1] for number in chosen), []
+    note = (
+        f"The file calls its joints {', '.join(table.joint_names)}, but the column file does not choose its own "
+        "columns of each joint: the joints are taken in the order of the column file. Its joint_names can say their "
+        "names."
+    )
+    return (), [note]
+
+
+def _number(table: Table, column: int | str, stem: str) -> int:
+    """Of the joint, from 1, that a column of ours belongs to; 0: it is none of them."""
+    if isinstance(column, int):
+        column = table.names[column - 1] if column <= len(table.names) else ""
+    found = re.fullmatch(rf"{stem}_(\d{{1,3}})", column)
+    return int(found[1]) if found else 0
 
 
 def _fetched(table: Table, quantities: dict[str, Quantity], path: Path) -> dict[str, FloatArray]:
