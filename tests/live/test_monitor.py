@@ -26,6 +26,7 @@ from bumpstop.live.sources.names import SourceOptions, source_of
 from bumpstop.live.summary import MonitorSummary
 from bumpstop.live.unit_check import UnitCheck
 from bumpstop.live.view import MonitorView, alarm_line
+from bumpstop.recording import Recording
 from detection.moving_arms import UR5E
 from live.cases import DT, FILLING, NAMES, THRESHOLD_NM, Heard, N, ScriptedSource, at, loaded, motion, samples
 
@@ -122,6 +123,31 @@ def test_joints_are_chosen_from_a_bag_by_name(tmp_path: Path) -> None:
     replace(log, joint_names=("finger", *NAMES[1:])).save(tmp_path / "other.mcap")
     with pytest.raises(InputError, match="no joint is called 'shoulder_pan_joint'"):
         source_of(str(tmp_path / "other.mcap"), loaded(tmp_path))
+
+
+def test_names_of_a_column_file_say_which_joint_is_which(tmp_path: Path) -> None:
+    """As for `detect`: of a bag they are the names in the robot's order, of other files names for the columns."""
+    log, crossed = motion(50), (NAMES[1], NAMES[0], *NAMES[2:])
+    log.save(tmp_path / "log.mcap")
+    replace(log, joint_names=crossed).save(tmp_path / "log.parquet")
+    own = ['time = { column = "t" }']
+    for quantity, stem in (("position", "q"), ("torque", "tau")):
+        own.append(f"{quantity} = {{ columns = [{', '.join(repr(f'{stem}_{j + 1}') for j in range(N))}] }}")
+    names = f"joint_names = {list(crossed)}"
+    files = {"bag.toml": [names], "own.toml": own, "names.toml": [*own, names]}
+    for name, lines in files.items():
+        (tmp_path / name).write_text("\n".join(lines))
+    for recording, columns in (("log.mcap", "bag.toml"), ("log.parquet", "own.toml"), ("log.parquet", "names.toml")):
+        read = Recording.load(tmp_path / recording, robot=UR5E, columns=tmp_path / columns)
+        options = SourceOptions(speed=math.inf, columns=tmp_path / columns)
+        with source_of(str(tmp_path / recording), loaded(tmp_path), options) as source:
+            sample = source.read(0.0)
+        assert isinstance(sample, JointSample)
+        np.testing.assert_array_equal(sample.position_rad, read.q[0])
+        np.testing.assert_array_equal(sample.position_rad, log.q[0, [1, 0, *range(2, N)]])
+    replace(log, joint_names=tuple(f"panda_{name}" for name in NAMES)).save(tmp_path / "panda.parquet")
+    with pytest.raises(InputError, match="has a joint 'panda_shoulder_pan_joint'"):
+        source_of(str(tmp_path / "panda.parquet"), loaded(tmp_path), SourceOptions(columns=tmp_path / "own.toml"))
 
 
 def nan(s: list[JointSample]) -> list[JointSample]:

@@ -94,6 +94,19 @@ def read(
     }
 
 
+def names_in_columns(path: Path, columns: str | Path | Mapping[str, Any] | None) -> tuple[tuple[str, ...], bool]:
+    """Joint names of a column file, and whether ``path`` is a bag.
+
+    Of a bag they are its names in the order of the robot's joints, whatever they are; of other files they are names for
+    the columns.
+
+    Raises:
+        InputError: the column file cannot be used.
+    """
+    given = Columns.load(columns, path.parent)
+    return given.joint_names, _format(path, given) in _BAGS
+
+
 def _format(path: Path, columns: Columns) -> str:
     if columns.format:
         return columns.format

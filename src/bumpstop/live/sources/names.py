@@ -76,6 +76,7 @@ def _recording(text: str, detector: LoadedDetector, given: SourceOptions) -> Sou
     from bumpstop.detection.rate import recorded_period
     from bumpstop.live.sources.recording import RecordingSource
     from bumpstop.recording import Recording
+    from bumpstop.recording.reading import names_in_columns
 
     if not Path(text).exists():
         raise InputError("SOURCE", f"{text!r} does not exist", WANTED)
@@ -84,11 +85,13 @@ def _recording(text: str, detector: LoadedDetector, given: SourceOptions) -> Sou
         raise InputError(
             "SOURCE", f"{text!r} has {log.dof} joints", f"the detector's {detector.robot} has {detector.dof}"
         )
-    if log.joint_names and log.joint_names != detector.joints:
+    named, bag = names_in_columns(Path(text), given.columns)
+    # A column file says which joint is which; of a bag it has put them into the detector's order, as for `detect`.
+    if log.joint_names and log.joint_names != detector.joints and not (bag and named):
         if set(log.joint_names) == set(detector.joints):
             order = [log.joint_names.index(name) for name in detector.joints]
             log = _reordered(log, order, detector.joints)
-        elif given.columns is None:  # a column file says which joint is which
+        elif not named:
             foreign = next(name for name in log.joint_names if name not in detector.joints)
             raise InputError("SOURCE", f"{text!r} has a joint {foreign!r}", near_matches(foreign, detector.joints))
     if (log.current if detector.takes_current else log.tau) is None:
