@@ -14,13 +14,14 @@
 #include "rtde_client.hpp"
 
 static std::atomic<long> allocations{0};
-void* operator new(std::size_t size) {
+// Not inlined: gcc would see malloc and delete, or new and free, and call them mismatched.
+[[gnu::noinline]] void* operator new(std::size_t size) {
     ++allocations;
     if (void* found = std::malloc(size)) return found;
     throw std::bad_alloc();
 }
-void operator delete(void* what) noexcept { std::free(what); }
-void operator delete(void* what, std::size_t) noexcept { std::free(what); }
+[[gnu::noinline]] void operator delete(void* what) noexcept { std::free(what); }
+[[gnu::noinline]] void operator delete(void* what, std::size_t) noexcept { std::free(what); }
 
 int main(int count, char** arguments) {
     if (count < 4) {

@@ -57,6 +57,12 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
+def test_it_compiles_as_release(tmp_path: Path) -> None:
+    """As `cmake` compiles the folder of examples by itself: what is inlined there brings warnings of its own."""
+    done = compiled([*COMPILER, "-O3"], ROOT / "examples" / "cpp" / "05_rtde.cpp", tmp_path / "05_rtde")
+    assert done.returncode == 0, done.stderr
+
+
 def made_detector(folder: Path, period_s: float = 0.002) -> Path:
     thresholds = Thresholds(np.array([20.0, 10, 20, 20, 20, 20, np.inf]))
     settings = DetectorSettings(period_s=period_s, arming_delay_s=0.1)

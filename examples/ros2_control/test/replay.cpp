@@ -14,13 +14,14 @@
 
 static thread_local bool counted = false;
 static std::atomic<long> allocations{0};
-void* operator new(std::size_t size) {
+// Not inlined: gcc would see malloc and delete, or new and free, and call them mismatched.
+[[gnu::noinline]] void* operator new(std::size_t size) {
     if (counted) ++allocations;
     if (void* found = std::malloc(size)) return found;
     throw std::bad_alloc();
 }
-void operator delete(void* what) noexcept { std::free(what); }
-void operator delete(void* what, std::size_t) noexcept { std::free(what); }
+[[gnu::noinline]] void operator delete(void* what) noexcept { std::free(what); }
+[[gnu::noinline]] void operator delete(void* what, std::size_t) noexcept { std::free(what); }
 
 using controller_interface::CallbackReturn;
 
