@@ -48,6 +48,10 @@ int main(int count, char** arguments) {
         std::fprintf(stderr, "error: RTDE carries six joints, the detector has %d\n", detector.joints());
         return 2;
     }
+    if (detector.settings().samples.measured_rates && detector.joints() > RtdeClient::controller_joints) {
+        std::fprintf(stderr, "error: joints in registers have no speeds, and the detector takes measured ones\n");
+        return 2;
+    }
     // The controller's six are joints 1 to 6 here. Of a robot on a rail they are 2 to 7, and would be crossed.
     for (int j = 0; j < RtdeClient::controller_joints; ++j)
         if (description->robot.joints[j].spec.prismatic) {

@@ -63,9 +63,9 @@ def test_it_compiles_as_release(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def made_detector(folder: Path, period_s: float = 0.002) -> Path:
+def made_detector(folder: Path, period_s: float = 0.002, *, measured_rates: bool = False) -> Path:
     thresholds = Thresholds(np.array([20.0, 10, 20, 20, 20, 20, np.inf]))
-    settings = DetectorSettings(period_s=period_s, arming_delay_s=0.1)
+    settings = DetectorSettings(period_s=period_s, arming_delay_s=0.1, measured_rates=measured_rates)
     file = folder / "arm.detector"
     save_detector(Detector(Robot.load("sia5d"), JointTorqueModel.load("sia5d"), thresholds, settings), file)
     return file
@@ -132,4 +132,12 @@ def test_more_samples_than_a_controller_gives(program: Path, tmp_path: Path) -> 
     command = [program, "127.0.0.1", "1", str(made_detector(tmp_path, 0.001))]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     words = "error: a controller gives 500 samples a second, the detector takes 1000\n"
+    assert (done.returncode, done.stderr) == (2, words)
+
+
+def test_speeds_of_joints_in_registers(program: Path, tmp_path: Path) -> None:
+    """A controller sends none, and every sample would be judged with zeros."""
+    command = [program, "127.0.0.1", "1", str(made_detector(tmp_path, measured_rates=True))]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    words = "error: joints in registers have no speeds, and the detector takes measured ones\n"
     assert (done.returncode, done.stderr) == (2, words)
