@@ -10,14 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bumpstop.detection import Detector, DetectorSettings, Thresholds, save_detector
 from bumpstop.errors import InputError
+from bumpstop.live.loaded_detector import LoadedDetector
 from bumpstop.live.monitor import Monitor, MonitorSettings
 from bumpstop.live.outputs.command import CollisionCommand
 from bumpstop.live.outputs.json_lines import JsonLines
 from bumpstop.live.outputs.mcap_recording import McapRecording
 from bumpstop.live.summary import MonitorSummary
+from bumpstop.live.view import alarm_line
 from bumpstop.recording import Recording
-from live.cases import NAMES, Heard, ScriptedSource, at, loaded, motion, samples
+from detection.moving_arms import UR5E
+from live.cases import DT, NAMES, Heard, ScriptedSource, at, loaded, motion, samples
 
 LOG = motion(500, push_Nm=25.0, at=250, until=300)
 
@@ -129,6 +133,7 @@ def test_mcap_files_open_in_both_readers_with_what_was_judged(tmp_path: Path) ->
     np.testing.assert_array_equal(residual, heard.residual())
     assert read["/bumpstop/residual"][0].name == list(NAMES)  # type: ignore[attr-defined]
     (alarm,) = read["/bumpstop/alarm"]
+    assert (alarm.fast_joints, len(alarm.fast), np.isinf(alarm.fast_threshold).all()) == ([], 6, True)
     assert alarm.joints == [NAMES[1]]  # type: ignore[attr-defined]
     np.testing.assert_array_equal(alarm.best_force, heard.alarms[0].event.force)  # type: ignore[attr-defined]
     assert [message.name for message in read["/bumpstop/state"]][:2] == ["no_data", "monitoring"]  # type: ignore[attr-defined]
@@ -188,3 +193,38 @@ def test_files_that_cannot_be_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is being written"):
         McapRecording(tmp_path / "watch.mcap", loaded(tmp_path))
     output.close()
+
+
+def test_an_alarm_of_the_band_pass_channel_has_its_numbers(tmp_path: Path) -> None:
+    """Not those of the residual, which has no threshold here, or one that it does not reach."""
+    log = motion(300, push_Nm=25.0, at=150, until=200)
+    fast, none = np.full(6, math.inf), np.full(6, math.inf)
+    fast[1] = 5.0
+    moving = np.full(6, 2.0)
+    for name, law, limit in (
+        ("alone", Thresholds(none, fast=fast), 5.0),
+        ("beside", Thresholds(np.full(6, 1e3), fast=fast), 5.0),
+        ("moving", Thresholds(np.full(6, 1e3), fast=fast, speed=moving), None),
+        ("unknown", Thresholds(none, fast=fast, speed=moving), math.nan),
+    ):
+        path = tmp_path / f"{name}.detector"
+        save_detector(Detector(UR5E, None, law, DetectorSettings(period_s=DT, window_s=0.02)), path)
+        detector, heard = LoadedDetector.load(path), Heard()
+        lines = JsonLines(tmp_path / f"{name}.jsonl", detector)
+        Monitor(detector, ScriptedSource(samples(log)), [lines, heard]).run()
+        lines.close()
+        alarm = heard.alarms[0]
+        assert (alarm.event.joints, alarm.event.fast_joints) == ((), (1,))
+        if limit is None:
+            limit = 5.0 + 2.0 * abs(log.qd[round(alarm.stamp_s / DT), 1])  # type: ignore[index]
+        assert alarm.fast_threshold[1] == pytest.approx(limit, rel=0.01, nan_ok=True)
+        assert abs(alarm.fast[1]) > (5.0 if math.isnan(limit) else limit)
+        told = f" of {alarm.fast_threshold[1]:.3g}" if math.isfinite(limit) else ""
+        words = f"{NAMES[1]} {alarm.fast[1]:+.3g}{told} Nm in the band-pass channel; "
+        assert words in alarm_line(alarm, detector)
+        written = [json.loads(line) for line in (tmp_path / f"{name}.jsonl").read_text().splitlines()]
+        line = next(line for line in written if line["kind"] == "alarm")
+        assert (line["joints"], line["fast_joints"]) == ([NAMES[1]], [NAMES[1]])
+        assert line["fast_Nm"] == alarm.fast.tolist()
+        of_joint = line["fast_threshold_Nm"][1]
+        assert of_joint is None if math.isnan(limit) else of_joint == alarm.fast_threshold[1]

@@ -108,6 +108,21 @@ class LoadedDetector:
         """(n,) whether a joint has a threshold, of the residual or of the band-pass channel."""
         return tuple(bool(seen) for seen in np.isfinite(self.thresholds) | np.isfinite(self.fast_thresholds))
 
+    def fast_thresholds_at(self, thresholds: FloatArray) -> FloatArray:
+        """(n,) thresholds of the band-pass channel in a tick, of those of the residual (n,) in it [Nm or N].
+
+        What motion and the model's errors add to the one, they add to the other. NaN where something is added and the
+        residual itself has no threshold that says how much.
+        """
+        law = self.description.settings.alarm.thresholds
+        parts = (law.speed, law.acceleration, law.rest)
+        constant = law.model_errors == 0 and not any(any(part[: self.dof]) for part in parts)
+        if constant:
+            return self.fast_thresholds
+        with np.errstate(invalid="ignore"):
+            added = thresholds - self.thresholds
+        return np.where(np.isfinite(self.fast_thresholds), self.fast_thresholds + added, np.inf)
+
     def kernel(self, *, latched: bool = False) -> _native.LoopDetector:
         """The detector of a control loop, new.
 

@@ -224,7 +224,7 @@ class Monitor:
         )
         self._last_state = state
         if told:
-            self._alarm(tick)
+            self._alarm(tick, np.array(out.fast[:n]))
         self.latency.add(max(0.0, time.monotonic() - sample.received_s))
         over = out.over | out.over_fast
         if state == _NO_DATA:
@@ -250,12 +250,18 @@ class Monitor:
         else:
             self.judged += 1
 
-    def _alarm(self, tick: MonitorTick) -> None:
+    def _alarm(self, tick: MonitorTick, fast: FloatArray) -> None:
         self.alarms += 1
         event = Event.of_loop(self.detector.links, self._kernel.event())
         latency = max(0.0, time.monotonic() - tick.sample.received_s)
         alarm = CollisionAlarm(
-            stamp_s=tick.sample.stamp_s, number=self.alarms, event=event, latency_s=latency, tick=tick
+            stamp_s=tick.sample.stamp_s,
+            number=self.alarms,
+            event=event,
+            latency_s=latency,
+            tick=tick,
+            fast=fast,
+            fast_threshold=self.detector.fast_thresholds_at(tick.threshold),
         )
         for output in self._outputs:
             output.alarm(alarm)

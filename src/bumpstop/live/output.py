@@ -88,6 +88,9 @@ class CollisionAlarm:
         event: joints, residuals and what they say of the contact: force, direction, link.
         latency_s: from the receipt of the sample to the detector's word [s].
         tick: of the sample that raised it.
+        fast: (n,) of the band-pass channel at that sample [Nm or N].
+        fast_threshold: (n,) of that channel, with what motion adds; infinite: not monitored there; NaN: not known, as
+            the residual itself has no threshold to which the same was added [Nm or N].
     """
 
     stamp_s: float
@@ -95,6 +98,8 @@ class CollisionAlarm:
     event: Event
     latency_s: float
     tick: MonitorTick
+    fast: FloatArray
+    fast_threshold: FloatArray
 
 
 class Output(Protocol):

@@ -95,7 +95,8 @@ class MonitorView:
                 continue
             bar = "#" * min(_BAR, round(_BAR * share[j]))
             limit = tick.threshold[j]
-            threshold = f"{limit:.3g}" if math.isfinite(limit) else "not monitored"
+            otherwise = "band-pass alone" if self._detector.monitored[j] else "not monitored"
+            threshold = f"{limit:.3g}" if math.isfinite(limit) else otherwise
             unit = self._detector.units[j]
             rows.append((name, f"{tick.residual[j]:+.3g} {unit}", threshold, f"{100 * share[j]:.0f} %", bar))
         columns = ("joint", "residual", "threshold", "share", "")
@@ -164,13 +165,23 @@ def _shares(tick: MonitorTick) -> list[float]:
     return [abs(r) / t for r, t in pairs]
 
 
+def _over(alarm: CollisionAlarm, j: int, unit: str) -> str:
+    """By how much a joint is over: its residual, the band-pass channel of that, or both."""
+    event, found = alarm.event, []
+    if j in event.joints:
+        found.append(f"{event.residual[j]:+.3g} of {event.threshold[j]:.3g} {unit}")
+    if j in event.fast_joints:
+        limit = alarm.fast_threshold[j]
+        of = f" of {limit:.3g}" if math.isfinite(limit) else ""
+        found.append(f"{alarm.fast[j]:+.3g}{of} {unit} in the band-pass channel")
+    return " and ".join(found)
+
+
 def alarm_line(alarm: CollisionAlarm, detector: LoadedDetector) -> str:
     """An alarm in one sentence: time, joints with their residuals, force and link."""
     event = alarm.event
     joints = sorted({*event.joints, *event.fast_joints})
-    names = ", ".join(
-        f"{detector.joints[j]} {event.residual[j]:+.3g} of {event.threshold[j]:.3g} {detector.units[j]}" for j in joints
-    )
+    names = ", ".join(f"{detector.joints[j]} {_over(alarm, j, detector.units[j])}" for j in joints)
     along = " ".join(f"{x:g}" for x in detector.direction)
     if math.isfinite(event.force_along_sd):
         force = f"{event.force_along:.3g} +- {2 * event.force_along_sd:.2g} N at {detector.force_at} along {along}"

@@ -143,7 +143,12 @@ def alarm_json(alarm: CollisionAlarm, names: Sequence[str]) -> dict[str, Any]:
     found = event.to_json()
     joints = sorted({*event.joints, *event.fast_joints})
     kept = ("residual_Nm", "threshold_Nm", "force_N", "force_interval_N", "best_force_N", "link", "possible_links")
-    return {"joints": [names[j] for j in joints]} | {key: found[key] for key in kept if key in found}
+    more: dict[str, Any] = {
+        "fast_joints": [names[j] for j in event.fast_joints],
+        "fast_Nm": _finite(alarm.fast),
+        "fast_threshold_Nm": _finite(alarm.fast_threshold),
+    }
+    return {"joints": [names[j] for j in joints]} | {key: found[key] for key in kept if key in found} | more
 
 
 def _finite(values: Any) -> list[float | None]:

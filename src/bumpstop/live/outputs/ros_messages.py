@@ -40,13 +40,16 @@ string fault
 bool stop
 """,
     ALARM: """\
-# torques in Nm (N of joints that slide), forces in N; NaN where there is none
+# torques in Nm (N of joints that slide), forces in N; NaN where there is none; fast: of the band-pass channel
 builtin_interfaces/Time stamp
 uint32 number
 float64 latency_s
 string[] joints
 float64[] residual
 float64[] threshold
+string[] fast_joints
+float64[] fast
+float64[] fast_threshold
 float64 force
 float64 force_low
 float64 force_high
@@ -148,6 +151,9 @@ class RosMessages:
             joints=[self._joints[j] for j in sorted({*event.joints, *event.fast_joints})],
             residual=event.residual,
             threshold=event.threshold,
+            fast_joints=[self._joints[j] for j in event.fast_joints],
+            fast=alarm.fast,
+            fast_threshold=alarm.fast_threshold,
             force=event.force_along if told else math.nan,
             force_low=low,
             force_high=high,
