@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -228,3 +229,30 @@ def test_an_alarm_of_the_band_pass_channel_has_its_numbers(tmp_path: Path) -> No
         assert line["fast_Nm"] == alarm.fast.tolist()
         of_joint = line["fast_threshold_Nm"][1]
         assert of_joint is None if math.isnan(limit) else of_joint == alarm.fast_threshold[1]
+
+
+def test_a_payload_that_nobody_declared_is_told(tmp_path: Path) -> None:
+    """As `detect` tells it, once; an alarm behind it has the mass that explains it."""
+    log = motion(2500)
+    assert log.tau is not None
+    lever = np.array([UR5E.jacobian(q)[2] for q in log.q])
+    loaded_log = replace(log, tau=log.tau + 3.0 * 9.80665 * lever)
+    loaded_log.tau[2000:, 1] += 300.0  # type: ignore[index]
+    limits = np.full(6, 200.0)
+    settings = DetectorSettings(period_s=DT, window_s=0.02, payload_change_kg=1.0)
+    made = Detector(UR5E, None, limits, settings)
+    run = made.run(loaded_log)
+    save_detector(made, tmp_path / "payload.detector")
+    detector, heard = LoadedDetector.load(tmp_path / "payload.detector"), Heard()
+    lines = JsonLines(tmp_path / "watch.jsonl", detector)
+    summary = Monitor(detector, ScriptedSource(samples(loaded_log)), [lines, heard]).run()
+    lines.close()
+    rises = int(np.count_nonzero(np.diff(run.payload_changed.astype(int)) > 0))
+    assert summary.found["payload_changed"] == rises == 1
+    told = [event.text for event in heard.events if event.kind == "payload_changed"]
+    assert told == ["the residuals look like a payload of +3 kg that nobody declared"]
+    written = [json.loads(line) for line in (tmp_path / "watch.jsonl").read_text().splitlines()]
+    assert [line["text"] for line in written if line.get("event") == "payload_changed"] == told
+    (kilograms,) = [line["payload_change_kg"] for line in written if line["kind"] == "alarm"]
+    assert kilograms == run.events[0].payload_change_kg == pytest.approx(3.0, rel=0.01)
+    assert f", explained by a payload of {kilograms:+.3g} kg" in alarm_line(heard.alarms[0], detector)

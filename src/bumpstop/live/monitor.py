@@ -95,6 +95,7 @@ class Monitor:
         self._quiet_since, self._was_judged = -math.inf, False
         # An alarm that nobody has dealt with; what the kernel forgets of it is kept here.
         self._standing = False
+        self._payload_changed = False
         self._last_state = _NO_DATA
         self.latency, self.alarm_latency = LatencyHistogram(), LatencyHistogram()
         self.samples = self.judged = self.alarms = self.dropped = self.arming = self.masked_while_arming = 0
@@ -237,11 +238,19 @@ class Monitor:
             unit = self._units.look(sample.stamp_s, signal, residual)
             if unit:
                 self._found(SourceEventKind.WRONG_UNIT, unit, 1, sample.received_s)
+            self._look_at_payload(sample, changed=out.payload_changed)
             if self._rearmed(sample.stamp_s, self._standing, over != 0):
                 self._kernel.acknowledge()
                 self._standing = False
         for output in self._outputs:
             output.tick(tick)
+
+    def _look_at_payload(self, sample: JointSample, *, changed: bool) -> None:
+        """Tell once that the payload has changed, until it is as declared again."""
+        before, self._payload_changed = self._payload_changed, changed
+        if changed and not before:
+            text = f"the residuals look like a payload of {self._kernel.payload_change():+.3g} kg that nobody declared"
+            self._found(SourceEventKind.PAYLOAD_CHANGED, text, 1, sample.received_s)
 
     def _count(self, state: int, *, masked: bool) -> None:
         if state == _ARMING:

@@ -27,6 +27,7 @@ class SourceEventKind(StrEnum):
     FOREIGN = "foreign"  # a sample of another robot's joints, or another type of message
     WRONG_RATE = "wrong_rate"  # samples come at another rate than the detector is made for
     WRONG_UNIT = "wrong_unit"  # the signal looks like one of another unit
+    PAYLOAD_CHANGED = "payload_changed"  # the residuals look like a mass that nobody declared
     ENDED = "ended"  # the source has no more samples: a recording at its end
 
 

@@ -188,7 +188,9 @@ def alarm_line(alarm: CollisionAlarm, detector: LoadedDetector) -> str:
     else:
         force = f"no joint shows a force along {along}"
     link = f", likeliest link {event.link}" if event.link else ""
+    kilograms = event.payload_change_kg
+    load = "" if kilograms is None else f", explained by a payload of {kilograms:+.3g} kg that nobody declared"
     return (
-        f"COLLISION {alarm.number} at {alarm.stamp_s:.4f} s: {names}; {force}{link}; "
+        f"COLLISION {alarm.number} at {alarm.stamp_s:.4f} s: {names}; {force}{link}{load}; "
         f"{1e3 * alarm.latency_s:.2f} ms after the sample came"
     )

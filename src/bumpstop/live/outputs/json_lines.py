@@ -142,7 +142,16 @@ def alarm_json(alarm: CollisionAlarm, names: Sequence[str]) -> dict[str, Any]:
     event = alarm.event
     found = event.to_json()
     joints = sorted({*event.joints, *event.fast_joints})
-    kept = ("residual_Nm", "threshold_Nm", "force_N", "force_interval_N", "best_force_N", "link", "possible_links")
+    kept = (
+        "residual_Nm",
+        "threshold_Nm",
+        "force_N",
+        "force_interval_N",
+        "best_force_N",
+        "link",
+        "possible_links",
+        "payload_change_kg",
+    )
     more: dict[str, Any] = {
         "fast_joints": [names[j] for j in event.fast_joints],
         "fast_Nm": _finite(alarm.fast),
