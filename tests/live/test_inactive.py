@@ -10,10 +10,11 @@ import pytest
 
 from bumpstop.detection import Detector, DetectorSettings, Thresholds, save_detector
 from bumpstop.errors import InputError
+from bumpstop.live import JointSample
 from bumpstop.live.loaded_detector import LoadedDetector
 from bumpstop.live.monitor import Monitor
 from detection.moving_arms import UR5E
-from live.cases import DT, FILLING, Heard, N, ScriptedSource, loaded, motion, samples
+from live.cases import DT, FILLING, Heard, N, ScriptedSource, at, loaded, motion, samples
 
 NONE = np.full(N, math.inf)
 SETTINGS = DetectorSettings(period_s=DT, window_s=0.02)
@@ -55,3 +56,23 @@ def test_arming_is_not_judging(tmp_path: Path) -> None:
     assert later.judged + later.arming == 300 - FILLING
     assert 100 < later.judged < 200
     assert (later.status, later.active_at_end) == (0, True)
+
+
+def test_a_joint_that_is_not_monitored_needs_no_signal(tmp_path: Path) -> None:
+    """NaN there is judged, and no damage; NaN of its position, or of a joint beside it, is."""
+    thresholds = np.full(N, 10.0)
+    thresholds[5] = math.inf
+    save_detector(Detector(UR5E, None, thresholds, SETTINGS), tmp_path / "five.detector")
+    detector, rows = LoadedDetector.load(tmp_path / "five.detector"), samples(motion(200))
+
+    def torn(sample: JointSample, joint: int, field: str) -> JointSample:
+        values = getattr(sample, field).copy()
+        values[joint] = math.nan
+        return at(sample, **{field: values})
+
+    whole = Monitor(detector, ScriptedSource([torn(row, 5, "torque_Nm") for row in rows])).run()
+    assert (whole.found, whole.judged) == ({}, 200 - FILLING)
+    for joint, field in ((4, "torque_Nm"), (5, "position_rad")):
+        script = [*rows[:100], torn(rows[100], joint, field), *rows[101:]]
+        found = Monitor(detector, ScriptedSource(script)).run()
+        assert (found.found, found.no_data["not_finite"]) == ({"damaged": 1}, 1)

@@ -61,6 +61,9 @@ class StreamChecks:
         self._detector, self._paced = detector, paced
         self._period = detector.period_s
         self._rate = RateCheck(detector.period_s)
+        # The detector needs no signal of a joint that it does not monitor.
+        needless = detector.description.settings.samples.unmonitored
+        self._needless = np.array([bool(needless >> j & 1) for j in range(detector.dof)])
         self.reset()
 
     def reset(self) -> None:
@@ -116,6 +119,8 @@ class StreamChecks:
             columns.append(("rate", sample.velocity_rad_s))
         for name, values in columns:
             fine = np.isfinite(values)
+            if values is signal:
+                fine |= self._needless
             if not fine.all():
                 bad = int(np.argmin(fine))
                 return f"{name} of {self._detector.joints[bad]} is {values[bad]}"
