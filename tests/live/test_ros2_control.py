@@ -11,6 +11,7 @@ import pytest
 
 from bumpstop import _native
 from bumpstop.live.loaded_detector import LoadedDetector
+from bumpstop.recording import Recording
 from cpp.builds import COMPILER, ROOT, WARNINGS
 from live.test_cpp_rtde import FLAGS, made_detector
 
@@ -39,6 +40,8 @@ def test_same_as_python_to_the_last_digit(replay: Path, tmp_path: Path) -> None:
     time = begin + 2_000_000 * np.arange(700) + rng.integers(0, 50_000, 700)
     t = 1e-9 * (time - time[0]).astype(np.float64)
     q, current = 0.3 * np.sin(t[:, None] * np.arange(1, 8)), 100 * rng.normal(size=(700, 7))
+    # What cannot be judged hides no alarm that stands.
+    current[650, 0] = np.nan
     names = [f"{name}/{what}" for what in ("position", "effort") for name in detector.joints]
     rows = [f"{time[row]}," + ",".join(f"{x:.17g}" for x in (*q[row], *current[row])) for row in range(700)]
     (tmp_path / "log.csv").write_text("\n".join(["time," + ",".join(names), *rows]) + "\n")
@@ -51,13 +54,42 @@ def test_same_as_python_to_the_last_digit(replay: Path, tmp_path: Path) -> None:
     for row in range(700):
         out = kernel.update(t[row], q[row], current[row], np.zeros(7))
         expected.append(out.residual[:7])
-        alarmed += out.state == _native.DetectorState.alarm
+        alarmed += alarmed > 0 or out.state == _native.DetectorState.alarm
         if kernel.events > len(forces):
             forces.append(list(kernel.event().contact.force))
     np.testing.assert_array_equal(residuals, expected)
+    assert np.isnan(residuals[650]).all()
     assert [[float(x) for x in event] for event in events] == forces
     assert len(forces) >= 1
     assert last == f"{alarmed} ticks in alarm, 0 left out, 0 allocations in updates"
+
+
+def test_the_readme_says_how_to_replay(replay: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its lines write a file that is judged as the recording is; times in seconds and other headers are told."""
+    (lines,) = re.findall(r"```py\n(.*?)```", (FOLDER / "README.md").read_text(), re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    file = made_detector(tmp_path)
+    detector, rng = LoadedDetector.load(file), np.random.default_rng(8)
+    t = 0.002 * np.arange(300)
+    q, current = 0.3 * np.sin(t[:, None] * np.arange(1, 8)), 100 * rng.normal(size=(300, 7))
+    (tmp_path / "press").mkdir()
+    Recording(t=t, q=q, current=current, joint_names=detector.joints).save("press/recording.parquet")
+    exec(compile(lines, "README.md", "exec"), {})
+    done = subprocess.run([replay, file, "log.csv"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    found = [[float(x) for x in line.split(",")[1:]] for line in done.stdout.splitlines()[:300]]
+    # Times of whole nanoseconds are others in the last digits.
+    expected = detector.kernel().run(t, q, current, None, np.inf)[0]
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    text = (tmp_path / "log.csv").read_text()
+    for change, status, words in (
+        (text.replace("/position", ""), 2, "wanted the header time,JOINT/position,...,JOINT/effort,..."),
+        (text.replace("\n2000000,", "\n0.002,"), 2, "row 2: wanted whole nanoseconds and 14 numbers"),
+        (re.sub(r"000000,", ",", text), 1, "error: no tick was judged"),
+    ):
+        (tmp_path / "log.csv").write_text(change)
+        done = subprocess.run([replay, file, "log.csv"], capture_output=True, text=True)
+        assert (done.returncode, words in done.stderr) == (status, True), done.stderr
 
 
 def test_refusals(replay: Path, tmp_path: Path) -> None:

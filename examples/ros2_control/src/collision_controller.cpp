@@ -118,6 +118,7 @@ return_type CollisionController::update(const rclcpp::Time& time, const rclcpp::
     tick_.nanoseconds = now;
     tick_.state = out.state;
     tick_.stop = out.stop;
+    tick_.alarm = detector_->alarmed();
     tick_.residual = out.residual;
     tick_.event = detector_->events() != events_;
     if (tick_.event) {
@@ -150,7 +151,7 @@ void CollisionController::publish(const Tick& tick) {
     state.data = name_of(tick.state);
     states_->publish(state);
     std_msgs::msg::Bool alarm;
-    alarm.data = tick.state == bumpstop::DetectorState::alarm;
+    alarm.data = tick.alarm;
     alarms_->publish(alarm);
     if (!tick.event) return;
     wrench_.header.stamp = residual_.header.stamp;

@@ -42,6 +42,10 @@ int main(int count, char** arguments) {
     std::vector<std::string> joints;
     for (std::size_t at = 0; (at = line.find("/position", at)) != std::string::npos; ++at)
         joints.push_back(line.substr(line.rfind(',', at) + 1, at - line.rfind(',', at) - 1));
+    if (joints.empty()) {
+        std::fprintf(stderr, "error: %s: wanted the header time,JOINT/position,...,JOINT/effort,...\n", arguments[2]);
+        return 2;
+    }
     std::vector<std::int64_t> time;
     std::vector<std::vector<double>> rows;
     while (std::getline(file, line)) {
@@ -49,6 +53,11 @@ int main(int count, char** arguments) {
         time.push_back(std::strtoll(line.c_str(), &at, 10));
         std::vector<double> row;
         while (*at == ',') row.push_back(std::strtod(at + 1, &at));
+        if (*at != '\0' || row.size() != 2 * joints.size()) {
+            std::fprintf(stderr, "error: %s: row %zu: wanted whole nanoseconds and %zu numbers\n", arguments[2],
+                         rows.size() + 1, 2 * joints.size());
+            return 2;
+        }
         rows.push_back(row);
     }
     bumpstop_ros2_control::CollisionController controller;
@@ -85,6 +94,13 @@ int main(int count, char** arguments) {
     }
     long alarmed = 0;
     for (const auto& message : published<std_msgs::msg::Bool>(controller, "~/alarm")) alarmed += message.data;
+    long judged = 0;
+    for (const auto& message : published<std_msgs::msg::String>(controller, "~/state"))
+        judged += message.data == "monitoring" || message.data == "alarm";
     std::printf("%ld ticks in alarm, %ld left out, %ld allocations in updates\n", alarmed, controller.left_out(),
                 allocations.load());
+    if (judged == 0) {
+        std::fprintf(stderr, "error: no tick was judged: are the times nanoseconds, at the detector's rate?\n");
+        return 1;
+    }
 }

@@ -24,6 +24,7 @@ struct Tick {
     std::int64_t nanoseconds = 0;  ///< time of the update
     bumpstop::DetectorState state = bumpstop::DetectorState::no_data;
     bool stop = true;
+    bool alarm = false;                                   ///< an alarm stands, also while there are no data
     bool event = false;                                   ///< an event began in this tick: `force` is its force
     std::array<double, bumpstop::max_joints> residual{};  ///< NaN without data [Nm or N]
     std::array<double, 3> force{};                        ///< base frame [N]
