@@ -57,6 +57,24 @@ def test_folder_and_bare_file(plugin: StoragePlugin, bare: bool, tmp_path: Path)
     assert any("Time 0 is 5.0" in note for note in found.report.notes)
 
 
+def test_messages_without_a_time_are_bad_rows(tmp_path: Path) -> None:
+    """One that was not stamped, among times of a wall clock, and one with a second or more of nanoseconds."""
+    bodies = [bytearray(state(0.01 * i, ["a", "b"])) for i in range(400)]
+    for i, body in enumerate(bodies[1:], start=1):
+        body[4:8] = (1_700_000_000 + i // 100).to_bytes(4, "little")
+    bodies[30][8:12] = (1_500_000_000).to_bytes(4, "little")
+    found = Recording.load(bag(tmp_path, StoragePlugin.MCAP, {"/s": [bytes(body) for body in bodies]}))
+    assert found.report.counts == {"not a number": 2}
+    assert [row for row, _ in found.report.dropped] == [1, 31]
+    assert (found.t[0], found.t.size) == (0.0, 398)
+    assert found.t[-1] == pytest.approx(3.98, abs=1e-6)
+    # Times of a simulation begin at zero.
+    again = Recording.load(
+        bag(tmp_path / "sim", StoragePlugin.MCAP, {"/s": [state(0.01 * i, ["a"]) for i in range(400)]})
+    )
+    assert again.t.size == 400
+
+
 def test_names_are_put_in_order_and_other_joints_left_out(tmp_path: Path) -> None:
     bodies = [state(0.01 * i, ["c", "a", "b"] if i % 2 else ["b", "a", "grip"]) for i in range(50)]
     bodies[10:20] = [state(0.01 * i, ["grip"]) for i in range(10, 20)]

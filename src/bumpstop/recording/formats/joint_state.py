@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 
+NO_TIME = np.iinfo(np.int64).min
 _HEADER = 4  # bytes before the first that counts for alignment
 
 
@@ -92,11 +93,11 @@ def alike(rows: npt.NDArray[np.uint8], known: Layout) -> npt.NDArray[np.bool_]:
 
 
 def stamps(rows: npt.NDArray[np.uint8], known: Layout) -> npt.NDArray[np.int64]:
-    """(N,) times in the headers of (N, length) messages [ns]."""
+    """(N,) times in the headers of (N, length) messages [ns]; ``NO_TIME``: the nanoseconds are a second or more."""
     order = "<" if known.little else ">"
     seconds = np.ascontiguousarray(rows[:, _HEADER : _HEADER + 4]).view(f"{order}i4")[:, 0].astype(np.int64)
     nanoseconds = np.ascontiguousarray(rows[:, _HEADER + 4 : _HEADER + 8]).view(f"{order}u4")[:, 0].astype(np.int64)
-    return seconds * 1_000_000_000 + nanoseconds
+    return np.where(nanoseconds < 1_000_000_000, seconds * 1_000_000_000 + nanoseconds, NO_TIME)
 
 
 def numbers(rows: npt.NDArray[np.uint8], known: Layout, part: int) -> FloatArray:

@@ -12,12 +12,13 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError, near_matches
 from bumpstop.model import Robot
 from bumpstop.recording.columns import Columns, Quantity
-from bumpstop.recording.formats.joint_state import alike, layout, numbers, stamps
+from bumpstop.recording.formats.joint_state import NO_TIME, alike, layout, numbers, stamps
 from bumpstop.recording.formats.table import RawRecording
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 _PARTS = ("position", "velocity", "torque")
 _STILL = 0.01  # a joint that moves by less stands [rad or m]
+_WALL_NS = 100_000_000 * 1_000_000_000  # later than this is a clock on the wall, not one of a simulation
 
 
 class _Gathered:
@@ -60,9 +61,10 @@ def read_bag(path: Path, columns: Columns, robot: Robot | None, topic: str | Non
     if (stamp == 0).all():
         stamp = received[number]
         notes.append("The messages carry no time; the bag's own times of receiving them are used.")
-    values: dict[str, FloatArray] = {"t": ((stamp - stamp[0]) * 1e-9)[:, None]}
-    if stamp[0] >= 1_000_000_000:
-        notes.append(f"Time 0 is {stamp[0] // 1_000_000_000}.{stamp[0] % 1_000_000_000:09d} s of the bag's clock.")
+    begin, t = _times(stamp)
+    values: dict[str, FloatArray] = {"t": t[:, None]}
+    if begin >= 1_000_000_000:
+        notes.append(f"Time 0 is {begin // 1_000_000_000}.{begin % 1_000_000_000:09d} s of the bag's clock.")
     left_out = np.concatenate(found.left_out)[order].T
     moved = {
         name: span
@@ -88,9 +90,21 @@ def read_bag(path: Path, columns: Columns, robot: Robot | None, topic: str | Non
     )
 
 
+def _times(stamp: npt.NDArray[np.int64]) -> tuple[int, FloatArray]:
+    """The first time [ns], and (N,) times after it [s]; NaN where a message has none.
+
+    Beside times of a clock on the wall a zero is none: the message was not stamped.
+    """
+    known = stamp != NO_TIME
+    if known.any() and np.median(stamp[known]) > _WALL_NS:
+        known &= stamp != 0
+    begin = int(stamp[known][0]) if known.any() else 0
+    return begin, np.where(known, (np.where(known, stamp, begin) - begin) * 1e-9, np.nan)
+
+
 def _moved(t: FloatArray, position: FloatArray) -> tuple[float, float] | None:
     """From when to when [s] a joint moved (N,); None: it did not, or was not recorded."""
-    known = np.isfinite(position)
+    known = np.isfinite(position) & np.isfinite(t)
     t, position = t[known], position[known]
     if not t.size or np.ptp(position) < _STILL:
         return None
