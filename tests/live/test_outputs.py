@@ -256,3 +256,14 @@ def test_a_payload_that_nobody_declared_is_told(tmp_path: Path) -> None:
     (kilograms,) = [line["payload_change_kg"] for line in written if line["kind"] == "alarm"]
     assert kilograms == run.events[0].payload_change_kg == pytest.approx(3.0, rel=0.01)
     assert f", explained by a payload of {kilograms:+.3g} kg" in alarm_line(heard.alarms[0], detector)
+
+
+def test_times_before_zero_are_written(tmp_path: Path) -> None:
+    """A recording may begin before its time zero; ROS has seconds with a sign."""
+    log = motion(250)
+    rows = [at(one, stamp_s=one.stamp_s - 0.5) for one in samples(log)]
+    output = McapRecording(tmp_path / "watch.mcap", loaded(tmp_path))
+    Monitor(loaded(tmp_path), ScriptedSource(rows), [output]).run()
+    output.close()
+    again = Recording.load(output.files[0], topic="/joint_states")
+    np.testing.assert_allclose(again.t, log.t, atol=2e-9)

@@ -63,7 +63,8 @@ string text
 uint32 count
 """,
 }
-_MAX_STAMP_S = 2.0**31
+# Seconds are 32 bits with a sign, and rounding to nanoseconds may add one.
+_MAX_STAMP_S = 2.0**31 - 1
 
 
 class RosMessages:
@@ -109,7 +110,7 @@ class RosMessages:
         return known
 
     def _time(self, stamp_s: float) -> Any:
-        usable = stamp_s if 0 <= stamp_s < _MAX_STAMP_S else 0.0
+        usable = stamp_s if abs(stamp_s) < _MAX_STAMP_S else 0.0
         sec, nanosec = divmod(round(usable * 1e9), 1_000_000_000)
         return self._store.types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
 
@@ -178,5 +179,5 @@ def usable_rows(ticks: Sequence[MonitorTick], dof: int, *, current: bool) -> lis
 
 
 def _whole(stamps: FloatArray) -> Any:
-    usable = np.isfinite(stamps) & (stamps >= 0) & (stamps < _MAX_STAMP_S)
+    usable = np.isfinite(stamps) & (np.abs(stamps) < _MAX_STAMP_S)
     return np.round(np.where(usable, stamps, 0.0) * 1e9).astype(np.int64)
