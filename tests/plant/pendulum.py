@@ -51,7 +51,7 @@ def steady(rate: float, seconds: float) -> Command:
 
 
 def without_end(q: Floats, qd: Floats) -> Command:
-    def react(*_: object) -> tuple[Floats, Floats]:
+    def react(*_: object) -> Command:
         raise AssertionError
 
     return Command(q, qd, react)

@@ -24,6 +24,7 @@ SUBSTEPS = 5
 _MAX_DURATION_S = 3600.0
 _MAX_LATENCY_S = 10.0
 _AFTERWARDS_S = 0.25
+_MAX_BRAKING_ROWS = 20_000
 
 
 Turn = Literal["reverse", "stop"]
@@ -58,8 +59,8 @@ class PlantReaction:
 
 class _Reactions(Protocol):
     def __call__(
-        self, knot: int, reaction: PlantReaction, limit: FloatArray, rest: float
-    ) -> tuple[FloatArray, FloatArray]: ...
+        self, command: Command, knot: int, reaction: PlantReaction, limit: FloatArray, rest: float, /
+    ) -> Command: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +69,8 @@ class Command:
 
     Attributes:
         q, qd: (K, dof) positions and rates at 0, 1, 2, ... ms.
-        react: positions and rates from a millisecond on, if the arm reacts there; the first rows are the command's own.
+        react: what a command turns into if the arm reacts at a millisecond of it, with limits of the joints'
+            accelerations and a rest [s]; the first row is the command's own.
         notes: what was cut short.
     """
 
@@ -87,11 +89,8 @@ class Command:
 
         It ends ``rest`` seconds after the arm stands, or goes back as fast as it came.
         """
-        knot = min(knot, len(self.q) - 1)
-        n = self.q.shape[1]
-        limit = _accelerations(reaction.joint_acceleration, n, "reaction.joint_acceleration")
-        q, qd = self.react(knot, reaction, limit, rest)
-        return Command(q, qd, self.react)
+        limit = _accelerations(reaction.joint_acceleration, self.q.shape[1], "reaction.joint_acceleration")
+        return self.react(self, min(knot, len(self.q) - 1), reaction, limit, rest)
 
 
 def _check_name(field: str, name: str, names: tuple[str, ...]) -> None:
@@ -160,7 +159,6 @@ def line(
     rows = 6 if task == "pose" else 3
     if len(free) < rows:
         raise InputError("task", f"{task!r} needs {rows} free joints, {len(free)} are free", "free more of them")
-    steps = round(duration / COMMAND_STEP)
     setup = _setup(robot, limit, "stop")
     line, timing = setup.motion, setup.timing
     line.tip = setup.contact.point
@@ -169,44 +167,39 @@ def line(
     if target.any():
         setup.contact.along_motion = False
         setup.contact.normal = (target / np.linalg.norm(target)).tolist()
-    timing.steps, timing.from_rest = steps, start == "rest"
+    timing.from_rest = start == "rest"
     begin = _native.line_start(setup, pose, target)
     if begin.singular:
         raise InputError("pose", "is singular: no finite joint rates move the tip as asked", "give another pose")
-    path = _native.stopping_curve(setup, pose, target, None, _native.Contact())
-    states = path.reaction_state
-    first = np.zeros(n) if start == "rest" else begin.qd
-    positions = np.tile(pose, (len(states) + 1, 1))
-    rates = np.zeros_like(positions)
-    rates[0] = first
-    positions[1:, free], rates[1:, free] = states[:, 0], states[:, 1]
-    notes = (
-        () if path.end == "motion_end" else (f"The line ends after {len(states) * COMMAND_STEP:.3g} s: {path.end}.",)
-    )
     resolver = _Resolver(robot, free, rows)
 
-    def react(knot: int, reaction: PlantReaction, limit: FloatArray, rest: float) -> tuple[FloatArray, FloatArray]:
+    def traced(steps: int) -> tuple[FloatArray, FloatArray, str]:
+        """Positions and rates of so many milliseconds, or fewer, and what ends them."""
+        timing.steps = steps
+        path = _native.stopping_curve(setup, pose, target, None, _native.Contact())
+        states = path.reaction_state
+        positions = np.tile(pose, (len(states) + 1, 1))
+        rates = np.zeros_like(positions)
+        rates[0] = np.zeros(n) if start == "rest" else begin.qd
+        positions[1:, free], rates[1:, free] = states[:, 0], states[:, 1]
+        return positions, rates, path.end
+
+    def halted(positions: FloatArray, rates: FloatArray, rest: float) -> tuple[FloatArray, FloatArray]:
+        """The same, and how the arm then brakes and stands [s]."""
+        q_stop, qd_stop = resolver.brake(positions[-1], rates[-1], None, limit, rest)
+        return np.concatenate([positions, q_stop[1:]]), np.concatenate([rates, qd_stop[1:]])
+
+    def react(command: Command, knot: int, reaction: PlantReaction, limit: FloatArray, rest: float, /) -> Command:
+        # From where that command has got: it need not be this line any more.
         aim = None if reaction.kind == "stop" else -target
-        return resolver.brake(positions[knot], rates[knot], aim, limit, rest, reaction.deceleration)
+        q, qd = resolver.brake(command.q[knot], command.qd[knot], aim, limit, rest, reaction.deceleration)
+        return Command(q, qd, react)
 
-    command = Command(positions, rates, react, notes)
+    positions, rates, end = traced(round(duration / COMMAND_STEP))
+    notes = () if end == "motion_end" else (f"The line ends after {(len(positions) - 1) * COMMAND_STEP:.3g} s: {end}.",)
     if hold > 0:
-        q_stop, qd_stop = resolver.brake(positions[-1], rates[-1], None, limit, rest=hold)
-        # Only the way in is a line, which a reaction may leave.
-        last = len(positions) - 1
-        held_react = command.react
-        whole_q, whole_qd = np.concatenate([positions, q_stop[1:]]), np.concatenate([rates, qd_stop[1:]])
-
-        def react_on_line(
-            knot: int, reaction: PlantReaction, limit: FloatArray, rest: float
-        ) -> tuple[FloatArray, FloatArray]:
-            if knot <= last:
-                return held_react(knot, reaction, limit, rest)
-            aim = None if reaction.kind == "stop" else -target
-            return resolver.brake(whole_q[knot], whole_qd[knot], aim, limit, rest, reaction.deceleration)
-
-        return Command(whole_q, whole_qd, react_on_line, notes)
-    return command
+        return Command(*halted(positions, rates, hold), react, notes)
+    return Command(positions, rates, react, notes)
 
 
 def _setup(robot: Robot, limit: FloatArray, reaction: str) -> _native.CollisionSetup:
@@ -275,7 +268,7 @@ class _Resolver:
                 left -= 1
             elif over <= 1:
                 left = round(rest / COMMAND_STEP)
-            if len(positions) > 20000:
+            elif len(positions) > _MAX_BRAKING_ROWS:
                 break
         return np.array(positions), np.array(rates)
 
@@ -295,24 +288,30 @@ def along(trajectory: Trajectory, robot: Robot, hold: float = 0.0) -> Command:
         rows = round(hold / COMMAND_STEP)
         q, qd = np.concatenate([q, np.tile(q[-1], (rows, 1))]), np.concatenate([qd, np.zeros((rows, robot.dof))])
 
-    def react(knot: int, reaction: PlantReaction, limit: FloatArray, rest: float) -> tuple[FloatArray, FloatArray]:
-        if knot >= count - 1:
-            return np.tile(q[knot], (2, 1)), np.zeros((2, robot.dof))
-        if reaction.deceleration.independent:
+    def react(command: Command, knot: int, reaction: PlantReaction, limit: FloatArray, rest: float, /) -> Command:
+        if knot >= count - 1:  # the arm stands
+            way = t[-1:]
+        elif reaction.deceleration.independent:
             raise InputError("reaction.stop_category", "0 is not available along a trajectory", "valid: 1 or 2")
-        setup = _setup(robot, limit, reaction.kind)
-        setup.motion.deceleration = reaction.deceleration.native
-        kernel = _native.Trajectory(setup, trajectory.time, trajectory.coefficients)
-        # Tick k comes after step k + 1, and the path begins there.
-        way = np.concatenate([[t[knot]], kernel.reaction(max(0, knot - 1))])
-        if reaction.kind == "reverse":
-            way = np.concatenate([way, way[-1] - np.arange(1, round(rest / COMMAND_STEP) + 1) * COMMAND_STEP])
         else:
-            way = np.concatenate([way, np.full(round(rest / COMMAND_STEP), way[-1])])
+            setup = _setup(robot, limit, reaction.kind)
+            setup.motion.deceleration = reaction.deceleration.native
+            kernel = _native.Trajectory(setup, trajectory.time, trajectory.coefficients)
+            # Tick k comes after step k + 1, and its path begins there: a reaction at once waits for the first.
+            way = kernel.reaction(max(0, knot - 1))
+            way = way if knot > 0 else np.concatenate([t[:1], way])
+        final = -1.0 if reaction.kind == "reverse" else 0.0
+        slowed = len(way) - 1
+        way = np.concatenate([way, way[-1] + final * np.arange(1, round(rest / COMMAND_STEP) + 1) * COMMAND_STEP])
         way = np.clip(way, 0.0, trajectory.duration)
-        found = trajectory.at(way)
-        rates = np.gradient(found, COMMAND_STEP, axis=0)
-        rates[0] = trajectory.at(float(way[0]), 1)
-        return found, rates
+        speed = np.gradient(way, COMMAND_STEP)  # along the path
+        speed[slowed] = final
+        found, rates = trajectory.at(way), trajectory.at(way, 1) * speed[:, None]
+        rates[0] = command.qd[knot]
+        return Command(found, rates, _reacts_once)
 
     return Command(q, qd, react)
+
+
+def _reacts_once(command: Command, knot: int, reaction: PlantReaction, limit: FloatArray, rest: float, /) -> Command:
+    raise InputError("reaction", "has begun along this trajectory", "leave out the second")

@@ -125,6 +125,8 @@ def press(
 ) -> Command:
     """Go along a line from rest and come back, as in section 3.2.
 
+    A reaction that reverses moves the tip back along the line; one that begins on the way back lets it go on there.
+
     Args:
         robot: the arm.
         q: start pose (dof,) [rad or m].
@@ -160,9 +162,9 @@ def press(
     last = int(far[0])
     turn = PlantReaction(kind="reverse", joint_acceleration=joint_acceleration)
     back = there.reaction(last, turn, rest=seconds)
-    return Command(
-        np.concatenate([there.q[:last], back.q]), np.concatenate([there.qd[:last], back.qd]), there.react, ()
-    )
+    q, qd = np.concatenate([there.q[:last], back.q]), np.concatenate([there.qd[:last], back.qd])
+    # From where it then is, on the way in and on the way back.
+    return Command(q, qd, there.react)
 
 
 def _leg(t: FloatArray) -> FloatArray:

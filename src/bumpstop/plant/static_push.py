@@ -96,7 +96,7 @@ def _by_joints(arm: PushedArm, pose: FloatArray, way: FloatArray) -> Command:
     u = np.minimum(t / _PUSH_S, 1.0)[:, None]
     joints = lever * far / steepest
 
-    def react(knot: int, reaction: PlantReaction, limit: FloatArray, rest: float) -> tuple[FloatArray, FloatArray]:
+    def react(command: Command, knot: int, reaction: PlantReaction, limit: FloatArray, rest: float, /) -> Command:
         raise InputError("reaction", "has no meaning in a static push", "leave it out")
 
     return Command(pose + u * u * (3 - 2 * u) * joints, 6 * u * (1 - u) / _PUSH_S * joints, react)

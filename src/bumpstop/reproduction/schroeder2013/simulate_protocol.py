@@ -38,7 +38,7 @@ def follow(path: TimedPath) -> Command:
     t: FloatArray = np.arange(count, dtype=np.float64) * COMMAND_STEP
     q, qd, _ = path.at(t)
 
-    def react(knot: int, reaction: PlantReaction, limit: FloatArray, rest: float) -> tuple[FloatArray, FloatArray]:
+    def react(command: Command, knot: int, reaction: PlantReaction, limit: FloatArray, rest: float, /) -> Command:
         raise InputError("reaction", "has no meaning on a path of a plan", "leave it out")
 
     return Command(q, qd, react)
