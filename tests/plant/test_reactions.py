@@ -11,7 +11,7 @@ import pytest
 
 from bumpstop.collision.trajectory.trajectory import Trajectory
 from bumpstop.model import Robot
-from bumpstop.plant import Command, Experiment, PlantReaction, along, line, press
+from bumpstop.plant import Command, Experiment, Plant, PlantReaction, along, line, press
 
 TM5_700 = Path(__file__).resolve().parents[2] / "examples" / "stopping" / "tm5_700.toml"
 POSE = np.radians([0, -70, 100, -120, -90, 0])
@@ -54,8 +54,8 @@ def test_a_reaction_goes_on_from_where_the_arm_is(name: str, law: str, kind: str
     command, answer = motion(name), reaction(kind, **LAWS[law])
     count = len(command.q)
     own = np.abs(np.diff(command.qd, axis=0)).max() / 1e-3
-    for knot in (0, 1, 2, 3, 250, count // 2, count - 200, count - 3, count - 2, count - 1):
-        turned, whole = command.reaction(knot, answer), command
+    for knot in (0, 1, 2, 3, 250, count // 2, count - 200, count - 3, count - 2, count - 1, count, count + 40):
+        turned, whole = command.reaction(knot, answer), command.until(knot)
         np.testing.assert_array_equal(turned.q[0], whole.q[knot])
         np.testing.assert_array_equal(turned.qd[0], whole.qd[knot])
         change = np.abs(np.diff(turned.qd, axis=0)).max() / 1e-3
@@ -73,11 +73,65 @@ def test_a_press_that_reacts_on_its_way_back_goes_no_farther_in() -> None:
     deepest = int(depth.argmax())
     back = deepest + 100
     for kind in ("stop", "reverse"):
-        for knot in (back, len(depth) - 1):
+        for knot in (back, len(depth) - 1, len(depth) + 300):
             turned = command.reaction(knot, reaction(kind))
-            assert (-tip(turned)[:, 2] <= -tip(command)[knot, 2] + 1e-9).all()
+            assert (-tip(turned)[:, 2] <= -tip(command.until(knot))[knot, 2] + 1e-9).all()
     # What already goes back goes on as it was.
     np.testing.assert_allclose(command.reaction(back, reaction("reverse")).q[:200], command.q[back:][:200], atol=1e-12)
     # A second reaction begins where the first one is.
     stopped = command.reaction(deepest - 200, reaction("stop"))
     np.testing.assert_array_equal(stopped.reaction(20, reaction("reverse")).q[0], stopped.q[20])
+
+
+def test_a_motion_beyond_its_end() -> None:
+    short, longer = (line(Robot.load("ur5e"), POSE, DOWN, duration=s, joint_acceleration=LIMIT) for s in (0.4, 0.6))
+    np.testing.assert_allclose(short.until(600).q, longer.q, atol=1e-8)
+    np.testing.assert_allclose(short.until(600).qd, longer.qd, atol=1e-6)
+    np.testing.assert_array_equal(short.until(400).q, short.q)
+    held = motion("trajectory")
+    np.testing.assert_array_equal(held.until(1500).q[1300:], np.tile(held.q[-1], (201, 1)))
+    assert not held.until(1500).qd[1301:].any()
+    # A press goes on back.
+    pressed = motion("press")
+    way = np.diff(tip(pressed.until(len(pressed.q) + 50))[:, 2])
+    np.testing.assert_allclose(way[-60:], -DOWN[2] * 1e-3, rtol=1e-3)
+
+
+def test_a_line_that_a_joint_ends_brakes_beyond_its_end() -> None:
+    arm = Robot.load("sia5d")
+    cut = line(arm, np.radians([0, 109.7, 0, -20, 0, -40, 0]), [0, 0, -0.03], duration=2.0, joint_acceleration=LIMIT)
+    assert "joint_limit" in cut.notes[0]
+    last = len(cut.q) - 1
+    beyond = cut.until(last + 100)
+    assert len(beyond.q) == last + 101
+    assert np.abs(np.diff(beyond.qd[last:], axis=0)).max() < 1.01e-3 * LIMIT
+    assert not beyond.qd[-1].any()
+
+
+def test_a_latency_that_outlasts_a_line_is_waited_for() -> None:
+    """While it lasts the line goes on: the arm is as if it had been longer from the outset."""
+    found = []
+    for seconds in (0.35, 0.6):
+        data = {
+            "robot": "sia5d",
+            "pose_deg": [0, 30, 0, -20, 0, -40, 0],
+            "motion": {"kind": "line", "velocity_mm_s": [0, 0, -50], "duration_s": seconds, "held_joints": [7]},
+            "object": [{"kind": "hand_finger", "ahead_mm": 14}],
+            "reaction": {"kind": "stop", "force_N": 20, "latency_s": 0.1},
+        }
+        found.append(Experiment.from_dict(data).run())
+    short, longer = found
+    assert short.reaction_time is not None
+    assert short.reaction_time > 0.35
+    assert short.reaction_time == longer.reaction_time
+    assert short.peak_force == pytest.approx(longer.peak_force, rel=1e-4)
+    np.testing.assert_allclose(short.recording.q, longer.recording.q, atol=1e-8)
+
+
+def test_the_longest_latency_fits_into_the_record() -> None:
+    robot = Robot.load("ur5e")
+    slow = line(robot, POSE, [0.0, 0.0, -0.001], duration=0.1)
+    run = Plant(robot).run(slow, on_sample=lambda s: PlantReaction(kind="stop", latency_s=10.0))
+    assert run.reaction_time == pytest.approx(10.001)
+    assert run.trace.t[-1] == pytest.approx(10.25, abs=0.005)
+    assert run.recording.t[-1] == pytest.approx(run.trace.t[-1], abs=0.005)

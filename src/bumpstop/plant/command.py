@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, Protocol, get_args
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 COMMAND_STEP = 1e-3
 SUBSTEPS = 5
 _MAX_DURATION_S = 3600.0
-_MAX_LATENCY_S = 10.0
+MAX_LATENCY_S = 10.0
 _AFTERWARDS_S = 0.25
 _MAX_BRAKING_ROWS = 20_000
 
@@ -50,8 +50,8 @@ class PlantReaction:
 
     def __post_init__(self) -> None:
         _check_name("reaction.kind", self.kind, get_args(Turn))
-        if not 0 <= as_number(self.latency_s, "reaction.latency_s") <= _MAX_LATENCY_S:
-            raise InputError("reaction.latency_s", f"is {self.latency_s} s", f"wanted 0 to {_MAX_LATENCY_S:g}")
+        if not 0 <= as_number(self.latency_s, "reaction.latency_s") <= MAX_LATENCY_S:
+            raise InputError("reaction.latency_s", f"is {self.latency_s} s", f"wanted 0 to {MAX_LATENCY_S:g}")
         if self.deceleration.independent and self.kind == "reverse":
             problem = "is 'reverse', which joints that brake by themselves cannot"
             raise InputError("reaction.kind", problem, "wanted 'stop'")
@@ -72,12 +72,14 @@ class Command:
         react: what a command turns into if the arm reacts at a millisecond of it, with limits of the joints'
             accelerations and a rest [s]; the first row is the command's own.
         notes: what was cut short.
+        go_on: positions and rates of so many milliseconds beyond the end; None: it holds its end.
     """
 
     q: FloatArray
     qd: FloatArray
     react: _Reactions
     notes: tuple[str, ...] = field(default=())
+    go_on: Callable[[int], tuple[FloatArray, FloatArray]] | None = None
 
     @property
     def duration(self) -> float:
@@ -90,7 +92,21 @@ class Command:
         It ends ``rest`` seconds after the arm stands, or goes back as fast as it came.
         """
         limit = _accelerations(reaction.joint_acceleration, self.q.shape[1], "reaction.joint_acceleration")
-        return self.react(self, min(knot, len(self.q) - 1), reaction, limit, rest)
+        return self.react(self.until(knot), knot, reaction, limit, rest)
+
+    def until(self, knot: int) -> Command:
+        """The same motion, told up to millisecond ``knot`` at least.
+
+        Beyond its end a line goes on, or brakes where joints or singularities end it; a trajectory holds its end.
+        """
+        missing = knot + 1 - len(self.q)
+        if missing <= 0:
+            return self
+        if self.go_on is None:
+            q, qd = np.tile(self.q[-1], (missing, 1)), np.zeros((missing, self.q.shape[1]))
+        else:
+            q, qd = self.go_on(missing)
+        return Command(np.concatenate([self.q, q]), np.concatenate([self.qd, qd]), self.react, self.notes)
 
 
 def _check_name(field: str, name: str, names: tuple[str, ...]) -> None:
@@ -195,11 +211,18 @@ def line(
         q, qd = resolver.brake(command.q[knot], command.qd[knot], aim, limit, rest, reaction.deceleration)
         return Command(q, qd, react)
 
+    def go_on(count: int) -> tuple[FloatArray, FloatArray]:
+        """Along the line, as a path of ``collision`` while a latency outlasts it."""
+        longer, faster, end = traced(len(positions) - 1 + count)
+        if end != "motion_end":
+            longer, faster = halted(longer, faster, count * COMMAND_STEP)
+        return longer[len(positions) :][:count], faster[len(positions) :][:count]
+
     positions, rates, end = traced(round(duration / COMMAND_STEP))
     notes = () if end == "motion_end" else (f"The line ends after {(len(positions) - 1) * COMMAND_STEP:.3g} s: {end}.",)
     if hold > 0:
         return Command(*halted(positions, rates, hold), react, notes)
-    return Command(positions, rates, react, notes)
+    return Command(positions, rates, react, notes, go_on)
 
 
 def _setup(robot: Robot, limit: FloatArray, reaction: str) -> _native.CollisionSetup:

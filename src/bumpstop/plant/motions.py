@@ -162,9 +162,14 @@ def press(
     last = int(far[0])
     turn = PlantReaction(kind="reverse", joint_acceleration=joint_acceleration)
     back = there.reaction(last, turn, rest=seconds)
+
+    def go_on(count: int) -> tuple[FloatArray, FloatArray]:
+        farther = there.reaction(last, turn, rest=seconds + count * COMMAND_STEP)
+        return farther.q[len(back.q) :], farther.qd[len(back.q) :]
+
     q, qd = np.concatenate([there.q[:last], back.q]), np.concatenate([there.qd[:last], back.qd])
     # From where it then is, on the way in and on the way back.
-    return Command(q, qd, there.react)
+    return Command(q, qd, there.react, go_on=go_on)
 
 
 def _leg(t: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.errors import InputError
 from bumpstop.model import Robot, gravity_torque, inverse_dynamics, mass_matrix, with_rotors
 from bumpstop.model.dynamics import STANDARD_GRAVITY
-from bumpstop.plant.command import COMMAND_STEP, Command, PlantReaction
+from bumpstop.plant.command import COMMAND_STEP, MAX_LATENCY_S, Command, PlantReaction
 from bumpstop.plant.drive import Drives, Gears, per_joint
 from bumpstop.plant.mjcf import import_mujoco, mjcf
 from bumpstop.plant.objects import ObjectForces, PlantObject
@@ -28,7 +28,7 @@ from bumpstop.plant.static_push import series_stiffness
 if TYPE_CHECKING:
     from bumpstop.joint import JointTorqueModel
 
-# A reaction may outlast its motion by so much; samples are planned for it.
+# A reaction may outlast its motion by so much, beyond its latency; samples are planned for it.
 _AFTERWARDS_S = 5.0
 
 
@@ -208,12 +208,13 @@ class Plant:
         damping, against, slope, base = drives.resist(
             np.array(data.qpos[motor]), command.qd[0], self._needed(command.q[0], command.qd[0])
         )
-        longest = command.duration + _AFTERWARDS_S
+        afterwards = _AFTERWARDS_S + (0.0 if on_sample is None else MAX_LATENCY_S)
+        longest = command.duration + afterwards
         plans = [SamplePlan.draw(sensors, n, longest, STEP, COMMAND_STEP, seed) for sensors, seed in recorders]
         sample_at = np.unique(np.concatenate([plan.step[plan.kept] for plan in plans]))
         next_sample: list[int] = [*sample_at.tolist(), np.iinfo(np.int64).max]
         log = SampleLog.empty(sample_at, n)
-        trace = PlantTrace.empty(len(command.q) + round(_AFTERWARDS_S / COMMAND_STEP), n, len(self.objects))
+        trace = PlantTrace.empty(len(command.q) + round(afterwards / COMMAND_STEP), n, len(self.objects))
         sample = 0
         turn_at: int | None = None  # step at which the reaction begins
         answer: PlantReaction | None = None
@@ -251,6 +252,10 @@ class Plant:
                             answer = said
                             late = (step * STEP + answer.latency_s) / COMMAND_STEP
                             turn_at = math.ceil(late - 1e-6) * PER_COMMAND
+                            if turn_at > last:
+                                command = command.until(turn_at // PER_COMMAND)
+                                controls = self._controls(command, kp, kv)
+                                last = len(controls)
                     sample += 1
             motor_q, motor_qd = np.array(qpos[motor]), np.array(qvel[motor])
             row_of_trace = step // PER_COMMAND - 1
@@ -259,7 +264,7 @@ class Plant:
                 forces = self._forces.contact()
                 trace.contact_force[row_of_trace] = forces
                 trace.measured_force[row_of_trace] = self._forces.measured(forces)
-            if turn_at is not None and answer is not None and reacted is None and step >= min(turn_at, last):
+            if turn_at is not None and answer is not None and reacted is None and step >= turn_at:
                 knot = step // PER_COMMAND
                 turned = command.reaction(knot, answer)
                 controls, first_control = self._controls(turned, kp, kv), step
