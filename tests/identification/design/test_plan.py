@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -47,6 +48,23 @@ def test_trajectories_keep_to_limits_and_floor(name: str, plans: dict[str, Ident
         for joint in robot.joints[2:]:
             assert robot.pose(q[::10], joint.link)[:, 2, 3].min() > 0.08
         assert robot.pose(q[::10])[:, 2, 3].min() > 0.08
+
+
+@pytest.mark.parametrize("name", ["ur10e", "sia5d", "panda"])
+@pytest.mark.parametrize("shares", [(0.05, 0.08), (0.1, 0.25)])
+def test_nothing_is_faster_than_the_fastest_speed_asked_for(
+    name: str, shares: tuple[float, ...], plans: dict[str, IdentificationPlan]
+) -> None:
+    """Neither ramps nor ways between strokes nor swings: whoever asks for slow strokes means all that the arm does."""
+    plan = plans[name]
+    slow = replace(plan, settings=replace(SHORT, speed_shares=shares), experiments=tuple(
+        replace(one, speeds=tuple(share * plan.robot.joints[one.joint].velocity for share in shares))
+        for one in plan.experiments
+    ))  # fmt: skip
+    for experiment in slow.experiments:
+        _, qd, _ = every_5_ms(slow.path(experiment))
+        assert (np.abs(qd) <= shares[-1] * plan.robot.velocity * (1 + 1e-9)).all()
+        assert np.abs(qd[:, experiment.joint]).max() > 0.99 * shares[-1] * plan.robot.joints[experiment.joint].velocity
 
 
 @pytest.mark.parametrize("name", ["ur10e", "sia5d", "panda"])

@@ -52,7 +52,7 @@ def identification(
     robot: RobotName,
     out: Folder = None,
     speeds: Annotated[
-        str, typer.Option(metavar="LIST", help="Percent of each joint's largest speed.")
+        str, typer.Option(metavar="LIST", help="Percent of each joint's largest speed; no motion is faster.")
     ] = "10,20,30,40,50,60,70,80,90,100",
     repeats: Annotated[int, typer.Option(help="Strokes at every speed, there and back.")] = 15,
     ramps: Annotated[int, typer.Option(help="Strokes at every acceleration, there and back.")] = 3,

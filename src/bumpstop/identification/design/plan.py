@@ -28,7 +28,8 @@ SPEED_SHARES = tuple(tenth / 10 for tenth in range(1, 11))  # table 2.1
 _CONSTANT_SHARE = 0.25
 _RAMP_SHARES = (1 / 3, 2 / 3, 1.0)  # of the acceleration
 _TRAVEL_SHARE = 0.3  # of the joints' speeds, between experiments
-_MIN_APPROACH = 0.1  # share of the speed at which a held pose is reached
+_APPROACH_SHARE, _MIN_APPROACH = 0.3, 0.1  # of the joint's speed, before a held pose and into it
+_SWING_SHARE = 0.2  # of the speed of the joint that swings
 _ROUTE_CHECKS = 60
 _ROUTE_TRIES = 400
 _SEED = 13
@@ -39,7 +40,8 @@ class ProtocolSettings:
     """What a plan is made for.
 
     Attributes:
-        speed_shares: of a joint's largest speed (table 2.1: 10 % to 100 %).
+        speed_shares: of a joint's largest speed (table 2.1: 10 % to 100 %); no motion of the plan is faster than the
+            greatest.
         repeats: of every speed in both directions (table 2.1: 15).
         ramp_repeats: of every acceleration in both directions.
         holds: of the hold test from either side; 0: none.
@@ -160,8 +162,11 @@ class IdentificationPlan:
     def path(self, experiment: JointExperiment) -> TimedPath:
         """From home through strokes, ramps and holds of one joint, and home again."""
         settings, joint = self.settings, experiment.joint
-        travel = _TRAVEL_SHARE * self.robot.velocity
-        slow = _MIN_APPROACH * float(self.robot.velocity[joint])
+        # Nothing between strokes is faster than they are: whoever asks for slow ones means the whole motion.
+        largest, most = self.robot.velocity, max(settings.speed_shares)
+        travel = min(_TRAVEL_SHARE, most) * largest
+        approach = min(_APPROACH_SHARE, most) * float(largest[joint])
+        slow = min(_MIN_APPROACH, most) * float(largest[joint])
         path = PathBuilder(self.home)
         there = [*experiment.route, experiment.at(experiment.high)]
         path.rest(1.0)
@@ -173,14 +178,17 @@ class IdentificationPlan:
                 self._there_and_back(path, experiment, speed, settings.acceleration)
         for _ in range(settings.ramp_repeats):
             for acceleration in experiment.accelerations:
-                # As fast as the way and the limit allow: in the ideal all of it is ramps.
-                self._there_and_back(path, experiment, float(self.robot.velocity[joint]), acceleration)
+                # As fast as way and strokes allow: in the ideal all of it is ramps.
+                self._there_and_back(path, experiment, most * float(largest[joint]), acceleration)
         if experiment.hold_joint is not None:
-            middle, hold_speed = float(experiment.pose[joint]), float(self.robot.velocity[experiment.hold_joint])
+            middle, swing_speed = (
+                float(experiment.pose[joint]),
+                min(_SWING_SHARE, most) * largest[experiment.hold_joint],
+            )
             for number in range(2 * settings.holds):
-                path.stroke(joint, experiment.low if number % 2 else experiment.high, 3 * slow, settings.acceleration)
+                path.stroke(joint, experiment.low if number % 2 else experiment.high, approach, settings.acceleration)
                 path.stroke(joint, middle, slow, settings.acceleration)
-                self._swing(path, experiment.hold_joint, experiment.swing, 0.2 * hold_speed)
+                self._swing(path, experiment.hold_joint, experiment.swing, float(swing_speed))
         path.move_to(experiment.at(experiment.high), travel, settings.acceleration)
         for pose in [*reversed(there[:-1]), self.home]:
             path.move_to(pose, travel, settings.acceleration)
