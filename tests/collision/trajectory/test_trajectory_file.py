@@ -118,6 +118,10 @@ CSV_REFUSALS = {
         HEAD[:-1] + ",qd_1,qd_2,qd_3\n0,0,0,0,0,0,0\n0.0005,0,0,0,0,3,0\n0.001,0,0,0,0,0,0\n9,0,0,0.1,0,0,0\n",
         "between rows 1 and 2 .*q_2: joint 2 moves at 3 m/s; its limit is 1 m/s",
     ),
+    "speed next to the limit": (
+        HEAD + "0,0,0,0\n1,0,1.00002,0\n",
+        "joint 2 moves at 1.00002 m/s; its limit is 1 m/s",
+    ),
     "too short": (HEAD + "0,0,0,0\n0.0005,0,0,0\n", "the motion takes 0.0005 s; wanted 0.001 to 120 s"),
     "too long": (HEAD + "0,0,0,0\n200,0,0,0.5\n", "the motion takes 200 s"),
 }  # fmt: skip

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
+from bumpstop.collision.trajectory.trajectory import load_motion
 from bumpstop.collision.trajectory.trajectory_file import read_rows
 from bumpstop.identification.design.clearance import Clearance
 from bumpstop.identification.design.gravity_pose import Unobservable, find_gravity_pose
@@ -192,6 +193,16 @@ def test_trajectory_files_are_read_back_as_the_same_motion(
         np.testing.assert_allclose(rows.position, q, atol=1e-7)
         np.testing.assert_allclose(rows.velocity, qd, atol=1e-6)
         assert rows.time[-1] == pytest.approx(path.duration, abs=1e-6)
+
+
+@pytest.mark.parametrize("rate", [20.0, 50.0, 500.0])
+def test_planned_rows_are_within_limits_as_they_are_read(rate: float, tmp_path: Path) -> None:
+    """Strokes at all of a joint's speed: a curve through the rows may pass what they keep."""
+    robot = bs.Robot.load("ur10e")
+    plan = plan_identification(robot, ProtocolSettings(speed_shares=(0.5, 1.0), repeats=1, ramp_repeats=1, holds=0))
+    for experiment in plan.experiments:
+        (tmp_path / "joint.csv").write_text(trajectory_csv(plan.path(experiment), rate))
+        assert load_motion(tmp_path / "joint.csv", robot).duration < 120
 
 
 def test_damaged_plans_are_refused(tmp_path: Path, plans: dict[str, IdentificationPlan]) -> None:

@@ -228,11 +228,13 @@ def _check_between(path: Path, rows: Rows, trajectory: Trajectory, robot: Robot)
     if len(over):
         i, j = (int(x) for x in over[0])
         worst = int(np.argmax(np.abs(rate[i, :, j])))
+        fastest, limit = float(np.abs(rate[i, worst, j])), float(robot.velocity[j])
+        digits = next(count for count in range(4, 18) if f"{fastest:.{count}g}" != f"{limit:.{count}g}")
         raise refusal(
             path,
             f"{_between(rows, i, at[i, worst, j])}, column {rows.position_names[j]}: joint {j + 1} moves at "
-            f"{abs(rate[i, worst, j]):.4g} {_unit(robot, j)}/s",
-            f"its limit is {robot.velocity[j]:.4g} {_unit(robot, j)}/s",
+            f"{fastest:.{digits}g} {_unit(robot, j)}/s",
+            f"its limit is {limit:.{digits}g} {_unit(robot, j)}/s",
         )
     at, position = trajectory.extremes(0)
     beyond = np.maximum(robot.lower - position, position - robot.upper)

@@ -27,6 +27,8 @@ SPEED_SHARES = tuple(tenth / 10 for tenth in range(1, 11))  # table 2.1
 # A stroke is of use where its constant speed lasts for this share of the way.
 _CONSTANT_SHARE = 0.25
 _RAMP_SHARES = (1 / 3, 2 / 3, 1.0)  # of the acceleration
+# Of a joint's speed: a curve through rows of a file that lie on the limit would pass it.
+_MAX_SHARE = 0.999
 _TRAVEL_SHARE = 0.3  # of the joints' speeds, between experiments
 _APPROACH_SHARE, _MIN_APPROACH = 0.3, 0.1  # of the joint's speed, before a held pose and into it
 _SWING_SHARE = 0.2  # of the speed of the joint that swings
@@ -163,7 +165,7 @@ class IdentificationPlan:
         """From home through strokes, ramps and holds of one joint, and home again."""
         settings, joint = self.settings, experiment.joint
         # Nothing between strokes is faster than they are: whoever asks for slow ones means the whole motion.
-        largest, most = self.robot.velocity, max(settings.speed_shares)
+        largest, most = self.robot.velocity, min(max(settings.speed_shares), _MAX_SHARE)
         travel = min(_TRAVEL_SHARE, most) * largest
         approach = min(_APPROACH_SHARE, most) * float(largest[joint])
         slow = min(_MIN_APPROACH, most) * float(largest[joint])
@@ -273,7 +275,7 @@ def _experiment(
     joint = found.joint
     name, largest = arm.joints[joint].name, arm.joints[joint].velocity
     top = top_speed(found.high - found.low, settings.acceleration, _CONSTANT_SHARE)
-    speeds = tuple(share * largest for share in settings.speed_shares if share * largest <= top)
+    speeds = tuple(min(share, _MAX_SHARE) * largest for share in settings.speed_shares if share * largest <= top)
     if len(speeds) < 2:
         return Unobservable(
             joint,
