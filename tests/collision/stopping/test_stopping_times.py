@@ -162,6 +162,40 @@ def test_without_a_payload_the_slowest_counts(tmp_path: Path) -> None:
     assert given == heavy
 
 
+def crossing(p: float, e: float, v: float, j: int) -> float:
+    """Toward low rates the light payload takes longer, the heavy one not; joint 3 does not tell them apart."""
+    if j == 3:
+        return 0.17 * v
+    return (0.16 - 0.0005 * v) * v if p == 50 else 0.155 * v * (1 + 0.001 * v)
+
+
+@pytest.mark.parametrize("speed", [1.0, 5.0, 15.0, 20.0, 33.0, 60.0, 90.0, 100.0, 130.0])
+def test_without_a_payload_no_payload_takes_longer_at_any_rate(tmp_path: Path, speed: float) -> None:
+    pose = np.array([[0, -40, 100, 0, 0, 0]]) * DEG
+    found = []
+    for payload in ({}, *({"payload_percent": percent} for percent in (50.0, 60.0, 75.0, 99.0, 100.0))):
+        problem = bs.CollisionProblem.from_scenario(one_joint(tmp_path, 1, 1.0, grid(crossing), STRETCHED, **payload))
+        assert problem.deceleration.times is not None
+        found.append(problem.deceleration.times.by_joint(problem.robot, pose, np.full((1, 6), speed * DEG))[0])
+    unknown, known = found[0], np.array(found[1:])
+    assert (unknown >= known.max(axis=0) - 1e-12).all()
+    # Joints 4 to 6 are not in the table, and take the longest of those that are.
+    assert (known[:, 3:] >= known[:, :3].max(axis=1, keepdims=True) - 1e-12).all()
+    if speed >= 60 or speed == 20:  # the two cross below, where the line between the longest at both ends is longer
+        np.testing.assert_allclose(unknown[:3], known[:, :3].max(axis=0), rtol=1e-9)
+
+
+def test_brakes_without_a_payload_are_noted(tmp_path: Path) -> None:
+    """A joint that stops sooner may leave the tip farther, so the longest time of every joint is no bound."""
+    told = [
+        " ".join(bs.CollisionProblem.from_scenario(line(tmp_path, grid(plain), **table, **more)).notes)
+        for table in ({"kind": "stop", "deceleration": "table", "stopping_table": "table.csv"},)
+        for more in ({"stop_category": 0}, {"stop_category": 1})
+    ]
+    assert ["a known payload may go farther" in text for text in told] == [True, False]
+    assert all("of every joint the longest time of all payloads" in text for text in told)
+
+
 @pytest.mark.parametrize(
     ("table", "reaction", "field", "problem"),
     [

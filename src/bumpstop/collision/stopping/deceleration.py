@@ -118,12 +118,12 @@ class Deceleration:
             limit_time: of the slowest joint at its acceleration limit, rate over limit [s]; any shape.
 
         Returns:
-            The same shape. Of a table the longest of all its times.
+            The same shape. Of a table the longest of all times at its rates.
         """
         if self.law == "constant_time":
             return np.full_like(limit_time, self.stopping_time)
         if self.times is not None:
-            return np.full_like(limit_time, float(self.times.time.max()))
+            return np.full_like(limit_time, float(self.times.time[..., self.times.rate > 0].max()))
         if self.law == "constant" or not self.ramp_time:
             return np.asarray(limit_time)
         ramp = self.ramp_time

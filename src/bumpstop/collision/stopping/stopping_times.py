@@ -34,7 +34,7 @@ class StoppingTimes:
 
     Attributes:
         extension: levels (E,), rising, share of the reach [1]; a single one where the table has none.
-        rate: levels (R,), rising [rad/s or m/s].
+        rate: levels (R,), rising from 0 on, where times are extrapolated [rad/s or m/s].
         time: (dof, E, R) [s].
         reach: farthest the tip gets from the axis of joint 1 [m].
         notes: what was assumed.
@@ -75,7 +75,7 @@ def stopping_times(reaction: BrakingKeys, folder: Path, robot: Robot) -> Stoppin
     """The times of a reaction's stopping table, whose path starts at ``folder``, at its payload.
 
     Between payloads, extensions and rates they are interpolated linearly. Beyond the grid the nearest level counts
-    that stops later, and a note says so.
+    that stops later, and a note says so. Without a payload every joint takes its longest time of any.
 
     Raises:
         InputError: the table is not of this robot's joints, or ends below the payload.
@@ -93,15 +93,17 @@ def stopping_times(reaction: BrakingKeys, folder: Path, robot: Robot) -> Stoppin
     elif len(extensions) > 1 and not math.isfinite(robot.reach):
         raise InputError(_FIELD, f"goes by extension, and {robot.name} reaches without bound", "leave the column out")
     rates = np.unique(table.speed[table.known].round(12))
+    # What is longest in the slowest row need not be below it, where times grow toward it: at rest all are extrapolated.
+    nodes = np.concatenate([[0.0], rates])
     payloads, weights = _payload_weights(table, reaction, robot, notes)
     listed = np.stack(
         [
-            np.stack([_times(table, k, payload, extensions, rates) for k in range(len(table.joints))])
+            np.stack([_times(table, k, payload, extensions, nodes) for k in range(len(table.joints))])
             for payload in payloads
         ]
     )
     with_payload = listed.max(axis=0) if weights is None else np.tensordot(weights, listed, axes=1)
-    time = np.empty((robot.dof, len(extensions), len(rates)))
+    time = np.empty((robot.dof, len(extensions), len(nodes)))
     # A joint that the table leaves out takes as long as the slowest of those it has.
     time[:] = with_payload.max(axis=0)
     for k, joint in enumerate(table.joints):
@@ -117,7 +119,7 @@ def stopping_times(reaction: BrakingKeys, folder: Path, robot: Robot) -> Stoppin
     )
     return StoppingTimes(
         extension=extensions,
-        rate=rates,
+        rate=nodes,
         time=time,
         reach=robot.reach if len(extensions) > 1 else 1.0,
         notes=tuple(notes),
@@ -163,7 +165,10 @@ def _payload_weights(
         return [math.nan], None
     if given is None:
         if len(levels) > 1:
-            notes.append("Payload not given: the slowest stop of all payloads in the stopping table counts.")
+            told = "Payload not given: of every joint the longest time of all payloads in the stopping table counts."
+            if reaction.stop_category == 0:
+                told += " In stop category 0 a known payload may go farther, where some joint stops sooner."
+            notes.append(told)
         return levels.tolist(), None
     if given > levels[-1] * (1 + 1e-9):
         unit, factor = ("kg", 1.0) if table.payload_unit == "kg" else ("%", 100.0)
