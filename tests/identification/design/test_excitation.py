@@ -10,6 +10,7 @@ from bumpstop.collision.trajectory.trajectory import Trajectory
 from bumpstop.identification.design.excitation import Excitation, ExcitationSettings, base_columns, plan_excitation
 from bumpstop.identification.dynamics.regressor import inertial_regressor
 from bumpstop.study.speed.retiming import retime
+from cli.support import run, strict_json
 
 GRAVITY = (0.0, 0.0, -9.80665)
 SETTINGS = ExcitationSettings(rounds=120, seed=3, speed_share=0.5, acceleration=3.0)
@@ -112,3 +113,15 @@ def test_the_written_motion_rests_at_both_ends_and_can_be_slowed(found: Excitati
     slow = retime(Trajectory(path.t, path.q, path.qd), half, found.robot.velocity, np.full(found.robot.dof, 4.5))
     # At half the pace throughout, but for the time to gather it.
     assert 2 * path.duration <= slow.time[-1] < 2.1 * path.duration + 2
+
+
+def test_a_motion_that_shows_nothing_is_told() -> None:
+    """Its condition number is infinite, for which JSON has no number."""
+    still = ("--harmonics", 2, "--rounds", 0, "--period-s", 1, "--acceleration", 0.01)
+    done = run("plan", "excitation", "--robot", "ur5e", *still, "--json")
+    assert done.status == 0, done.err
+    said = strict_json(done.out)
+    assert said["condition_number"] is None
+    assert said["condition_number_of_random_start"] is None
+    told = run("plan", "excitation", "--robot", "ur5e", *still).out
+    assert "condition number infinite: the motion does not tell the base parameters apart" in told

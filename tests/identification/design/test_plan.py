@@ -12,7 +12,7 @@ import pytest
 import bumpstop as bs
 from bumpstop.collision.trajectory.trajectory import load_motion
 from bumpstop.collision.trajectory.trajectory_file import read_rows
-from bumpstop.identification.design.clearance import Clearance
+from bumpstop.identification.design.clearance import Clearance, usable_joint_range
 from bumpstop.identification.design.gravity_pose import Unobservable, find_gravity_pose
 from bumpstop.identification.design.plan import IdentificationPlan, ProtocolSettings, plan_identification
 from bumpstop.identification.design.plan_file import load_plan, save_plan
@@ -135,6 +135,46 @@ def test_what_leaves_no_way_is_said() -> None:
     assert "clear of the floor" in found.reason
     with pytest.raises(bs.InputError, match="no pose of ur5e is clear"):
         plan_identification(robot, ProtocolSettings(floor=3.0))
+
+
+@pytest.mark.parametrize(
+    ("limits", "usable"),
+    [
+        ((3.3, 6.1), (3.3, 6.1)),
+        ((-6.1, -3.3), (-6.1, -3.3)),
+        ((3.0, 6.1), (3.0, 6.1)),
+        ((2.0, 20.0), (2.0, 2.0 + 2 * np.pi)),
+        ((-20.0, -2.0), (-2.0 - 2 * np.pi, -2.0)),
+        ((-2.0, 2.5), (-2.0, 2.5)),
+        ((-0.02, 3.75), (-0.02, np.pi)),  # most of it lies within half a turn
+        ((-2 * np.pi, 2 * np.pi), (-np.pi, np.pi)),
+        ((-np.inf, np.inf), (-np.pi, np.pi)),
+    ],
+)
+def test_ranges_beyond_half_a_turn_are_used(limits: tuple[float, float], usable: tuple[float, float]) -> None:
+    robot = bs.Robot.load("ur5e")
+    third = replace(robot.joints[2], lower=limits[0], upper=limits[1])
+    low, high = usable_joint_range(replace(robot, joints=(*robot.joints[:2], third, *robot.joints[3:])))
+    np.testing.assert_allclose((low[2], high[2]), usable)
+
+
+def test_a_joint_beyond_half_a_turn_is_planned() -> None:
+    """The elbow counted from a turn before: the same arm, and the same stroke a turn farther."""
+    robot = bs.Robot.load("ur5e")
+    settings = replace(SHORT, floor=None)
+
+    def plan(turn: float) -> IdentificationPlan:
+        elbow = replace(robot.joints[2], lower=turn - 2.5, upper=turn + 2.5)
+        return plan_identification(replace(robot, joints=(*robot.joints[:2], elbow, *robot.joints[3:])), settings)
+
+    plain, turned = plan(0.0), plan(4 * np.pi)
+    assert [one.joint for one in turned.experiments] == [one.joint for one in plain.experiments]
+    for experiment in turned.experiments:
+        q, _, _ = every_5_ms(turned.path(experiment))
+        assert (np.abs(q[:, 2] - 4 * np.pi) < 2.5).all()
+    one, other = plain.experiments[1], turned.experiments[1]
+    assert one.joint == 2
+    assert other.high - other.low == pytest.approx(one.high - one.low, abs=0.3)
 
 
 def test_capsules_keep_the_distance_that_mujoco_finds() -> None:

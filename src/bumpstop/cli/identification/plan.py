@@ -243,6 +243,7 @@ def excitation(
     as_json: AsJson = False,
 ) -> None:
     """Plan a Fourier series of all joints that makes their inertia visible, inside limits and clear of the floor."""
+    from bumpstop.arrays import finite_or_none
     from bumpstop.cli.progress import progress
     from bumpstop.identification.design.excitation import ExcitationSettings, plan_excitation
 
@@ -269,8 +270,8 @@ def excitation(
     if as_json:
         answer = {
             "robot": arm.name,
-            "condition_number": found.condition,
-            "condition_number_of_random_start": found.start_condition,
+            "condition_number": finite_or_none(found.condition),
+            "condition_number_of_random_start": finite_or_none(found.start_condition),
             "base_parameters": found.parameters,
             "clearance_m": found.clearance if math.isfinite(found.clearance) else None,
             "duration_s": periods * period_s,
@@ -282,9 +283,11 @@ def excitation(
         typer.echo(json.dumps(answer, allow_nan=False, indent=2))
         return
     typer.echo(f"{arm.title or arm.name}: {found.parameters} base parameters, {periods} periods of {period_s:g} s")
-    typer.echo(
-        f"condition number {found.condition:.3g}; the search began with a random motion of {found.start_condition:.3g}"
-    )
+    if math.isfinite(found.condition):
+        begun = f"the search began with a random motion of {found.start_condition:.3g}"
+        typer.echo(f"condition number {found.condition:.3g}; {begun}")
+    else:
+        typer.echo("condition number infinite: the motion does not tell the base parameters apart, try a larger one")
     if math.isfinite(found.clearance):
         typer.echo(f"clear of floor and arm by {1e3 * found.clearance:.0f} mm, links as capsules")
     typer.echo("Links are capsules here, tools and cables are not known: try it slowly first.")

@@ -73,10 +73,19 @@ class Clearance:
 
 
 def usable_joint_range(robot: Robot, margin: float = 0.0) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper joint positions a plan may use (n,): the limits less a margin [rad or m], half a turn at most."""
+    """Lower and upper joint positions a plan may use (n,): the limits less a margin [rad or m].
+
+    A joint that turns uses half a turn at most to either side of zero, or where that leaves less than half of what its
+    limits allow, a turn nearest to zero within them.
+    """
     revolute = np.array([joint.kind == "revolute" for joint in robot.joints])
     lower = np.where(revolute, np.maximum(robot.lower, -np.pi), np.where(np.isfinite(robot.lower), robot.lower, 0.0))
     upper = np.where(revolute, np.minimum(robot.upper, np.pi), np.where(np.isfinite(robot.upper), robot.upper, 0.0))
+    for j in np.flatnonzero(revolute & (upper - lower < 0.5 * np.minimum(robot.upper - robot.lower, 2 * np.pi))):
+        least, most = robot.lower[j], robot.upper[j]
+        lower[j], upper[j] = (
+            (least, min(most, least + 2 * np.pi)) if least > -most else (max(least, most - 2 * np.pi), most)
+        )
     inner = np.minimum(np.where(revolute, margin, 0.05 * (upper - lower)), 0.45 * (upper - lower))
     return lower + inner, upper - inner
 

@@ -106,7 +106,7 @@ def find_gravity_pose(
     zero = np.arctan2(-level, rise)  # level = -R sin(q0), rise = R cos(q0)
     best = np.zeros(len(poses))
     where, half = np.zeros(len(poses)), np.zeros(len(poses))
-    for turn in (-2, -1, 0, 1, 2):
+    for turn in range(math.floor(low[joint] / math.pi) - 1, math.ceil(high[joint] / math.pi) + 2):
         centre = zero + turn * math.pi
         room = np.minimum(np.minimum(centre - low[joint], high[joint] - centre), half_stroke)
         score = np.where(room > 0, amplitude * np.sin(np.maximum(room, 0.0)), 0.0)
