@@ -31,7 +31,7 @@ class DetectorSettings:
         period_s: between samples, 1e-5 to 1 [s]; None: that of the recording.
         late_periods: an interval longer than this many periods means lost samples: counted and said.
         longest_periods: beyond it the past is forgotten, and the detector without data until the window is full again.
-        frozen_s: positions and signals of all joints may repeat for so long while the arm rests [s], and for three rows
+        frozen_s: positions and signals of all joints may repeat for so long while the arm rests [s], and for five rows
             at least; while it moves, a repeat that its speed does not allow is frozen at once. Infinite: never frozen.
         limit_margin: positions this far outside their limits are impossible [rad or m].
         largest_signal: (n,) currents or torques beyond are impossible; None: any finite one will do.
