@@ -135,3 +135,16 @@ def test_the_longest_latency_fits_into_the_record() -> None:
     assert run.reaction_time == pytest.approx(10.001)
     assert run.trace.t[-1] == pytest.approx(10.25, abs=0.005)
     assert run.recording.t[-1] == pytest.approx(run.trace.t[-1], abs=0.005)
+
+
+def test_what_a_stopping_table_assumes_is_noted_where_the_arm_reacts() -> None:
+    robot = Robot.load("ur5e")
+    answer = reaction("stop", **LAWS["table"])
+    notes = []
+    for reacts in (True, False):
+        run = Plant(robot).run(
+            line(robot, POSE, DOWN, duration=0.05), on_sample=lambda s, reacts=reacts: answer if reacts else None
+        )
+        notes.append(" ".join(run.notes))
+    assert "Joint 4, 5, 6 is not in the stopping table" in notes[0]
+    assert "stopping table" not in notes[1]

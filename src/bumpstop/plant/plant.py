@@ -163,8 +163,8 @@ class Plant:
         Raises:
             InputError: the command is not for this robot, or the arm is inside an object at the start.
         """
-        log, trace, plans, reacted = self._follow(command, [(self.sensors, self.seed)], on_sample, to_end)
-        return self._run(command, log, trace, self._channels, plans[0], reacted)
+        log, trace, plans, reacted, notes = self._follow(command, [(self.sensors, self.seed)], on_sample, to_end)
+        return self._run((*command.notes, *notes), log, trace, self._channels, plans[0], reacted)
 
     def runs(self, command: Command, recorders: Sequence[tuple[Sensors, int]]) -> list[PlantRun]:
         """Follow a command once, recorded by several sensors with a seed each.
@@ -179,18 +179,18 @@ class Plant:
         Raises:
             InputError: as :meth:`run`.
         """
-        log, trace, plans, _ = self._follow(command, recorders, None, to_end=False)
+        log, trace, plans, *_ = self._follow(command, recorders, None, to_end=False)
         done = []
         for (sensors, seed), plan in zip(recorders, plans, strict=True):
-            run = self._run(command, log, trace, Channels(sensors, self.robot.dof), plan, None)
+            run = self._run(command.notes, log, trace, Channels(sensors, self.robot.dof), plan, None)
             truth = run.truth | {"seed": seed, "sensors": sensors_truth(sensors)}
             done.append(replace(run, truth=truth))
         return done
 
     def _follow(
         self, command: Command, recorders: Sequence[tuple[Sensors, int]], on_sample: OnSample | None, to_end: bool
-    ) -> tuple[SampleLog, PlantTrace, list[SamplePlan], float | None]:
-        """Move the arm and note what every recorder will need; with a callback there is one recorder."""
+    ) -> tuple[SampleLog, PlantTrace, list[SamplePlan], float | None, tuple[str, ...]]:
+        """Move the arm and note what every recorder will need, and when and how it reacted; a callback has one."""
         mj, model, data, drives = self._mujoco, self.model, self.data, self.drives
         n, motor = self.robot.dof, self._motor
         if command.q.shape[1] != n:
@@ -274,7 +274,8 @@ class Plant:
             damping, against, slope, base = drives.resist(motor_q, motor_qd, given)
         self._refuse_unstable()
         t: FloatArray = np.arange(PER_COMMAND, step + 1, PER_COMMAND).astype(np.float64) * STEP
-        return log.cut(sample), trace.cut(t), plans, reacted
+        notes = () if answer is None or reacted is None else answer.deceleration.notes
+        return log.cut(sample), trace.cut(t), plans, reacted, notes
 
     def _refuse_unstable(self) -> None:
         """MuJoCo begins anew in its own pose where a motion blows up, and goes on."""
@@ -286,7 +287,7 @@ class Plant:
 
     def _run(
         self,
-        command: Command,
+        notes: tuple[str, ...],
         log: SampleLog,
         trace: PlantTrace,
         channels: Channels,
@@ -302,7 +303,7 @@ class Plant:
         return PlantRun.of(
             self.robot,
             self.truth(),
-            (*command.notes, *self.drives.notes),
+            (*notes, *self.drives.notes),
             (t, q, current, wrench),
             trace,
             reacted,
