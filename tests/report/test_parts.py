@@ -31,6 +31,8 @@ from bumpstop.report.identification.validation import OverTimePart, WherePart
 from bumpstop.report.markup import Html, element, table
 from bumpstop.report.picture import WIDTH, Picture, axes, spread
 from bumpstop.terminal import number
+from bumpstop.view.answer import Answer
+from bumpstop.view.plots.distribution import distribution_plot
 from report.cases import evaluate
 
 
@@ -50,6 +52,14 @@ def test_area_section_states_the_crossing(law):
     text = " ".join(AreaSection(law).content())
     assert "from 2.25 cm² on" in text
     assert "120 N are allowed" in text
+
+
+def test_what_false_alarms_keep_away_touches_nothing():
+    """Such cases are no cases of no contact, which ends without an alarm."""
+    kept_away = evaluate({"detector.noise_sd_Nm": 12.0, "contact.offset_law": "fixed", "contact.offset_mm": 30.0})
+    assert kept_away.no_contact_probability < 1e-6 < 0.999 < kept_away.false_alarm_probability
+    for words in (" ".join(DistributionSection(kept_away).content()), str(distribution_plot(Answer(kept_away)))):
+        assert re.search(r"in (over 99\.9999|100) % of cases the arm touches nothing", words), words
 
 
 def test_bins_reach_the_end_of_the_bounded_part(law):

@@ -167,9 +167,9 @@ def test_shares_are_those_of_the_rows(study: WorkspaceStudy, rows: pl.DataFrame)
     summary = study.summary(rows)
     assert summary["p_over_force"]["mean"] == pytest.approx(rows["p_over_force"].mean())
     assert summary["distribution"]["edges_N"][-1] == 300
-    touches = summary["laws"] * (1 - summary["no_contact"]["mean"])
-    assert sum(summary["distribution"]["collisions"]) == pytest.approx(touches)
     tails = np.array(rows["p_over_edges"].to_list())
+    assert sum(summary["distribution"]["collisions"]) == pytest.approx(tails[:, 0].sum())
+    assert summary["nothing_hit"]["mean"] == pytest.approx(1 - tails[:, 0].mean())
     assert (np.diff(tails, axis=1) <= 1e-12).all()
 
 
@@ -331,15 +331,41 @@ def test_motions_that_never_touch_are_counted_apart() -> None:
     )
     rows, summary = run(study)
     known = rows.filter(rows["end"] != "singular_start")
-    never = known.filter(known["no_contact"] > 0.999999)
+    pressed = known["p_over_edges"].list.first()
+    never = known.filter(pressed <= 1e-6)
     assert 0 < never.height < known.height
     assert summary["never_touch"] == never.height
-    touching = known.filter(known["no_contact"] <= 0.999999)
+    touching = known.filter(pressed > 1e-6)
     assert summary["p_over_force_of_touching"]["mean"] == pytest.approx(touching["p_over_force"].mean())
     assert summary["p_over_force_of_touching"]["mean"] > summary["p_over_force"]["mean"]
     # None of them is a soft collision of the histogram.
-    assert sum(summary["distribution"]["poses_by_median"]) == (known["no_contact"] <= 0.5).sum()
+    assert sum(summary["distribution"]["poses_by_median"]) == (pressed >= 0.5).sum()
     _, parts, _ = pages_of(study, rows, summary)
     assert parts[0].pictures()
     words = "".join(str(html) for part in parts for html in part.content())
     assert "never touch" in words
+
+
+def test_bodies_reached_while_the_arm_brakes_are_hit() -> None:
+    """A body beyond the end of most motions: some arms are pressed against it while they brake, as hard as any."""
+    case = control_group(contact__offset_law="fixed", contact__offset_mm=12.0, motion__duration_s=0.04)
+    study = WorkspaceStudy(case, poses=100)
+    rows, summary = run(study)
+    braking = rows.filter((rows["no_contact"] > 0.9) & (rows["p50_N"] > 135))
+    assert braking.height > 0
+    row = braking.row(0, named=True)
+    keys = {
+        "pose_rad": [row[f"q_{j}"] for j in range(1, 8)],
+        "motion.velocity_mm_s": [1e3 * row[f"velocity_{axis}_m_s"] for axis in "xyz"],
+    }
+    drawn = bs.evaluate(case.with_values(keys), samples=50)
+    assert drawn.peak_force.quantile(0.5) == pytest.approx(row["p50_N"], rel=1e-6)
+    found = summary["distribution"]
+    assert sum(found["poses_by_median"]) == braking.height
+    assert found["poses_by_median"][-1] == (braking["p50_N"] > found["edges_N"][-1]).sum()
+    assert summary["never_touch"] <= rows.height - braking.height
+    # Here a motion that hits anything exceeds the limit: together they are all.
+    assert summary["p_over_force_or_no_contact"]["mean"] == pytest.approx(1, abs=1e-6)
+    assert sum(found["collisions"]) == pytest.approx(summary["p_over_force"]["mean"] * rows.height, rel=1e-4)
+    words = "".join(str(html) for part in pages_of(study, rows, summary)[1] for html in part.content())
+    assert "Cases in which nothing is hit are left out (98 % of all)" in words

@@ -281,7 +281,7 @@ def _report(findings: Findings, studies: list[Case], facts: dict[str, Any]) -> N
             "Directions, acceleration",
             f"P(over {LIMIT_N:g} N)",
             "its standard error",
-            "with those that end before contact",
+            "with those that hit nothing",
             "Mode of medians, from [N]",
             "Mode of all collisions, from [N]",
             "Median of medians [N]",

@@ -11,6 +11,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.distribution.distribution import QUANTILES
 from bumpstop.collision.probability_text import percent
+from bumpstop.collision.verdict.verdict_notes import untouched_share
 from bumpstop.report.collision.bins import bins
 from bumpstop.report.formatting import percentile, quantity
 from bumpstop.report.markup import Html, paragraph
@@ -42,7 +43,7 @@ class DistributionSection(Section):
                 paragraph(
                     f"There is no figure: {self._percent(result.undetected_probability)} of collisions are never "
                     "detected, so that their force is unbounded, and in "
-                    f"{self._percent(result.no_contact_probability)} of cases the arm touches nothing."
+                    f"{self._percent(untouched_share(result))} of cases the arm touches nothing."
                 )
             ]
         meets = "where this curve meets a limit stands the probability of exceeding it"

@@ -94,7 +94,7 @@ class CountsPart(Part):
                     of_touching = _share(s[f"p_over_{name}_of_touching"])
                     rows.append((f"the same of the {s['laws'] - s['never_touch']} motions that touch", of_touching))
             if s["limits"]:
-                rows.append(("the same of the force limit, or the motion ends before contact",
+                rows.append(("the same of the force limit, or nothing is hit",
                              _share(s["p_over_force_or_no_contact"])))  # fmt: skip
                 risk = percent(s["accepted_risk"])
                 rows.append(
@@ -103,7 +103,8 @@ class CountsPart(Part):
             rows += [
                 ("P(never detected)", _share(s["undetected"])),
                 ("poses more often undetected than not", str(s["poses_more_often_undetected"])),
-                ("P(the motion ends before contact)", _share(s["no_contact"])),
+                ("P(nothing is hit)", _share(s["nothing_hit"])),
+                ("P(neither contact nor alarm by the end of the motion)", _share(s["no_contact"])),
                 ("P(false alarm before contact)", _share(s["false_alarm"])),
                 ("median of the median forces", f"{number(s['median_force_N']['median'])} N"),
                 ("poses whose median force is unbounded", str(s["median_force_N"]["unbounded"])),
@@ -149,8 +150,8 @@ class ForcePart(Part):
         parts = [
             paragraph(
                 f"Most common peak force of all collisions: {collisions[0]:g} to {collisions[1]:g} N; of the poses' "
-                f"medians: {medians[0]:g} to {medians[1]:g} N. Motions that end before contact are left out "
-                f"({percent(self._summary['no_contact']['mean'], integrated=True)} of all cases). The last bin holds "
+                f"medians: {medians[0]:g} to {medians[1]:g} N. Cases in which nothing is hit are left out "
+                f"({percent(self._summary['nothing_hit']['mean'], integrated=True)} of all). The last bin holds "
                 "everything beyond, undetected collisions among it."
             ),
         ]

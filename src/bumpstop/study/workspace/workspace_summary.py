@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bumpstop.collision.verdict.verdict_notes import MAX_UNTOUCHED
 from bumpstop.study.workspace.predictors import predictors, rank_correlation
 from bumpstop.terminal import correlation
 
@@ -18,8 +19,8 @@ if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
 
 ENDS = ("motion_end", "joint_limit", "singularity", "all_detected", "singular_start")
-# Motions that end before contact more often than this never touch anything.
-_NEVER = 1 - 1e-6
+# Motions that press anything no more often than this never touch anything.
+_NEVER = 1e-6
 # Of the frequency maps: cells of condition number or singular value, by cells of force.
 MAP_CELLS = 12
 
@@ -38,7 +39,7 @@ def summarise(
 
     Args:
         rows: of the study.
-        edges: of the bins of the force (bins + 1,) [N].
+        edges: of the bins of the force, from 0 (bins + 1,) [N].
         force_limits: force, and pressure as a force [N]; empty: no limits.
         accepted_probability: of exceeding a limit.
         predicted: the rows have predicted peak forces.
@@ -58,11 +59,11 @@ def summarise(
     tails = known["p_over_edges"].explode().to_numpy().reshape(known.height, edges.size)
     # The last bin takes what lies beyond, undetected cases among it.
     mixture = -np.diff(np.column_stack([np.ones(known.height), tails[:, 1:], np.zeros(known.height)]), axis=1)
-    # A motion that ends before contact is not a weak collision.
-    no_contact = known["no_contact"].to_numpy()
-    mixture[:, 0] = np.maximum(0.0, mixture[:, 0] - no_contact)
-    hits = no_contact <= 0.5
-    touching = known.filter(no_contact < _NEVER)
+    # Neither no contact nor weak: no_contact counts bodies that the arm reaches while it brakes, with their force.
+    touch = tails[:, 0]
+    mixture[:, 0] = np.maximum(0.0, touch - tails[:, 1])
+    hits = touch >= 1 - MAX_UNTOUCHED
+    touching = known.filter(touch > _NEVER)
     unsafe = worst_risk(known) > accepted_probability
     if predicted and limits:
         result["predictors"] = predictors(known, unsafe, min(force_limits))
@@ -70,7 +71,7 @@ def summarise(
     return result | {
         "p_over_force": over["force"],
         "p_over_pressure": over["pressure"],
-        "p_over_force_or_no_contact": _share((known["p_over_force"] + known["no_contact"]).to_numpy()),
+        "p_over_force_or_no_contact": _share(known["p_over_force"].to_numpy() + 1 - touch),
         "never_touch": known.height - touching.height,
         "p_over_force_of_touching": _share(touching["p_over_force"].to_numpy()) if touching.height else None,
         "p_over_pressure_of_touching": _share(touching["p_over_pressure"].to_numpy()) if touching.height else None,
@@ -78,6 +79,7 @@ def summarise(
         "poses_over_risk": int(unsafe.sum()) if limits else None,
         "undetected": _share(known["undetected"].to_numpy()),
         "poses_more_often_undetected": int((known["undetected"] > 0.5).sum()),
+        "nothing_hit": _share(1 - touch),
         "no_contact": _share(known["no_contact"].to_numpy()),
         "false_alarm": _share(known["false_alarm"].to_numpy()),
         "median_force_N": {

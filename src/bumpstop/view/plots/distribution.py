@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.collision.probability_text import percent
+from bumpstop.collision.verdict.verdict_notes import untouched_share
 from bumpstop.report.collision.bins import bins
 from bumpstop.report.colours import AREA, EVENT, LAW
 from bumpstop.terminal import number
@@ -35,7 +36,7 @@ def distribution_plot(answer: Answer, before: Answer | None = None) -> Html:
     if not edges.size:
         why = (
             f"No figure: {percent(result.undetected_probability)} of collisions are never detected, so that their "
-            f"force is unbounded; in {percent(result.no_contact_probability)} of cases the arm touches nothing."
+            f"force is unbounded; in {percent(untouched_share(result))} of cases the arm touches nothing."
         )
         return nothing(title, why, name)
     others = np.zeros(0) if before is None else bins(before.result.peak_force, before.result.samples)
