@@ -49,7 +49,11 @@ class Storage(ABC):
 
     @abstractmethod
     def sizes(self, folder: str) -> dict[str, int]:
-        """Bytes of each file in a folder of the place by its own name; empty where there is no such folder."""
+        """Bytes of each file in a folder of the place by its own name; empty where there is no such folder.
+
+        What comes or goes meanwhile may be among them or not; all else is. A folder of this machine leaves out hidden
+        files.
+        """
 
     @abstractmethod
     def remove_folder(self, folder: str) -> None:
@@ -116,10 +120,17 @@ class LocalStorage(Storage):
 
     def sizes(self, folder: str) -> dict[str, int]:  # noqa: D102
         try:
-            with os.scandir(self.path / folder) as entries:
-                return {entry.name: entry.stat(follow_symlinks=False).st_size for entry in entries}
+            listing = os.scandir(self.path / folder)
         except (FileNotFoundError, NotADirectoryError):
             return {}
+        found = {}
+        with listing as entries:
+            for entry in entries:
+                # What is being written has a name that begins with a dot until all of it is there.
+                if not entry.name.startswith("."):
+                    with suppress(FileNotFoundError):  # gone in between
+                        found[entry.name] = entry.stat(follow_symlinks=False).st_size
+        return found
 
     def remove_folder(self, folder: str) -> None:  # noqa: D102
         import shutil
