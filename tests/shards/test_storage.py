@@ -5,12 +5,19 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import polars as pl
 import pytest
 
+import bumpstop as bs
+from bumpstop.shards import ResultFolder, Workers
+from bumpstop.shards.run import compute_missing
 from bumpstop.shards.storage import LocalStorage
+from collision.cases import control_group
+from study.run_cases import Squares
 
 
 def test_a_listing_is_whole_although_files_vanish_during_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -33,3 +40,24 @@ def test_a_listing_is_whole_although_files_vanish_during_it(tmp_path: Path, monk
     monkeypatch.undo()
     assert LocalStorage(tmp_path).sizes("rows") == {}
     assert LocalStorage(tmp_path).sizes("shards/000000.arrow") == {}
+
+
+@dataclass(frozen=True)
+class Refused(Squares):
+    """A study none of whose shards can be computed."""
+
+    def shard(self, number: int) -> pl.DataFrame:
+        raise bs.InputError("seed", f"shard {number} cannot be computed", "wanted another")
+
+
+@pytest.mark.parametrize(("share", "left"), [((1, 2), True), ((1, 1), False)])
+def test_a_share_that_fails_leaves_the_folder_to_the_others(
+    share: tuple[int, int], left: bool, tmp_path: Path
+) -> None:
+    """They may compute in it already, with no shard there yet; a command that is alone cleans up."""
+    job = Refused(control_group())
+    store = ResultFolder(tmp_path / "out", job)
+    store.open(job)
+    with store.storage.lock("1-of-2" if left else None), pytest.raises(bs.InputError, match="shard 0 cannot be"):
+        compute_missing(job, store, Workers(), share=share)
+    assert (tmp_path / "out" / "settings.toml").exists() == left

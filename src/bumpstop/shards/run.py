@@ -183,7 +183,9 @@ def compute_missing(
     try:
         workers.compute(job, store, list(groups_of(missing, job.batch_size, workers.count)), keep)
     except InputError:
-        store.discard()
+        # Other shares may already compute in the folder, although none of their shards is there yet.
+        if n == 1:
+            store.discard()
         raise
     return account
 
