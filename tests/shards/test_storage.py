@@ -51,9 +51,7 @@ class Refused(Squares):
 
 
 @pytest.mark.parametrize(("share", "left"), [((1, 2), True), ((1, 1), False)])
-def test_a_share_that_fails_leaves_the_folder_to_the_others(
-    share: tuple[int, int], left: bool, tmp_path: Path
-) -> None:
+def test_a_share_that_fails_leaves_the_folder_to_the_others(share: tuple[int, int], left: bool, tmp_path: Path) -> None:
     """They may compute in it already, with no shard there yet; a command that is alone cleans up."""
     job = Refused(control_group())
     store = ResultFolder(tmp_path / "out", job)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import product
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -263,8 +263,19 @@ class Campaign(ShardedJob):
         return digest([self.name, tables, files, code_digest(), *versions().values()])
 
     def __getstate__(self) -> dict[str, Any]:
-        """Its fields alone: what is kept besides cannot be sent, and is made again."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+        """Its fields alone: what is kept besides cannot be sent, and is made again.
+
+        Folders are absolute: a worker may run in another one.
+        """
+        state = {field.name: getattr(self, field.name) for field in fields(self)}
+        return state | {"robots": tuple(map(_with_absolute_folder, self.robots))}
+
+
+def _with_absolute_folder(robot: Choice) -> Choice:
+    if robot.scenario is None:
+        return robot
+    folder = {"folder": robot.scenario.folder.absolute()}
+    return replace(robot, scenario=robot.scenario.model_copy(update=folder))
 
 
 def _choice_table(choice: Choice) -> dict[str, Any]:

@@ -236,6 +236,15 @@ def _one_thread_each() -> Iterator[None]:
 
 def _compute_far(job: ShardedJob, folder: ResultFolder, numbers: list[int]) -> list[Receipt]:
     """What a worker of a cluster does: it must compute the same, and see the same place."""
+    try:
+        return _compute_checked(job, folder, numbers)
+    except OSError as error:  # to the client it would look like a lost connection
+        what = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+        problem = f"the worker on {os.uname().nodename} fails ({what})"
+        raise InputError("--cluster", problem, "wanted input files that all workers see") from None
+
+
+def _compute_checked(job: ShardedJob, folder: ResultFolder, numbers: list[int]) -> list[Receipt]:
     if job.fingerprint() != folder.fingerprint:
         problem = f"the worker on {os.uname().nodename} has another build, version, instruction set or input files"
         raise InputError("--cluster", problem, "install the same there; BUMPSTOP_TARGET chooses an instruction set")
