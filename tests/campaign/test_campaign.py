@@ -100,6 +100,9 @@ def test_every_row_is_the_distribution_of_its_own_scenario(campaign: Campaign, w
         assert row["p_over_pressure"] == pytest.approx(alone.verdict.p_over_pressure, rel=1e-5, abs=1e-9)
         assert row["acceptable"] is alone.verdict.acceptable
     assert set(rows["robot"]) == {"sia5d", "ur10e"}
+    probabilities = ["p_over_force", "p_over_pressure", "false_alarm", "undetected", "no_contact"]
+    # Sums over cells, which rounding takes beyond 1 in some of the rows.
+    assert rows.select(pl.all_horizontal(pl.col(probabilities).is_between(0, 1)).all()).item()
     names = [choice.name for choice in campaign.setups[rows["setup"][50]]]
     assert names == [rows[axis][50] for axis in ("robot", "tool", "body", "detector", "arm")]
 

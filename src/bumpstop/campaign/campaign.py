@@ -206,6 +206,7 @@ class Campaign(ShardedJob):
         over = np.full((len(pose), 2), np.nan)
         over[:, : len(limits)] = found.exceedance[:, :-1]
         worst = np.fmax(over[:, 0], over[:, 1])
+        missing = pl.Series([None], dtype=pl.Float64).new_from_index(0, len(pose))
         fails = (worst > verdict.accepted_probability) | (found.false_alarm_probability > verdict.max_false_alarm)
         # As in a verdict: what is hit too rarely has not been put to the test.
         judged = np.isfinite(worst) & (fails | (1 - found.exceedance[:, -1] <= MAX_UNTOUCHED))
@@ -217,7 +218,8 @@ class Campaign(ShardedJob):
         columns |= {"pose": pose, "direction": direction.astype(np.int32), "speed_mm_s": speeds}
         columns |= {"mean_N": found.mean, "sd_N": found.sd}
         columns |= {name: np.ascontiguousarray(found.quantile[:, i]) for i, name in enumerate(QUANTILES)}
-        columns |= {"p_over_force": over[:, 0].copy(), "p_over_pressure": over[:, 1].copy()}
+        for i, name in enumerate(("p_over_force", "p_over_pressure")):
+            columns[name] = over[:, i].copy() if i < len(limits) else missing
         columns["acceptable"] = pl.Series(judged & ~fails).set(pl.Series(~judged), None)
         columns |= {"false_alarm": found.false_alarm_probability, "undetected": found.undetected_probability}
         columns |= {"no_contact": found.no_contact_probability}

@@ -122,15 +122,19 @@ def evaluate_batch(
         problem.setup, problem.detector, met, poses, velocities, settings, _pressed_with(problem, poses, velocities)
     )
     names = np.array([_ENDS.get(i, "") for i in range(256)])
+    # Sums over cells: rounding may take them a little beyond the ends.
+    exceedance, false_alarm, undetected, no_contact = (
+        np.clip(p, 0.0, 1.0) for p in (out.exceedance, out.false_alarm, out.undetected, out.no_contact)
+    )
     return BatchResult(
         mean=out.mean,
         sd=out.sd,
         quantile=out.quantile,
-        exceedance=out.exceedance,
+        exceedance=exceedance,
         trigger_joint_probability=out.trigger,
-        false_alarm_probability=out.false_alarm,
-        undetected_probability=out.undetected,
-        no_contact_probability=out.no_contact,
+        false_alarm_probability=false_alarm,
+        undetected_probability=undetected,
+        no_contact_probability=no_contact,
         end=names[out.end],
     )
 
