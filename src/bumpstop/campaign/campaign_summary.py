@@ -33,7 +33,7 @@ def summarise(
     groups = len(setups) * len(speeds_mm_s)
     count, singular, acceptable, judged = (np.zeros(groups, dtype=np.int64) for _ in range(4))
     sums = {name: np.zeros(groups) for name in _MEANS}
-    worst = np.full(groups, -np.inf)
+    worst, unbounded = np.full(groups, -np.inf), np.zeros(groups, dtype=np.int64)
     for rows in volumes:
         speed = np.searchsorted(speeds_mm_s, rows["speed_mm_s"].to_numpy())
         group = rows["setup"].to_numpy().astype(np.int64) * len(speeds_mm_s) + speed
@@ -48,7 +48,9 @@ def summarise(
         for name, total in sums.items():
             # One row after the other, on top of what was there: volumes leave no trace in the sums.
             np.add.at(total, group[known], rows[name].to_numpy()[known])
-        np.maximum.at(worst, group[known], rows["p99_N"].to_numpy()[known])
+        p99 = rows["p99_N"].to_numpy()
+        np.maximum.at(worst, group[known], p99[known])
+        unbounded += np.bincount(group[known & np.isposinf(p99)], minlength=groups)
     found = []
     for number, names in enumerate(setups):
         for i, speed_mm_s in enumerate(speeds_mm_s):
@@ -60,6 +62,7 @@ def summarise(
                 dict[str, Any](zip(NAMES, names, strict=True))
                 | {"speed_mm_s": speed_mm_s, "distributions": n, "singular_starts": int(singular[g])}
                 | {"acceptable_share": share, **means, "largest_p99_N": float(worst[g]) if n else None}
+                | {"unbounded_p99": int(unbounded[g])}
             )
     return {
         "distributions": int(count.sum()),

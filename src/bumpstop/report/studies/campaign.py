@@ -49,7 +49,7 @@ class SharesPart(Part):
                 str(group["distributions"]),
                 _count_share(group["acceptable_share"]),
                 *(_mean(group[name]) for name in _PROBABILITIES),
-                NONE if group["largest_p99_N"] is None else number(group["largest_p99_N"]),
+                _largest(group),
             ]
             for group in self._groups[:_MAX_ROWS]
         ]
@@ -160,6 +160,16 @@ def write_campaign_report(campaign: Campaign, summary: Mapping[str, Any], folder
 def _count_share(value: float | None) -> str:
     """A share of poses, which are counted: none is none."""
     return NONE if value is None else f"{100 * value:.3g} %"
+
+
+def _largest(group: Mapping[str, Any]) -> str:
+    """The largest p99 of a group, or of how many distributions it is unbounded."""
+    if not group["distributions"]:
+        return NONE
+    if group["largest_p99_N"] is not None:
+        return number(group["largest_p99_N"])
+    # Another build's summary may not count them.
+    return f"unbounded in {group['unbounded_p99']}" if "unbounded_p99" in group else "unbounded"
 
 
 def _mean(value: float | None) -> str:
