@@ -14,7 +14,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.shards import ResultFolder, Workers
-from bumpstop.shards.run import compute_missing
+from bumpstop.shards.run import complete, compute_missing
 from bumpstop.shards.storage import LocalStorage
 from collision.cases import control_group
 from study.run_cases import Squares
@@ -59,3 +59,30 @@ def test_a_share_that_fails_leaves_the_folder_to_the_others(share: tuple[int, in
     with store.storage.lock("1-of-2" if left else None), pytest.raises(bs.InputError, match="shard 0 cannot be"):
         compute_missing(job, store, Workers(), share=share)
     assert (tmp_path / "out" / "settings.toml").exists() == left
+
+
+def test_a_place_that_processes_do_not_see_is_named() -> None:
+    """Each process has a memory of its own: the shards would be computed for ever, and never be there."""
+    job = Squares(control_group())
+    store = ResultFolder("memory://bumpstop/unseen", job)
+    store.open(job)
+    with pytest.raises(bs.InputError, match=r"^--out: the worker on .* does not see 'memory://bumpstop/unseen'; give"):
+        complete(job, store, Workers(processes=1))
+    assert store.storage.sizes("") == {}
+
+
+def test_a_place_that_never_gives_back_what_was_written_is_given_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job = Squares(control_group())
+    store = ResultFolder(tmp_path, job)
+    store.open(job)
+    read = LocalStorage.read
+
+    def forgetful(self: LocalStorage, name: str) -> bytes:
+        content = read(self, name)
+        return content[:-1] if name.endswith("000003.arrow") else content
+
+    monkeypatch.setattr(LocalStorage, "read", forgetful)
+    with pytest.raises(bs.InputError, match=r"000003\.arrow' is damaged, .* although it was written anew;"):
+        complete(job, store, Workers())

@@ -199,9 +199,9 @@ def complete(
         The summary, and what was done.
 
     Raises:
-        InputError: a shard cannot be computed or kept.
+        InputError: a shard cannot be computed or kept, or what was computed again is damaged again.
     """
-    total = Account()
+    total, dropped = Account(), set[str]()
     while True:
         try:
             part = compute_missing(job, store, workers, progress=progress)
@@ -209,6 +209,10 @@ def complete(
             total.size, total.seconds = total.size + part.size, total.seconds + part.seconds
             return store.finish(job.summarise), total
         except DamagedError as damaged:
+            if damaged.name in dropped:
+                problem = f"{damaged.problem}, although it was written anew"
+                raise InputError("--out", problem, "give another folder") from None
+            dropped.add(damaged.name)
             total.damaged.append(damaged.problem)
             store.drop(damaged)
 

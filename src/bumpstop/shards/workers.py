@@ -163,8 +163,20 @@ def _begin_process(job: ShardedJob, folder: ResultFolder | None) -> None:
 
 
 def _compute_here(numbers: list[int]) -> list[Receipt]:
-    job, folder = _OF_THIS_PROCESS
+    job, folder, *checked = _OF_THIS_PROCESS
+    if folder is not None and not checked:
+        _check_seen(job, folder)
+        _OF_THIS_PROCESS.append(True)
     return compute_group(job, folder, numbers)
+
+
+def _check_seen(job: ShardedJob, folder: ResultFolder) -> None:
+    """A worker that does not find the settings would put its shards where nobody looks for them."""
+    folder.open(job)
+    if folder.made:
+        folder.discard()
+        problem = f"the worker on {os.uname().nodename} does not see {str(folder.storage)!r}"
+        raise InputError("--out", problem, "give a place that all workers see")
 
 
 def _in_processes(
@@ -248,11 +260,7 @@ def _compute_checked(job: ShardedJob, folder: ResultFolder, numbers: list[int]) 
     if job.fingerprint() != folder.fingerprint:
         problem = f"the worker on {os.uname().nodename} has another build, version, instruction set or input files"
         raise InputError("--cluster", problem, "install the same there; BUMPSTOP_TARGET chooses an instruction set")
-    folder.open(job)
-    if folder.made:
-        folder.discard()
-        problem = f"the worker on {os.uname().nodename} does not see {str(folder.storage)!r}"
-        raise InputError("--out", problem, "give a place that all workers see")
+    _check_seen(job, folder)
     return compute_group(job, folder, numbers)
 
 
