@@ -12,7 +12,8 @@ from validation.campaign.cell import cluster
 
 import bumpstop as bs
 from bumpstop.campaign import load_campaign
-from bumpstop.shards import ResultFolder
+from bumpstop.shards import ResultFolder, Workers
+from bumpstop.shards.run import complete
 from bumpstop.shards.workers import _compute_far
 from cli.support import REPOSITORY, run
 
@@ -57,3 +58,19 @@ def test_a_file_that_a_worker_does_not_see_is_named(beside: Path) -> None:
         _compute_far(job, folder, [0])
     assert refused.value.field == "--cluster"
     assert f"({beside}/mine.toml: No such file or directory); wanted input files" in str(refused.value)
+
+
+def test_a_scheduler_without_workers_is_told_and_waited_for(beside: Path) -> None:
+    campaign = load_campaign("c.toml")
+    folder = ResultFolder("out", campaign)
+    folder.open(campaign)
+    with cluster(0, beside) as (address, scheduler, _):
+        told: list[str] = []
+
+        def tell(note: str) -> None:
+            told.append(note)
+            scheduler.kill()
+
+        with pytest.raises(bs.InputError, match="is lost; what is done is kept"):
+            complete(campaign, folder, Workers(cluster=address, tell=tell))
+    assert told == [f"the scheduler at '{address}' has no workers: shards wait until some come"]

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool, ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from bumpstop.errors import InputError
@@ -56,11 +56,13 @@ class Workers:
         threads: of this process.
         processes: of this machine; 0: none but this one.
         cluster: address of a scheduler of dask.distributed, ``"tcp://host:port"``; empty: none.
+        tell: told in a sentence what a person should know while it goes on.
     """
 
     threads: int = 1
     processes: int = 0
     cluster: str = ""
+    tell: Callable[[str], None] = field(default=lambda note: None, compare=False)
 
     def __post_init__(self) -> None:
         if self.threads < 1:
@@ -85,7 +87,7 @@ class Workers:
         """
         if self.cluster:
             assert folder is not None
-            _in_cluster(job, folder, groups, done, self.cluster)
+            _in_cluster(job, folder, groups, done, self)
         elif self.processes:
             _in_processes(job, folder, groups, done, self.processes)
         elif self.threads == 1:
@@ -264,7 +266,10 @@ def _compute_checked(job: ShardedJob, folder: ResultFolder, numbers: list[int]) 
     return compute_group(job, folder, numbers)
 
 
-def _in_cluster(job: ShardedJob, folder: ResultFolder, groups: Sequence[list[int]], done: Done, address: str) -> None:
+def _in_cluster(
+    job: ShardedJob, folder: ResultFolder, groups: Sequence[list[int]], done: Done, workers: Workers
+) -> None:
+    address = workers.cluster
     try:
         from distributed import Client
     except ModuleNotFoundError:
@@ -283,20 +288,27 @@ def _in_cluster(job: ShardedJob, folder: ResultFolder, groups: Sequence[list[int
         raise InputError("--cluster", f"{address!r} cannot be reached ({reason})", "wanted tcp://host:port") from None
     try:
         with client.as_current():
-            _submit_to(client, job, folder, groups, done, lost)
+            _submit_to(client, job, folder, groups, done, lost, workers.tell)
     finally:
         with contextlib.suppress(Exception):  # of a scheduler that is gone already
             client.close(timeout=2)
 
 
 def _submit_to(
-    client: Any, job: ShardedJob, folder: ResultFolder, groups: Sequence[list[int]], done: Done, lost: InputError
+    client: Any,
+    job: ShardedJob,
+    folder: ResultFolder,
+    groups: Sequence[list[int]],
+    done: Done,
+    lost: InputError,
+    tell: Callable[[str], None],
 ) -> None:
     from distributed import CancelledError, KilledWorker, wait
     from distributed.comm.core import CommClosedError
 
     left, running = iter(groups), {}
     deaths = 0
+    told = False
 
     def fill() -> None:
         cores = sum(client.ncores().values()) or 1
@@ -313,6 +325,10 @@ def _submit_to(
             except TimeoutError:
                 if client.status != "running" or client.scheduler_comm is None or client.scheduler_comm.comm.closed():
                     raise lost from None
+                deserted = not client.ncores()
+                if deserted and not told:
+                    tell(f"the scheduler at {client.scheduler.address!r} has no workers: shards wait until some come")
+                told = deserted
                 continue
             for future in found:
                 group = running.pop(future)

@@ -183,7 +183,7 @@ def _workers(workers: int, cluster: str) -> Workers:
         return Workers(processes=workers)
     if "://" not in cluster:
         raise InputError("--cluster", f"{cluster!r} is no address", "wanted local, or tcp://HOST:PORT")
-    return Workers(cluster=cluster)
+    return Workers(cluster=cluster, tell=lambda note: typer.echo(f"note: {note}", err=True))
 
 
 def _compute(campaign: Campaign, store: ResultFolder, who: Workers, share: tuple[int, int], as_json: bool) -> None:
