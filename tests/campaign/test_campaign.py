@@ -263,7 +263,7 @@ def test_a_flipped_bit_is_named_and_only_that_computed_again(
     assert result(tmp_path) == result(whole)
 
 
-def test_a_manifest_that_was_cut_short_is_damage(campaign: Campaign, whole: Path, tmp_path: Path) -> None:
+def test_a_manifest_that_was_cut_short_or_is_gone_is_damage(campaign: Campaign, whole: Path, tmp_path: Path) -> None:
     shutil.copytree(whole, tmp_path, dirs_exist_ok=True)
     manifest = tmp_path / "manifest.json"
     manifest.write_bytes(manifest.read_bytes()[:20])
@@ -272,6 +272,15 @@ def test_a_manifest_that_was_cut_short_is_damage(campaign: Campaign, whole: Path
     assert (status.status, status.err, found["done"], found["joined"]) == (3, "", 0, False)
     assert ["manifest.json' is damaged" in problem for problem in found["damaged"]] == [True]
     assert run("campaign", "status", tmp_path).status == 3
+    manifest.unlink()
+    status = run("campaign", "status", tmp_path, "--check")
+    assert (status.status, status.err) == (3, "")
+    assert f"damaged: '{manifest}' is not there, although there is a result" in status.out
+    assert "every file is what was written" not in status.out
+    # A run that has been interrupted before its rows were joined has none, and is well.
+    (tmp_path / "summary.json").unlink()
+    shutil.rmtree(tmp_path / "rows")
+    assert run("campaign", "status", tmp_path, "--check").status == 0
 
 
 def test_a_folder_in_use_is_refused_and_shares_accompany_each_other(campaign: Campaign, tmp_path: Path) -> None:

@@ -232,6 +232,19 @@ class ResultFolder:
         what = "is not as it was written" if last else "holds no checksum: edited, or of an earlier version"
         return [DamagedError(SETTINGS, str(self.storage), what).problem]
 
+    def missing_manifest(self) -> list[str]:
+        """Whether a result has lost its manifest, in one sentence; empty: it has not.
+
+        Shards stay until there is a manifest, so that a result without either is one whose manifest is gone.
+        """
+        here = self.storage.sizes("")
+        if MANIFEST in here or any(map(self._is_shard, self.storage.sizes("shards"))):
+            return []
+        names = here.keys() | {f"rows/{name}" for name in self.storage.sizes("rows")}
+        if names.isdisjoint({SUMMARY, *map(self._volume_name, range(self._volumes))}):
+            return []
+        return [DamagedError(MANIFEST, str(self.storage), "is not there, although there is a result").problem]
+
     def damaged_results(self) -> list[str]:
         """What is wrong with files of the result that the manifest names, one sentence each."""
         found = []

@@ -106,6 +106,7 @@ def status(
     damaged = store.damaged_settings() if check else []
     try:
         done, joined = store.done(), store.complete
+        damaged += store.missing_manifest()
         damaged += _damaged(store, done) if check else []
     except DamagedError as manifest:  # without it nothing counts as done, as resume has it
         done, joined = set(), False
