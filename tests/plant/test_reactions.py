@@ -97,6 +97,19 @@ def test_a_motion_beyond_its_end() -> None:
     np.testing.assert_allclose(way[-60:], -DOWN[2] * 1e-3, rtol=1e-3)
 
 
+@pytest.mark.parametrize("way", [None, 0.03, 0.05135, 0.05275])
+def test_a_motion_is_told_as_far_as_is_asked(way: float | None) -> None:
+    """Of presses that last half milliseconds more, too, and step by step as at once."""
+    robot = Robot.load("ur10e")
+    command = line(robot, POSE, DOWN, duration=0.5) if way is None else press(robot, POSE, DOWN, way=way)
+    end = len(command.q) - 1
+    for more in (1, 2, 3):
+        longer, later = command.until(end + more), command.until(end + 1).until(end + more)
+        assert len(longer.q) == len(longer.qd) == end + more + 1
+        np.testing.assert_allclose(later.q, longer.q, atol=1e-12)
+        np.testing.assert_allclose(later.qd, longer.qd, atol=1e-12)
+
+
 def test_a_line_that_a_joint_ends_brakes_beyond_its_end() -> None:
     arm = Robot.load("sia5d")
     cut = line(arm, np.radians([0, 109.7, 0, -20, 0, -40, 0]), [0, 0, -0.03], duration=2.0, joint_acceleration=LIMIT)

@@ -97,16 +97,24 @@ class Command:
     def until(self, knot: int) -> Command:
         """The same motion, told up to millisecond ``knot`` at least.
 
-        Beyond its end a line goes on, or brakes where joints or singularities end it; a trajectory holds its end.
+        Beyond its end a line goes on, or brakes where joints or singularities end it, and a press goes on back; a
+        trajectory and a reaction hold their ends.
         """
         missing = knot + 1 - len(self.q)
         if missing <= 0:
             return self
-        if self.go_on is None:
+        given = self.go_on
+        if given is None:
             q, qd = np.tile(self.q[-1], (missing, 1)), np.zeros((missing, self.q.shape[1]))
         else:
-            q, qd = self.go_on(missing)
-        return Command(np.concatenate([self.q, q]), np.concatenate([self.qd, qd]), self.react, self.notes)
+            q, qd = given(missing)
+
+        def go_on(count: int) -> tuple[FloatArray, FloatArray]:
+            farther, faster = given(missing + count)  # type: ignore[misc]
+            return farther[missing:], faster[missing:]
+
+        q, qd = np.concatenate([self.q, q]), np.concatenate([self.qd, qd])
+        return Command(q, qd, self.react, self.notes, None if given is None else go_on)
 
 
 def _check_name(field: str, name: str, names: tuple[str, ...]) -> None:
@@ -327,7 +335,7 @@ def along(trajectory: Trajectory, robot: Robot, hold: float = 0.0) -> Command:
         slowed = len(way) - 1
         way = np.concatenate([way, way[-1] + final * np.arange(1, round(rest / COMMAND_STEP) + 1) * COMMAND_STEP])
         way = np.clip(way, 0.0, trajectory.duration)
-        speed = np.gradient(way, COMMAND_STEP)  # along the path
+        speed = np.gradient(way, COMMAND_STEP) if len(way) > 1 else np.zeros(1)  # along the path
         speed[slowed] = final
         found, rates = trajectory.at(way), trajectory.at(way, 1) * speed[:, None]
         rates[0] = command.qd[knot]

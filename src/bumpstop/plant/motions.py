@@ -164,8 +164,10 @@ def press(
     back = there.reaction(last, turn, rest=seconds)
 
     def go_on(count: int) -> tuple[FloatArray, FloatArray]:
-        farther = there.reaction(last, turn, rest=seconds + count * COMMAND_STEP)
-        return farther.q[len(back.q) :], farther.qd[len(back.q) :]
+        # One more, as a way of half a millisecond more may be rounded to fewer.
+        farther = there.reaction(last, turn, rest=seconds + (count + 1) * COMMAND_STEP)
+        beyond = slice(len(back.q), len(back.q) + count)
+        return farther.q[beyond], farther.qd[beyond]
 
     q, qd = np.concatenate([there.q[:last], back.q]), np.concatenate([there.qd[:last], back.qd])
     # From where it then is, on the way in and on the way back.
