@@ -42,11 +42,11 @@ def flood(s: list[JointSample]) -> Script:
 CHANGES = (silence, connection_made_anew, clock_begins_again, flood)
 
 
-def watch(folder: Path, script: Script, rearm_s: float) -> tuple[Heard, list[tuple[str, int]]]:
+def watch(folder: Path, script: Script, rearm_s: float, **detector: object) -> tuple[Heard, list[tuple[str, int]]]:
     heard, said = Heard(), []
     source = SimpleNamespace(answer=lambda answer, number: said.append((answer, number)))
     settings = MonitorSettings(stop_after_s=0.1, rearm_s=rearm_s)
-    Monitor(loaded(folder), ScriptedSource(script), [AnswerOutput(source, "stop"), heard], settings).run()
+    Monitor(loaded(folder, **detector), ScriptedSource(script), [AnswerOutput(source, "stop"), heard], settings).run()
     return heard, said
 
 
@@ -77,3 +77,14 @@ def test_what_is_not_seen_does_not_count_as_quiet(tmp_path: Path, change: object
     quiet = heard.ticks[end].stamp_s - heard.ticks[last_without + 1].stamp_s
     assert quiet == pytest.approx(0.5, abs=1.5 * DT)
     assert said == [("stop", 1), ("none", 1)]
+
+
+def test_a_detector_that_arms_itself_judges_nothing(tmp_path: Path) -> None:
+    """Behind a silence it begins so: the alarm stands until it is over, and so long a time was quiet."""
+    arming, rearm, cut = 0.4, 0.2, 350
+    s = samples(motion(900, push_Nm=25.0, at=300, until=320))
+    heard, _ = watch(tmp_path, [*s[:cut], None, None, None, *later(s[cut:], 0.15)], rearm, arming_delay_s=arming)
+    assert len(heard.alarms) == 1
+    (end,) = [k for k, (a, b) in enumerate(pairwise(tick.alarm for tick in heard.ticks)) if (a, b) == (True, False)]
+    (again,) = [k for k, (a, b) in enumerate(pairwise(tick.stamp_s for tick in heard.ticks)) if b - a > 0.1]
+    assert heard.ticks[end].stamp_s - heard.ticks[again + 1].stamp_s > arming + rearm - 2 * DT

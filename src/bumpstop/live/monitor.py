@@ -205,14 +205,13 @@ class Monitor:
         self._judge(sample, checked.signal, out)
 
     def _judge(self, sample: JointSample, signal: FloatArray, out: _native.DetectorOutput) -> None:
-        n, state = self.detector.dof, int(out.state.value)
+        n, own = self.detector.dof, int(out.state.value)
         events = self._kernel.events
         begins, self._events = events != self._events, events
         # Where the first alarm stands, an event behind a silence is no other.
         told = begins and not (self._standing and math.isinf(self._settings.rearm_s))
         self._standing |= begins
-        if self._standing and state != _NO_DATA:
-            state = _ALARM
+        state = _ALARM if self._standing and own != _NO_DATA else own
         residual = np.array(out.residual[:n])
         tick = MonitorTick(
             sample=sample,
@@ -232,14 +231,15 @@ class Monitor:
             self.faults[tick.fault] += 1
             self._was_judged = False
         else:
-            self._count(state, masked=out.masked_while_arming)
+            arming = own == _ARMING
+            self._count(arming=arming, masked=out.masked_while_arming)
             share = np.abs(residual) / tick.threshold
             np.maximum(self.largest_share, share, out=self.largest_share)
             unit = self._units.look(sample.stamp_s, signal, residual)
             if unit:
                 self._found(SourceEventKind.WRONG_UNIT, unit, 1, sample.received_s)
             self._look_at_payload(sample, changed=out.payload_changed)
-            if self._rearmed(sample.stamp_s, self._standing, over != 0):
+            if self._rearmed(sample.stamp_s, self._standing, arming or over != 0):
                 self._kernel.acknowledge()
                 self._standing = False
         for output in self._outputs:
@@ -252,8 +252,8 @@ class Monitor:
             text = f"the residuals look like a payload of {self._kernel.payload_change():+.3g} kg that nobody declared"
             self._found(SourceEventKind.PAYLOAD_CHANGED, text, 1, sample.received_s)
 
-    def _count(self, state: int, *, masked: bool) -> None:
-        if state == _ARMING:
+    def _count(self, *, arming: bool, masked: bool) -> None:
+        if arming:
             self.arming += 1
             self.masked_while_arming += masked
         else:
@@ -277,7 +277,7 @@ class Monitor:
         self.alarm_latency.add(max(0.0, time.monotonic() - tick.sample.received_s))
 
     def _rearmed(self, t: float, alarm: bool, loud: bool) -> bool:
-        """As a run over a recording has it: everything was below its thresholds for long enough."""
+        """As a run over a recording has it: everything was judged and below its thresholds for long enough."""
         if not alarm or loud:
             self._quiet_since, self._was_judged = t, alarm
             return False
