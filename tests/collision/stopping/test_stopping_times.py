@@ -3,6 +3,7 @@ side or is refused."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.collision.stopping.deceleration import Deceleration
+from bumpstop.collision.stopping.stopping_times import stopping_times
 from bumpstop.collision.trajectory.trajectory_curve import trajectory_kernel
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -183,6 +185,20 @@ def test_without_a_payload_no_payload_takes_longer_at_any_rate(tmp_path: Path, s
     assert (known[:, 3:] >= known[:, :3].max(axis=1, keepdims=True) - 1e-12).all()
     if speed >= 60 or speed == 20:  # the two cross below, where the line between the longest at both ends is longer
         np.testing.assert_allclose(unknown[:3], known[:, :3].max(axis=0), rtol=1e-9)
+
+
+def test_a_joint_that_slides_beside_a_table_of_angles_takes_the_longest_of_all(tmp_path: Path) -> None:
+    """Its speed in m/s is none of the table's levels."""
+    scenario = one_joint(tmp_path, 1, 1.0, grid(plain), STRETCHED)
+    robot = bs.Robot.load("ur10e")
+    sliding = replace(robot, joints=(*robot.joints[:5], replace(robot.joints[5], kind="prismatic")))
+    times = stopping_times(scenario.reaction, tmp_path, sliding)
+    assert times is not None
+    pose = np.array([STRETCHED]) * DEG
+    slow, *levels = (times.by_joint(sliding, pose, np.full((1, 6), v))[0] for v in (0.3, *times.rate[times.rate > 0]))
+    longest = np.max(levels)
+    assert slow[5] == pytest.approx(longest, rel=1e-12)
+    assert slow[4] < longest
 
 
 def test_brakes_without_a_payload_are_noted(tmp_path: Path) -> None:

@@ -104,8 +104,11 @@ def stopping_times(reaction: BrakingKeys, folder: Path, robot: Robot) -> Stoppin
     )
     with_payload = listed.max(axis=0) if weights is None else np.tensordot(weights, listed, axes=1)
     time = np.empty((robot.dof, len(extensions), len(nodes)))
-    # A joint that the table leaves out takes as long as the slowest of those it has.
+    # A joint that the table leaves out takes as long as the slowest of those it has; one of another kind, whose speed
+    # the table has no unit for, as the slowest at any speed.
     time[:] = with_payload.max(axis=0)
+    other = [(joint.kind == "prismatic") != table.linear for joint in robot.joints]
+    time[other] = with_payload[..., nodes > 0].max(axis=(0, 2))[:, None]
     for k, joint in enumerate(table.joints):
         if joint != TCP:
             time[joint - 1] = with_payload[k]
