@@ -321,7 +321,8 @@ def _report(findings: Findings, studies: list[Case], facts: dict[str, Any]) -> N
         f"find {shares} in the order of the table. Nothing is tested on the share: it hangs on the joint acceleration, "
         "which Schroeder (2013) does not print, on the distribution of directions, and on what an arm does at a "
         "singularity or a joint limit. Without limits the share should be Schroeder's: its simulator had none. With "
-        "them its arm goes on where ours ends before contact; the next column counts those cases as over."
+        "them its arm goes on where ours ends before contact; another column counts cases in which nothing is hit as "
+        "over, those that a false alarm stops among them."
     )
     findings.figures |= {
         "edges_N": [*EDGES_N, None],

@@ -237,8 +237,11 @@ class ResultFolder:
 
         Shards stay until there is a manifest, so that a result without either is one whose manifest is gone.
         """
+        # Shards first: a run that ends meanwhile writes the manifest before it takes them away.
+        if any(map(self._is_shard, self.storage.sizes("shards"))):
+            return []
         here = self.storage.sizes("")
-        if MANIFEST in here or any(map(self._is_shard, self.storage.sizes("shards"))):
+        if MANIFEST in here:
             return []
         names = here.keys() | {f"rows/{name}" for name in self.storage.sizes("rows")}
         if names.isdisjoint({SUMMARY, *map(self._volume_name, range(self._volumes))}):

@@ -235,10 +235,10 @@ def test_trajectory_files_are_read_back_as_the_same_motion(
         assert rows.time[-1] == pytest.approx(path.duration, abs=1e-6)
 
 
-@pytest.mark.parametrize("rate", [20.0, 50.0, 500.0])
-def test_planned_rows_are_within_limits_as_they_are_read(rate: float, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("name", "rate"), [("ur10e", 20.0), ("ur10e", 500.0), ("panda", 50.0), ("iiwa14", 50.0)])
+def test_planned_rows_are_within_limits_as_they_are_read(name: str, rate: float, tmp_path: Path) -> None:
     """Strokes at all of a joint's speed: a curve through the rows may pass what they keep."""
-    robot = bs.Robot.load("ur10e")
+    robot = bs.Robot.load(name)
     plan = plan_identification(robot, ProtocolSettings(speed_shares=(0.5, 1.0), repeats=1, ramp_repeats=1, holds=0))
     for experiment in plan.experiments:
         (tmp_path / "joint.csv").write_text(trajectory_csv(plan.path(experiment), rate))

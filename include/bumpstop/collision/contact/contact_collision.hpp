@@ -131,7 +131,7 @@ class ContactReactions {
     bool peak_only_;
     ContactDynamics dynamics_;
     int swing_;    // simulation steps until an oscillation at rest has had its peak
-    int settles_;  // the same of an arm alone, which its servo brings to its reference
+    int settles_;  // the same, after the servo has brought the arm to its reference
 };
 
 /// One body, whose first tick in contact is `tick`: the contact at every tick of the undetected collision, and what a reaction
