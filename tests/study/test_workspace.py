@@ -4,6 +4,7 @@ hidden."""
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from bumpstop.study.directions import draw_directions, spread_directions
 from bumpstop.study.workspace import predictors as predicting
 from bumpstop.study.workspace import workspace as workspace_module
 from bumpstop.study.workspace.workspace import WorkspaceStudy
+from bumpstop.study.workspace.workspace_summary import summary_lines
 from collision.cases import control_group, ur10e
 
 SLOW = control_group(motion__velocity_mm_s=[0.0, 0.0, -10.0])
@@ -369,3 +371,17 @@ def test_bodies_reached_while_the_arm_brakes_are_hit() -> None:
     assert sum(found["collisions"]) == pytest.approx(summary["p_over_force"]["mean"] * rows.height, rel=1e-4)
     words = "".join(str(html) for part in pages_of(study, rows, summary)[1] for html in part.content())
     assert "Cases in which nothing is hit are left out (98 % of all)" in words
+
+
+@pytest.mark.parametrize(
+    "given", [{"contact__offset_mm": 1.0, "contact__stiffness_N_m": 1e9}, {"motion__duration_s": 0.01}]
+)
+def test_no_force_is_most_common_where_none_is_within_the_bins(given: dict[str, Any]) -> None:
+    """All are beyond the last, or nothing is hit."""
+    case = {"contact__offset_law": "fixed", "contact__offset_mm": 200.0} | given
+    study = WorkspaceStudy(control_group(**case), poses=5)
+    rows, summary = run(study)
+    assert summary["distribution"]["mode_of_collisions_N"] is None
+    assert any(re.fullmatch(r"most common peak force: none up to \d+ N", line) for line in summary_lines(summary))
+    words = "".join(str(html) for part in pages_of(study, rows, summary)[1] for html in part.content())
+    assert "of the poses' medians: none up to" in words.replace("&#x27;", "'")

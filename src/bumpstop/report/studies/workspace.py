@@ -12,7 +12,7 @@ from bumpstop.collision.probability_text import percent
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import EVENT, FAINT, INK, LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
-from bumpstop.study.workspace.workspace_summary import MAP_CELLS, worst_risk
+from bumpstop.study.workspace.workspace_summary import MAP_CELLS, mode_text, worst_risk
 from bumpstop.terminal import NONE, correlation, number
 
 if TYPE_CHECKING:
@@ -146,11 +146,13 @@ class ForcePart(Part):
     def content(self) -> list[Html]:
         """The two modes, and why shares differ from Schroeder's."""
         found = self._summary["distribution"]
-        collisions, medians = found["mode_of_collisions_N"], found["mode_of_medians_N"]
+        collisions, medians = (
+            mode_text(found[f"mode_of_{name}_N"], found["edges_N"]) for name in ("collisions", "medians")
+        )
         parts = [
             paragraph(
-                f"Most common peak force of all collisions: {collisions[0]:g} to {collisions[1]:g} N; of the poses' "
-                f"medians: {medians[0]:g} to {medians[1]:g} N. Cases in which nothing is hit are left out "
+                f"Most common peak force of all collisions: {collisions}; of the poses' medians: {medians}. Cases in "
+                "which nothing is hit are left out "
                 f"({percent(self._summary['nothing_hit']['mean'], integrated=True)} of all). The last bin holds "
                 "everything beyond, undetected collisions among it."
             ),

@@ -127,8 +127,8 @@ def summary_lines(summary: Mapping[str, Any]) -> list[str]:
         missed, refused = _percent(found["unsafe_missed"]), _percent(found["safe_refused"])
         rank = f"rank correlation {correlation(found['rank_correlation'])}"
         lines.append(f"{name.replace('_', ' ')}: {rank}, misses {missed} of unsafe poses, rejects {refused} of safe")
-    low, high = summary["distribution"]["mode_of_collisions_N"]
-    lines.append(f"most common peak force: {low:g} to {high:g} N")
+    found = summary["distribution"]
+    lines.append(f"most common peak force: {mode_text(found['mode_of_collisions_N'], found['edges_N'])}")
     ends = ", ".join(f"{end.replace('_', ' ')} {count}" for end, count in summary["ends"].items() if count)
     lines.append(f"undetected: {summary['undetected']['mean']:.4f}; motions end by: {ends}")
     if summary["self_collisions"]["looked_for"]:
@@ -148,9 +148,17 @@ def _share(p: FloatArray) -> dict[str, float] | None:
     return {"mean": float(p.mean()), "standard_error": float(p.std() / np.sqrt(p.size))}
 
 
-def _mode(counts: Any, edges: FloatArray) -> list[float]:
+def _mode(counts: FloatArray, edges: FloatArray) -> list[float] | None:
+    """Ends of the fullest bin; None where all are empty."""
+    if not counts.sum() > _NEVER:
+        return None
     at = int(np.argmax(counts))
     return [float(edges[at]), float(edges[at + 1])]
+
+
+def mode_text(mode: Sequence[float] | None, edges: Sequence[float]) -> str:
+    """The most common force as it is printed."""
+    return f"none up to {edges[-1]:g} N" if mode is None else f"{mode[0]:g} to {mode[1]:g} N"
 
 
 def _percent(share: float) -> str:
