@@ -165,10 +165,9 @@ def _begin_process(job: ShardedJob, folder: ResultFolder | None) -> None:
 
 
 def _compute_here(numbers: list[int]) -> list[Receipt]:
-    job, folder, *checked = _OF_THIS_PROCESS
-    if folder is not None and not checked:
+    job, folder = _OF_THIS_PROCESS
+    if folder is not None:
         _check_seen(job, folder)
-        _OF_THIS_PROCESS.append(True)
     return compute_group(job, folder, numbers)
 
 
