@@ -41,6 +41,14 @@ def test_the_citation_is_of_this_version() -> None:
     assert (str(citation["version"]), citation["license"]) == (PROJECT["version"], PROJECT["license"])
 
 
+def test_the_docs_extra_holds_what_the_gallery_runs() -> None:
+    extras = PROJECT["optional-dependencies"]
+    commands = re.findall(r'"([a-z]+) ', read("docs/extensions/made_pictures.py"))
+    assert "program" in commands
+    for extra in extras.keys() & set(commands):
+        assert set(extras[extra]) <= set(extras["docs"]), extra
+
+
 def test_cmake_installs_below_destdir(tmp_path: Path) -> None:
     beside = Path(sys.executable).with_name("cmake")
     cmake = str(beside) if beside.exists() else shutil.which("cmake")
