@@ -2,7 +2,6 @@
 /// A collision from its scenario to the distribution of its force.
 #pragma once
 
-#include "bumpstop/collision/contact/separation_criterion.hpp"
 #include "bumpstop/collision/distribution/monte_carlo.hpp"
 #include "bumpstop/collision/distribution/survival_criterion.hpp"
 #include "bumpstop/collision/integrate.hpp"
@@ -12,7 +11,26 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace detail {
 
-/// Whether the collision with the farthest body is detected for certain before the last tick of a path.
+/// Whether every body up to `largest_offset` has separated before the last tick of a path that touches all of them. Bodies
+/// are probed at the distance of every step, which is as finely as the path tells them apart.
+inline bool all_separated(const LinePath& path, const ContactPropagator& by, const Timing& timing,
+                          double largest_offset) {
+    const ContactDynamics dynamics(by);
+    const std::size_t last = std::size_t(path.ticks - 1) * std::size_t(timing.period) + 1;
+    double offset = -HUGE_VAL;
+    for (std::size_t first = 0; first < last && offset < largest_offset; ++first) {
+        if (!(path.s[first] > offset)) continue;  // an earlier step has touched a body at this offset
+        offset = std::min(path.s[first], largest_offset);
+        ContactState state;
+        // A body at `largest_offset` may be touched in the step before.
+        for (std::size_t i = first > 0 ? first - 1 : 0; i < last && !state.separated; ++i)
+            dynamics.step(state, path.s[i], path.s[i + 1], offset);
+        if (!state.separated) return false;
+    }
+    return true;
+}
+
+/// Whether the collision with the farthest body is detected with certainty before the last tick of a path.
 inline bool surely_detected(const CollisionSetup& setup, const LinePath& path, const ContactPropagator& by,
                             const GaussianThresholds& detector, const Contact& contact) {
     const ContactDynamics dynamics(by);
@@ -34,7 +52,7 @@ inline bool surely_detected(const CollisionSetup& setup, const LinePath& path, c
 template <class T>
 LinePath trace_until_decided(const CollisionSetup& setup, const LineRequest& line, const GaussianThresholds& detector,
                              const Contact& contact) {
-    const double largest = contact.offset.largest();
+    const double largest = contact.offset.largest(), tick_duration = setup.timing.period * setup.motion.step;
     if (!contact.body.gets_away()) {
         LinePath path = trace_line<T>(setup, line, SurvivalCriterion<T>(setup, detector, contact));
         const std::optional<ContactSystem> system = contact_system(setup, path, contact);
@@ -44,7 +62,7 @@ LinePath trace_until_decided(const CollisionSetup& setup, const LineRequest& lin
         pressed.body.stiffness = system->static_stiffness();
         double lag = settling_time(setup, *system);
         for (int doubling = 0; doubling < 8; ++doubling, lag *= 2) {
-            const int ticks = int(std::ceil(lag / (setup.timing.period * setup.motion.step)));
+            const int ticks = int(std::ceil(lag / tick_duration));
             path =
                 trace_line<T>(setup, line, LingeringCriterion(SurvivalCriterion<T>(setup, detector, pressed), ticks));
             if (path.end != PathEnd::all_detected ||
@@ -53,10 +71,12 @@ LinePath trace_until_decided(const CollisionSetup& setup, const LineRequest& lin
         }
         return path;
     }
-    const double half_oscillation = contact.system()->half_oscillation();
+    // At constant speed a free body separates after half an oscillation. Three halves leave room for an arm that does not
+    // keep its speed; one that speeds up may push for longer.
+    const double half_oscillation = contact.system()->half_oscillation() / tick_duration;
     for (double half_oscillations = 3;; half_oscillations *= 4) {
-        LinePath path =
-            trace_line<T>(setup, line, SeparationCriterion<T>(largest, half_oscillations * half_oscillation, setup));
+        const int ticks = int(std::min(half_oscillations * half_oscillation, double(setup.timing.steps))) + 2;
+        LinePath path = trace_line<T>(setup, line, LingeringCriterion(ContactCriterion<T>{largest}, ticks));
         if (path.end != PathEnd::all_detected ||
             all_separated(path, *contact_propagator(setup, path, contact), setup.timing, largest))
             return path;

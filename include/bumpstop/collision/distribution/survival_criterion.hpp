@@ -62,7 +62,18 @@ class SurvivalCriterion {
     double survival_ = 1;
 };
 
-/// Ends a line some ticks after another criterion would: what the detector meets lags behind.
+/// Ends a line once even the farthest body is touched.
+template <class T>
+struct ContactCriterion {
+    double largest_offset;  ///< [m]
+    T distance{};           ///< at the moments observed [m]
+
+    void observe(const T& s, const T*) { distance = s; }
+    bool finished(int moment) const { return lane_of(distance, moment) > largest_offset; }
+};
+
+/// Ends a line some ticks after another criterion would, because an elastic arm lags behind its reference, or because a
+/// free body takes a while to separate.
 template <class Criterion>
 class LingeringCriterion {
   public:
