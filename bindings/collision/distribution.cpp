@@ -1,5 +1,4 @@
 // Distributions of collisions.
-#include "bumpstop/collision/distribution/density_arrays.hpp"
 #include "bumpstop/collision/integrate.hpp"
 #include "common.hpp"
 #include "interrupt.hpp"
@@ -22,6 +21,41 @@ LinearQuantity& with_moments(CollisionDistribution& self, const std::string& nam
     LinearQuantity& found = quantity(self, name);
     if (!found.has_moments) find_moments<L>(self.density, found);
     return found;
+}
+
+// The slots of every panel in an array are alike: alarms before the first tick in contact, that tick and later ones, and at
+// last no detection.
+struct ArraySlots {
+    explicit ArraySlots(const PiecewiseDensity& density) {
+        for (const PiecewiseDensity::Panel& panel : density.panel) {
+            for (int i = panel.first_alarm; i < panel.end_alarm; ++i)
+                before = std::max(before, panel.first_tick - density.alarm[std::size_t(i)].tick);
+            after = std::max(after, panel.slots);
+        }
+    }
+    int before = 0, after = 0;
+};
+
+// Coefficients of Legendre's polynomials, [slot][degree][panel].
+auto coefficients(const PiecewiseDensity& density) {
+    const ArraySlots slots(density);
+    const std::size_t count = std::size_t(slots.before + slots.after + 1), order = std::size_t(density.order),
+                      panels = density.panel.size();
+    std::vector<double> out(count * order * panels, 0.0);
+    const auto add = [&](int slot, std::size_t p, const double* series, double factor) {
+        for (std::size_t l = 0; l < order; ++l)
+            out[(std::size_t(slot) * order + l) * panels + p] += factor * double(2 * l + 1) * series[l];
+    };
+    for (std::size_t p = 0; p < panels; ++p) {
+        const PiecewiseDensity::Panel& panel = density.panel[p];
+        for (int slot = 0; slot < panel.slots; ++slot) add(slots.before + slot, p, density.series_of(panel, slot), 1);
+        if (!density.end_series.empty()) add(int(count) - 1, p, density.end_series_of(p), 1);
+        for (int i = panel.first_alarm; i < panel.end_alarm; ++i) {
+            const PreContactAlarm& alarm = density.alarm[std::size_t(i)];
+            add(slots.before + alarm.tick - panel.first_tick, p, density.offset_series_of(p), alarm.chance);
+        }
+    }
+    return array_of(out, {count, order, panels});
 }
 
 template <class Scalar, class Of>
@@ -72,15 +106,9 @@ void bind_distribution(nb::module_& module) {
                 return unlocked([&] { return upper_quantile<L>(self.density, of, allowed, never); });
             },
             nb::arg("quantity"), nb::arg("allowed"), nb::arg("never"))
-        .def_prop_ro("slots_before",
-                     [](const Distribution& self) { return DensityArrays(self.density).slots_before(); })
+        .def_prop_ro("slots_before", [](const Distribution& self) { return ArraySlots(self.density).before; })
         .def_prop_ro(
-            "coefficients",
-            [](const Distribution& self) {
-                const DensityArrays arrays(self.density);
-                return array_of(arrays.coefficients(), {std::size_t(arrays.slots()), arrays.order(), arrays.panels()});
-            },
-            owned)
+            "coefficients", [](const Distribution& self) { return coefficients(self.density); }, owned)
         .def_prop_ro(
             "panel_mid",
             [](const Distribution& self) {
