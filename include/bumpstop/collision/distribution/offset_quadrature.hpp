@@ -315,7 +315,7 @@ class OffsetQuadrature {
         delay.reach.resize(std::size_t(ticks));
         for (int k = 0; k < ticks; ++k) {
             at_detection.reach[std::size_t(k)] = mesh_.s_tick(k);
-            delay.reach[std::size_t(k)] = before_.time(k);
+            delay.reach[std::size_t(k)] = setup_.tick_time(k);
         }
         // Between the ends of a panel the path is straight in time.
         delay.low.clear();

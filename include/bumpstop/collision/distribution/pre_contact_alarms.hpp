@@ -24,9 +24,8 @@ struct NoContactTick {
 
 class PreContactAlarms {
   public:
-    PreContactAlarms(const CollisionSetup& setup, const GaussianThresholds& detector, int ticks)
-        : detector_(detector), period_(setup.timing.period), step_(setup.motion.step) {
-        while (unarmed_ <= ticks && !detector.armed(time(unarmed_))) ++unarmed_;
+    PreContactAlarms(const CollisionSetup& setup, const GaussianThresholds& detector, int ticks) : detector_(detector) {
+        while (unarmed_ <= ticks && !detector.armed(setup.tick_time(unarmed_))) ++unarmed_;
         for (int w = 0; w < detector.monitored; ++w) white_.add(w, joint_alarm(detector, w, 0.0));
         std::vector<double> log_survival(std::size_t(ticks) + 1, 0.0);
         if (detector.correlation != 0) {
@@ -42,7 +41,6 @@ class PreContactAlarms {
         }
     }
 
-    double time(int k) const { return (double(k) * period_ + 1) * step_; }  ///< of tick k [s]
     /// The first so many ticks are not armed.
     int unarmed() const { return unarmed_; }
     bool armed(int k) const { return k >= unarmed_; }
@@ -118,8 +116,6 @@ class PreContactAlarms {
     }
 
     const GaussianThresholds& detector_;
-    int period_;
-    double step_;
     int unarmed_ = 0;
     NoContactTick white_;
     std::vector<double> survival_, false_alarm_;  ///< by tick: of those before it
