@@ -20,10 +20,10 @@ struct TickContact {
 };
 
 // An alarm model serves one block of offsets after another, tick by tick:
-//   begin(tick)     the first tick in contact
-//   at(contact)     a tick; what it returns gives, for monitored joint w and register r,
-//     .chance(w, r) the probability of an alarm there, given none before
-//   skip(contact)   a tick at which the detector is not armed
+//   begin(tick)    the first tick in contact
+//   at(contact)    a tick; chance(w, r, contact) of what it returns is the probability that monitored joint w alarms at the
+//                  offsets of register r, given no alarm before
+//   skip(contact)  a tick at which the detector is not armed
 
 /// White noise, with all digits of far tails.
 template <class T>
@@ -41,15 +41,12 @@ class ExactAlarms {
 
     explicit ExactAlarms(const GaussianThresholds& detector) : detector_(detector) {}
 
-    struct Tick {
-        const GaussianThresholds& detector;
-        const TickContact<T>& contact;
-
-        AlarmProbability<T> chance(int w, int r) const { return joint_alarm(detector, w, contact.residual[w][r]); }
-    };
     void begin(int) {}
-    Tick at(const TickContact<T>& contact) const { return {detector_, contact}; }
+    const ExactAlarms& at(const TickContact<T>&) const { return *this; }
     void skip(const TickContact<T>&) {}
+    AlarmProbability<T> chance(int w, int r, const TickContact<T>& contact) const {
+        return joint_alarm(detector_, w, contact.residual[w][r]);
+    }
 
   private:
     const GaussianThresholds& detector_;
@@ -74,9 +71,8 @@ class TabulatedAlarms {
 
     struct Tick {
         AlarmTable::Near near;
-        const TickContact<T>& contact;
 
-        AlarmProbability<T> chance(int w, int r) const {
+        AlarmProbability<T> chance(int w, int r, const TickContact<T>& contact) const {
             const T alarm = near.template alarm<T>(w, contact.force[r]);
             return {alarm, 1.0 - alarm};
         }
@@ -86,7 +82,7 @@ class TabulatedAlarms {
         // The offsets of a block grow, and so the force falls, from its first lane to its last.
         const double first = lane_of(contact.force[0], 0),
                      last = lane_of(contact.force[block_registers<T> - 1], Scalar<T>::lanes - 1);
-        return {table_.near<T>(detector_.monitored, contact.torque_per_N, 0.5 * (first + last)), contact};
+        return {table_.near<T>(detector_.monitored, contact.torque_per_N, 0.5 * (first + last))};
     }
     void skip(const TickContact<T>&) {}
 
@@ -112,16 +108,6 @@ class CorrelatedAlarms {
           residual_(std::size_t(detector.monitored * registers)),
           density_(std::size_t(detector.monitored * registers)) {}
 
-    class Tick {
-      public:
-        Tick(CorrelatedAlarms& model, const TickContact<T>& contact) : model_(model), contact_(contact) {}
-        AlarmProbability<T> chance(int w, int r) { return model_.chance(w, r, contact_.residual[w][r]); }
-
-      private:
-        CorrelatedAlarms& model_;
-        const TickContact<T>& contact_;
-    };
-
     /// The noise is as the ticks before contact left it.
     void begin(int tick) {
         for (int w = 0; w < detector_.monitored; ++w) {
@@ -138,9 +124,15 @@ class CorrelatedAlarms {
             }
         }
     }
-    Tick at(const TickContact<T>& contact) {
+    CorrelatedAlarms& at(const TickContact<T>&) {
         allow_interruption();  // a panel of thousands of ticks takes seconds
-        return {*this, contact};
+        return *this;
+    }
+    AlarmProbability<T> chance(int w, int r, const TickContact<T>& contact) {
+        T& own = residual_[place(w, r)];
+        own = detector_.filtered(own, contact.residual[w][r]);
+        if (!before_.correlated(w)) return joint_alarm(detector_, w, own);
+        return propagate_tick(*before_.noise(w), density_[place(w, r)], own, work_);
     }
     /// A tick that is not armed says nothing about the noise.
     void skip(const TickContact<T>& contact) {
@@ -156,13 +148,6 @@ class CorrelatedAlarms {
   private:
     static constexpr int registers = block_registers<T>;
     static std::size_t place(int w, int r) { return std::size_t(w * registers + r); }
-
-    AlarmProbability<T> chance(int w, int r, T torque) {
-        T& own = residual_[place(w, r)];
-        own = detector_.filtered(own, torque);
-        if (!before_.correlated(w)) return joint_alarm(detector_, w, own);
-        return propagate_tick(*before_.noise(w), density_[place(w, r)], own, work_);
-    }
 
     const GaussianThresholds& detector_;
     const PreContactAlarms& before_;

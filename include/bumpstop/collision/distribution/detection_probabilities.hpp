@@ -129,24 +129,18 @@ class DetectionIntegrator {
           alarms_(std::move(alarms)),
           negligible_survival_(negligible_survival) {}
 
-    /// `max_force`: no collision of the path reaches a greater one [N]. Joints of an arm that `sways` move all of them.
-    void begin(const LinePath& path, double max_force, bool sways = false) {
+    /// `mesh`: of the path. `max_force`: no collision of the path reaches a greater one [N]. In an `elastic` arm every joint
+    /// oscillates after contact, also one that the contact force does not load.
+    void begin(const LinePath& path, const OffsetMesh& mesh, double max_force, bool elastic = false) {
         path_ = &path;
-        alignas(64) double most[max_joints] = {};  // by monitored joint
-        torque_per_N_.assign(std::size_t(path.ticks) * max_joints, 0.0);
-        for (int k = 0; k < path.ticks; ++k) {
-            double* own = &torque_per_N_[std::size_t(k) * max_joints];
-            for (int w = 0; w < detector_.monitored; ++w)
-                own[w] = path.torque_per_N[std::size_t(k * path.dof + detector_.joint[std::size_t(w)])];
-            for (int w = 0; w < detector_.monitored; w += native_lanes)
-                store(max(load<Native>(most + w), abs(load<Native>(own + w))), most + w);
-        }
+        mesh_ = &mesh;
         touched_count_ = 0;
         untouched_ = {};
         const NoContactTick& alone = before_.no_contact(before_.unarmed());
         for (int w = 0; w < detector_.monitored; ++w) {
-            const double residual = most[w] * max_force * detector_.scale[std::size_t(w)];
-            if (sways || residual > Alarms::negligible_residual) {
+            const double residual =
+                mesh.max_torque_per_N()[std::size_t(w)] * max_force * detector_.scale[std::size_t(w)];
+            if (elastic || residual > Alarms::negligible_residual) {
                 touched_[touched_count_++] = w;
             } else {
                 const double alarm = alone.single[std::size_t(w)];
@@ -167,7 +161,6 @@ class DetectionIntegrator {
     const LinePath& path() const { return *path_; }
 
   private:
-    using Native = Lanes<native_lanes>;
     static constexpr int lanes = Scalar<T>::lanes, registers = block_registers<T>;
 
     /// The nodes from `first` on.
@@ -197,7 +190,7 @@ class DetectionIntegrator {
             double* detected =
                 &out.detected[(own.first_slot + std::size_t(slot)) * std::size_t(order) + std::size_t(first)];
             const double s = path_->at_tick(k, timing_.period);
-            const double* torque_per_N = &torque_per_N_[std::size_t(k) * max_joints];
+            const double* torque_per_N = &mesh_->torque_per_N()[std::size_t(k) * max_joints];
             here.torque_per_N = torque_per_N;
             for (int r = 0; r < registers; ++r) here.force[r] = contact.force(s, slot, r);
             if constexpr (!Alarms::tabulated) {
@@ -220,10 +213,10 @@ class DetectionIntegrator {
                 if constexpr (Contact::parts) weight[r] *= contact.touched(slot, r);
                 armed[r] += weight[r];
             }
-            auto tick = alarms_.at(here);
+            auto&& tick = alarms_.at(here);
             for (int f = 0; f < touched_count_; ++f) {
                 for (int r = 0; r < registers; ++r) {
-                    const AlarmProbability<T> joint = tick.chance(touched_[f], r);
+                    const AlarmProbability<T> joint = tick.chance(touched_[f], r, here);
                     single[f][r] += weight[r] * joint.alarm;
                     one[r] = one[r] * joint.no_alarm + no_alarm[r] * joint.alarm;
                     alarm[r] += no_alarm[r] * joint.alarm;
@@ -273,7 +266,7 @@ class DetectionIntegrator {
     Alarms alarms_;
     double negligible_survival_;
     const LinePath* path_ = nullptr;
-    std::vector<double> torque_per_N_;                  ///< [tick][monitored joint, max_joints places]
+    const OffsetMesh* mesh_ = nullptr;
     int touched_[max_joints] = {}, touched_count_ = 0;  ///< monitored joints that a force moves
     NoContactTick untouched_;                           ///< of the others
 };

@@ -45,6 +45,11 @@ class OffsetMesh {
     /// Contact begins at tick k for the offsets edge(k)..edge(k + 1); the last edge is the end of the motion.
     const std::vector<double>& edges() const { return edge_; }
 
+    /// By tick and monitored joint: its torque per newton of contact force [Nm/N]; a tick has `max_joints` places.
+    const std::vector<double>& torque_per_N() const { return torque_per_N_; }
+    /// By monitored joint: the greatest of these, positive.
+    const std::array<double, max_joints>& max_torque_per_N() const { return max_torque_per_N_; }
+
     double s_tick(int k) const { return path_->at_tick(k, timing_.period); }
     /// The step in which the undetected motion ends; where something gives way it is followed until an arm that brakes has come to rest.
     std::size_t end_step() const {
@@ -120,21 +125,24 @@ class OffsetMesh {
         for (std::size_t i = 0; i <= end_step(); ++i) last = std::max(last, undisturbed(i));
     }
 
-    /// How fast the residual grows with the offset, in standard deviations of the noise per metre: at most.
+    /// The greatest torque per newton of every joint, and how fast the residual grows with the offset at most, in standard
+    /// deviations of the noise per metre.
     void find_gain() {
         using L = Lanes<native_lanes>;
         static_assert(max_joints % native_lanes == 0);
-        alignas(64) double torque[max_joints] = {};  // by monitored joint
+        max_torque_per_N_.fill(0.0);
+        torque_per_N_.assign(std::size_t(path_->ticks) * max_joints, 0.0);
         for (int k = 0; k < path_->ticks; ++k) {
-            const double* own = &path_->torque_per_N[std::size_t(k) * std::size_t(path_->dof)];
-            alignas(64) double here[max_joints] = {};
-            for (int w = 0; w < detector_.monitored; ++w) here[w] = own[detector_.joint[std::size_t(w)]];
+            double* own = &torque_per_N_[std::size_t(k) * max_joints];
+            for (int w = 0; w < detector_.monitored; ++w)
+                own[w] = path_->torque_per_N[std::size_t(k * path_->dof + detector_.joint[std::size_t(w)])];
             for (int w = 0; w < detector_.monitored; w += native_lanes)
-                store(max(load<L>(torque + w), abs(load<L>(here + w))), torque + w);
+                store(max(load<L>(&max_torque_per_N_[std::size_t(w)]), abs(load<L>(own + w))),
+                      &max_torque_per_N_[std::size_t(w)]);
         }
         gain_ = 0;
-        for (int w = 0; w < detector_.monitored; ++w)
-            gain_ = std::max(gain_, torque[w] * detector_.scale[std::size_t(w)] * std::numbers::sqrt2);
+        for (std::size_t w = 0; w < std::size_t(detector_.monitored); ++w)
+            gain_ = std::max(gain_, max_torque_per_N_[w] * detector_.scale[w] * std::numbers::sqrt2);
         // What correlated noise adds from tick to tick is narrower than the noise.
         gain_ *=
             settings_->contact.body.stiffness / std::sqrt((1 - detector_.correlation) * (1 + detector_.correlation));
@@ -333,9 +341,8 @@ class OffsetMesh {
                 const double limit = side * detector_.threshold[std::size_t(w)] - detector_.mean[std::size_t(w)];
                 double at_zero = 0, slope = 0;  // the noiseless residual is at_zero - slope o
                 for (int k = first; k < path_->ticks && !passed; ++k) {
-                    const double stiffness = path_->torque_per_N[std::size_t(k) * std::size_t(path_->dof) +
-                                                                 std::size_t(detector_.joint[std::size_t(w)])] *
-                                             settings_->contact.body.stiffness;
+                    const double stiffness =
+                        torque_per_N_[std::size_t(k * max_joints + w)] * settings_->contact.body.stiffness;
                     at_zero = detector_.filtered(at_zero, stiffness * s_tick(k));
                     slope = detector_.filtered(slope, stiffness);
                     if (!(limit * slope > 0)) continue;
@@ -367,6 +374,8 @@ class OffsetMesh {
     bool transitions_ = false;  ///< the noise is so narrow that panels are cut where residuals pass thresholds
     bool groups_ = false;       ///< a panel may hold several ticks
     double gain_ = 0;
+    alignas(64) std::array<double, max_joints> max_torque_per_N_{};
+    std::vector<double> torque_per_N_;
     std::vector<OffsetPanel> panels_;
     std::vector<double> edge_, retreat_, inner_;
 };

@@ -70,7 +70,7 @@ class OffsetQuadrature {
     bool fixed() const { return settings_.contact.offset.kind == OffsetKind::fixed; }
 
     void find_probabilities() {
-        integrator_.begin(*path_, settings_.contact.body.stiffness * std::max(0.0, mesh_.edges().back()),
+        integrator_.begin(*path_, mesh_, settings_.contact.body.stiffness * std::max(0.0, mesh_.edges().back()),
                           dynamic() && settings_.propagator->elastic());
         const auto interpolate = [&](auto&& contact) {
             InterpolatedPanels panels(integrator_, contact, mesh_, before_, probabilities_);

@@ -90,7 +90,7 @@ double tail_without_interpolation(const CollisionSetup& setup, const StoppingCur
     const auto by = [&](const auto& alarms) {
         DetectionIntegrator<T, std::decay_t<decltype(alarms)>> integrator(setup, detector, before, alarms,
                                                                           negligible_tail);
-        integrator.begin(path, contact.body.stiffness * std::max(0.0, mesh.edges().back()));
+        integrator.begin(path, mesh, contact.body.stiffness * std::max(0.0, mesh.edges().back()));
         return detail::sum_beyond<T>(curve, contact, mesh.order(), depth, end, panels, before, integrator);
     };
     return detector.correlated_noise() ? by(CorrelatedAlarms<T>(detector, before)) : by(ExactAlarms<T>(detector));
