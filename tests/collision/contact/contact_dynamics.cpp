@@ -38,7 +38,7 @@ int main() {
     state.reacts = reacts;
     for (int i = 0; i < steps; ++i) {
         dynamics.step(state, path[std::size_t(i)], path[std::size_t(i + 1)], offset);
-        std::printf("%.17g %.17g %.17g", state.force, state.peak, state.since);
+        std::printf("%.17g %.17g %.17g", state.force, state.peak, state.duration);
         double residual[max_joints];
         if (arm.dof > 0) dynamics.residuals(state, nullptr, arm.dof, residual);
         for (int j = 0; j < arm.dof; ++j) std::printf(" %.17g", residual[j]);

@@ -1,5 +1,5 @@
 /// @file
-/// What the arm meets, and where.
+/// The body that the arm hits, and its distance.
 #pragma once
 
 #include <optional>
@@ -13,12 +13,13 @@ struct Contact {
     ContactBody body{};
     OffsetDistribution offset{};  ///< how far the body is from the contact point when the motion begins
 
-    /// A rigid arm and the body; none where all that gives is a clamped spring.
+    /// A rigid arm and the body as a linear system; none for a clamped spring, whose force follows from the distance
+    /// alone.
     std::optional<ContactSystem> system() const {
         if (body.clamped() && !(body.damping > 0)) return std::nullopt;
         return ContactSystem(ElasticArm{}, body);
     }
-    /// The same body where contact begins.
+    /// The same body at the place where contact begins.
     Contact at_body() const { return {body, {OffsetKind::fixed, 0.0}}; }
 };
 

@@ -1,5 +1,5 @@
 /// @file
-/// One collision in time, along a path that is given.
+/// One collision over time, along a given path.
 #pragma once
 
 #include <span>
@@ -16,8 +16,8 @@ struct ContactCourse {
 };
 
 /// `path`: distances of the reference after every simulation step, the start first; the body stands at `offset` [m].
-/// After step `reaction` what the path does is sudden. Until then gears have wound up for it, and an arm that has not met
-/// the body is where its reference is.
+/// The reaction begins after step `reaction`. Until then the gears carry the torques of the motion, and the arm stays
+/// on its reference until it touches the body.
 inline ContactCourse contact_course(const ContactPropagator& by, std::span<const double> path, double offset,
                                     std::size_t reaction) {
     const ContactDynamics dynamics(by);
@@ -29,14 +29,15 @@ inline ContactCourse contact_course(const ContactPropagator& by, std::span<const
             state.reacts = true;
             if (i > 2) state.ramp = (path[i - 1] - 2 * path[i - 2] + path[i - 3]) / by.step;
         }
-        if (i > 0 && (state.reacts || state.meets(path[i], offset))) dynamics.step(state, path[i - 1], path[i], offset);
+        if (i > 0 && (state.reacts || state.needs_step(path[i], offset)))
+            dynamics.step(state, path[i - 1], path[i], offset);
         course.force.push_back(state.force);
         if (by.dof == 0) continue;
         course.residual.resize(course.residual.size() + std::size_t(by.dof));
         dynamics.residuals(state, nullptr, by.dof, course.residual.data() + course.residual.size() - by.dof);
     }
     course.peak = state.peak;
-    course.duration = state.since;
+    course.duration = state.duration;
     return course;
 }
 

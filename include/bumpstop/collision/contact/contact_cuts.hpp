@@ -1,5 +1,5 @@
 /// @file
-/// Where what becomes of a body changes abruptly with its place.
+/// Offsets at which the course of a collision changes abruptly.
 #pragma once
 
 #include "bumpstop/collision/contact/contact_paths.hpp"
@@ -7,18 +7,20 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Offsets between a body that the arm lets go and one that it pushes on, because it speeds up meanwhile. Where alarms are
-/// `felt` also those at which the undetected body gets away just at a tick: there it stops being felt. With thresholds
-/// also those about which a joint's residual passes its threshold at a tick, where the noise is narrow.
+/// Panels of the offset are cut here. A body separates from the arm, while the one beyond it is pushed on, because the
+/// arm speeds up meanwhile: between them is a cut. Where a contact changes the probability of an alarm, `detectable`,
+/// offsets at which the body separates just at a tick are cuts, too, because from then on it is not detected. With
+/// thresholds, for narrow noise, so are those about which a joint's residual passes its threshold at a tick.
 class ContactCuts {
   public:
-    ContactCuts(const ContactPaths& paths, const ContactPropagator& by, bool felt, const GaussianThresholds* narrow)
-        : paths_(paths), dynamics_(by), felt_(felt), narrow_(narrow) {}
+    ContactCuts(const ContactPaths& paths, const ContactPropagator& by, bool detectable,
+                const GaussianThresholds* narrow)
+        : paths_(paths), dynamics_(by), detectable_(detectable), narrow_(narrow) {}
 
     /// In ascending order, up to `largest` [m].
     std::vector<double> operator()(double largest) const {
         std::vector<double> cuts;
-        // A body that is held is touched again, or pressed on: nothing changes abruptly but narrow alarms.
+        // A body that is held is touched again, or stays pressed: only narrow alarms change abruptly.
         if (!dynamics_.propagator().gets_away && narrow_ == nullptr) return cuts;
         Probe before;
         double reached = -HUGE_VAL;
@@ -27,8 +29,8 @@ class ContactCuts {
             if (!(offset > reached)) continue;
             const Probe here = probe(offset);
             if (reached >= 0) {
-                push_on(before, here, cuts);
-                if (felt_) between(before, here, cuts);
+                add_separation_jump(before, here, cuts);
+                if (detectable_) add_tick_cuts(before, here, cuts);
             }
             before = here;
             reached = offset;
@@ -41,7 +43,7 @@ class ContactCuts {
     /// The undetected collision with one body.
     struct Probe {
         double offset = 0;
-        double separated = HUGE_VAL;   // after the start of the motion, in steps
+        double separated = HUGE_VAL;   // steps from the start of the motion to separation
         int first = 0;                 // tick
         std::vector<double> residual;  // [tick from the first on][monitored joint], without noise
 
@@ -58,19 +60,19 @@ class ContactCuts {
         made.offset = offset;
         made.first = i < 1 ? 0 : (i - 1) / paths_.period + 1;
         ContactState state;
-        // The first touch comes inside a step.
+        // The first touch lies within a step.
         const double rise = paths_.undisturbed(i + 1) - paths_.undisturbed(i);
         const double touch = rise > 0 ? i + std::clamp((offset - paths_.undisturbed(i)) / rise, 0.0, 1.0) : i + 1.0;
         for (; i < paths_.last_step() && !state.separated; ++i) {
             allow_interruption();
             dynamics_.step(state, paths_.undisturbed(i), paths_.undisturbed(i + 1), offset);
-            if (narrow_ != nullptr && i % paths_.period == 0) feel(made, i / paths_.period, state);
+            if (narrow_ != nullptr && i % paths_.period == 0) record_residuals(made, i / paths_.period, state);
         }
-        if (state.separated) made.separated = touch + state.since / paths_.step;
+        if (state.separated) made.separated = touch + state.duration / paths_.step;
         return made;
     }
 
-    void feel(Probe& made, int k, const ContactState& state) const {
+    void record_residuals(Probe& made, int k, const ContactState& state) const {
         const LinePath& path = *paths_.path;
         if (k >= path.ticks) return;
         std::array<double, max_joints> torque;
@@ -80,12 +82,13 @@ class ContactCuts {
                                                       torque[std::size_t(narrow_->joint[std::size_t(w)])]));
     }
 
-    /// The step in which contact ends, with the path at the latest.
+    /// The step in which contact ends, at the latest that of the end of the path.
     double contact_end(const Probe& at) const { return std::min(at.separated, double(paths_.last_step())); }
 
-    void push_on(const Probe& low, const Probe& high, std::vector<double>& cuts) const {
+    /// Adds the cut between two neighbours of which one is pushed much longer, by bisection.
+    void add_separation_jump(const Probe& low, const Probe& high, std::vector<double>& cuts) const {
         double a = low.offset, b = high.offset, end_a = contact_end(low), end_b = contact_end(high);
-        // Neighbours part a step or so after each other, or half an oscillation and more.
+        // Neighbours separate within a step or so of each other, or half an oscillation and more apart.
         if (std::fabs(end_b - end_a) < 2 + dynamics_.propagator().half_oscillation / paths_.step) return;
         for (int i = 0; i < 30; ++i) {
             const double middle = 0.5 * (a + b), end = contact_end(probe(middle));
@@ -96,18 +99,20 @@ class ContactCuts {
         cuts.push_back(0.5 * (a + b));
     }
 
-    void between(const Probe& low, const Probe& high, std::vector<double>& cuts) const {
+    /// Adds cuts at which the body separates just at a tick, or a residual passes its threshold there.
+    void add_tick_cuts(const Probe& low, const Probe& high, std::vector<double>& cuts) const {
         for (int k = low.first; k < paths_.path->ticks && paths_.tick_step(k) <= high.separated; ++k) {
             const double tick = paths_.tick_step(k);
             if (low.separated < tick && high.separated >= tick && std::isfinite(high.separated))
                 cuts.push_back(root(low, high, [&](const Probe& at) { return at.separated - tick; }));
             if (narrow_ == nullptr) continue;
-            for (int w = 0; w < narrow_->monitored; ++w) pass(w, k, low, high, cuts);
+            for (int w = 0; w < narrow_->monitored; ++w) add_threshold_cuts(w, k, low, high, cuts);
         }
     }
 
-    /// Where the residual of a joint passes its threshold at tick k, and twice to eight standard deviations about it.
-    void pass(int w, int k, const Probe& low, const Probe& high, std::vector<double>& cuts) const {
+    /// Adds offsets where the residual of a joint passes its threshold at tick k, and those two to eight standard
+    /// deviations about them.
+    void add_threshold_cuts(int w, int k, const Probe& low, const Probe& high, std::vector<double>& cuts) const {
         auto residual = [&](const Probe& at) { return at.at_tick(k, w, narrow_->monitored); };
         const double slope = (residual(high) - residual(low)) / (high.offset - low.offset);
         const double width = narrow_->sd[w] / std::fabs(slope);
@@ -123,13 +128,13 @@ class ContactCuts {
         }
     }
 
-    /// Where a function of the collision, whose signs differ at two bodies, passes zero.
+    /// The offset where a function of the collision, whose signs differ at two bodies, is zero.
     template <class Function>
     double root(const Probe& low, const Probe& high, Function function) const {
         double a = low.offset, b = high.offset, fa = function(low), fb = function(high);
         for (int i = 0; i < 12; ++i) {
             double middle = a - fa * (b - a) / (fb - fa);
-            // Every third time by halves: a secant may creep.
+            // Every third step bisects: a secant may converge slowly.
             if (!(middle > a && middle < b) || i % 3 == 2) middle = 0.5 * (a + b);
             const double f = function(probe(middle));
             if (f == 0) return middle;
@@ -142,7 +147,7 @@ class ContactCuts {
 
     const ContactPaths& paths_;
     ContactDynamics dynamics_;
-    bool felt_;
+    bool detectable_;
     const GaussianThresholds* narrow_;
 };
 

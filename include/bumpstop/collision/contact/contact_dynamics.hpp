@@ -1,52 +1,56 @@
 /// @file
-/// Collisions of an arm with a body, carried on in time.
+/// Collisions of an arm with a body, simulated step by step.
 #pragma once
 
 #include "bumpstop/collision/contact/contact_propagator.hpp"
-#include "bumpstop/collision/contact/hermite_course.hpp"
+#include "bumpstop/collision/contact/hermite_polynomial.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// How long a collision is transient after the first touch: ISO/TS 15066, 5.5.5.3 [s].
 inline constexpr double transient_phase = 0.5;
 
-/// One collision.
+/// The state of one collision.
 struct ContactState {
-    bool touched = false;         ///< since the first touch
-    bool contact = false;         ///< while arm and body push one another
-    bool separated = false;       ///< once arm and body have parted for good: their state is not carried on
-    bool begun = false;           ///< after the first step, before which the reference went on as in it
-    bool reacts = false;          ///< in a reaction
-    double force = 0;             ///< of the contact [N]
-    double peak = 0;              ///< greatest force so far [N]
-    double lasting = 0;           ///< greatest force after the transient phase [N]
-    double farthest = -HUGE_VAL;  ///< beyond the body's place, while arm and body are apart [m]
-    double elapsed = 0;           ///< since the first touch [s]
-    double since = 0;             ///< time in contact [s]
-    double speed = 0;             ///< of the reference in the step before [m/s]
-    double ramp = 0;  ///< change of its speed in every step before a reaction: gears have wound up for it [m/s]
+    bool touched = false;                ///< since the first touch
+    bool contact = false;                ///< at present
+    bool separated = false;              ///< for good: the state is not advanced any more
+    bool begun = false;                  ///< after the first step; before it the reference had the same speed
+    bool reacts = false;                 ///< the reference is that of a reaction
+    double force = 0;                    ///< of the contact [N]
+    double peak = 0;                     ///< greatest force so far [N]
+    double lasting = 0;                  ///< greatest force after the transient phase [N]
+    double max_penetration = -HUGE_VAL;  ///< greatest penetration while arm and body are apart: negative [m]
+    double elapsed = 0;                  ///< since the first touch [s]
+    double duration = 0;                 ///< time in contact so far [s]
+    double speed = 0;                    ///< of the reference in the step before [m/s]
+    /// Change of its speed in a step before the reaction, for which the gears already carry the torque [m/s].
+    double ramp = 0;
     std::array<double, Transitions::padded> z{};  ///< as of ContactSystem, then zeros
 
-    /// Notes a force that is `highest` between two times after what has elapsed, and `last` at the second.
-    void meet(double highest, double last, double from, double to) {
+    /// Records a force that is `highest` between two times, counted from `elapsed`, and `last` at the second.
+    void record_force(double highest, double last, double from, double to) {
         peak = std::max(peak, highest);
         if (elapsed + to >= transient_phase)
             lasting = std::max(lasting, elapsed + from >= transient_phase ? highest : last);
     }
-    /// Whether something goes on in a step that ends at `to`: the body has been touched, or is touched then.
-    bool meets(double to, double offset) const { return !separated && (touched || to > offset - separation_tolerance); }
+    /// Whether a step in which the reference comes to `to` need be simulated: the body has been touched, or is touched
+    /// in it.
+    bool needs_step(double to, double offset) const {
+        return !separated && (touched || to > offset - separation_tolerance);
+    }
 };
 
-/// Carries collisions on, one simulation step at a time. The reference goes straight in time within a step. A step is cut
-/// where arm and body meet or part: on either side of the cut the system is linear, and its solution exact.
+/// Advances collisions by simulation steps, within which the speed of the reference is constant. A step is cut where
+/// arm and body touch or separate: on either side of the cut the system is linear, and its solution exact.
 class ContactDynamics {
   public:
     explicit ContactDynamics(const ContactPropagator& by) : by_(&by), states_(std::size_t(by.states)) {}
 
     const ContactPropagator& propagator() const { return *by_; }
 
-    /// Goes on by one simulation step, in which the reference goes from `from` to `to`; `offset` is where the body stands at
-    /// rest. `final`: arm and body that part do not meet again, and the arm need not be followed.
+    /// Advances by one simulation step, in which the reference moves from `from` to `to`; `offset` is where the body
+    /// stands at rest. `final`: once arm and body separate they do not touch again, and the simulation may end.
     void step(ContactState& at, double from, double to, double offset, bool final = false) const {
         if (at.separated) return;
         const double speed = (to - from) * (1 / by_->step);
@@ -58,12 +62,13 @@ class ContactDynamics {
         at.speed = speed;
         at.begun = true;
         for (int piece = 0; piece < by_->pieces && !at.separated; ++piece)
-            advance(at, from - offset + speed * (by_->piece * piece), speed, final || by_->gets_away);
+            step_piece(at, from - offset + speed * (by_->piece * piece), speed, final || by_->gets_away);
     }
 
-    /// Goes on by up to `most` steps of a reaction, no more than a block has, whose begins and ends are `place`: to the step in
-    /// which arm and body meet or part; they do not meet from step `until` on. Returns how many.
-    int leap(ContactState& at, const double* place, double offset, int until, int most) const {
+    /// Advances by up to `most` steps of a reaction, no more than a block has, whose begins and ends are `place`: up to
+    /// the step in which arm and body touch or separate. From step `until` on they cannot touch. Returns how many
+    /// steps.
+    int step_block(ContactState& at, const double* place, double offset, int until, int most) const {
         constexpr int points = ContactBlock::points;
         const int steps = by_->block_steps, pieces = by_->pieces;
         alignas(64) std::array<double, ContactBlock::max_columns> in;
@@ -73,23 +78,25 @@ class ContactDynamics {
         for (int i = 0; i < steps; ++i) speed[i + 1] = (place[i + 1] - place[i]) * (1 / by_->step);
         speed[0] = at.begun ? at.speed : speed[1] - at.ramp;
         speed[steps + 1] = at.ramp;
-        alignas(64) std::array<double, ContactBlock::max_told> told;
+        alignas(64) std::array<double, ContactBlock::max_values> values;
         const ContactBlock& block = at.contact ? by_->block_in_contact : by_->block_apart;
-        block(in.data(), told.data());
-        // What is told first, the force or the gap, says when they part or meet.
+        block(in.data(), values.data());
+        // The first output, force or penetration, shows when they separate or touch.
         const int last = std::min(at.contact ? points : until * pieces, most * pieces);
         int point = 0;
-        while (point < last && !(at.contact ? told[std::size_t(point)] < -by_->grazing : told[std::size_t(point)] > 0))
+        while (point < last &&
+               !(at.contact ? values[std::size_t(point)] < -by_->force_tolerance : values[std::size_t(point)] > 0))
             ++point;
         const int count = point < last ? point / pieces : most;
         if (count == 0) return 0;
         if (at.contact)
-            note_peaks(at, in.data(), told.data(), count);
+            record_peaks(at, in.data(), values.data(), count);
         else
-            at.farthest = std::max(at.farthest, *std::max_element(told.begin(), told.begin() + count * pieces));
-        at.force = at.contact ? told[std::size_t(count * pieces) - 1] : 0.0;
+            at.max_penetration =
+                std::max(at.max_penetration, *std::max_element(values.begin(), values.begin() + count * pieces));
+        at.force = at.contact ? values[std::size_t(count * pieces) - 1] : 0.0;
         const double duration = count * by_->step;
-        if (at.contact) at.since += duration;
+        if (at.contact) at.duration += duration;
         if (at.touched) at.elapsed += duration;
         at.speed = speed[count];
         at.begun = true;
@@ -98,8 +105,7 @@ class ContactDynamics {
         return count;
     }
 
-    /// What a detector sees at a tick of a path [Nm], by joint; the torques per newton of the path count where the arm is
-    /// rigid.
+    /// Residuals at a tick without noise, by joint [Nm]. `torque_per_N`: of the path at that tick, for a rigid arm.
     void residuals(const ContactState& at, const double* torque_per_N, int dof, double* residual) const {
         if (!by_->elastic()) {
             for (int j = 0; j < dof; ++j) residual[j] = at.force * torque_per_N[j];
@@ -109,25 +115,25 @@ class ContactDynamics {
         by_->residual.add(at.z.data(), seen.data());
         std::copy_n(seen.begin(), dof, residual);
     }
-    /// The arm stands still for good, its reference `beyond` the body's place: a clamped body is pressed on.
+    /// The arm stands still for good, its reference `beyond` the place of the body. A body that is held stays pressed.
     void rest(ContactState& at, double beyond) const {
         if (!at.contact || by_->gets_away) return;
         at.force = std::max(0.0, beyond) * by_->static_stiffness;
         at.peak = std::max(at.peak, at.force);
         at.lasting = std::max(at.lasting, at.force);
-        at.since = HUGE_VAL;
+        at.duration = HUGE_VAL;
     }
 
   private:
     static constexpr int max_cuts = 16;  ///< of a piece; an arm that chatters faster stays as it is until its end
     using Vector = std::array<double, Transitions::padded>;
 
-    /// Force and gap, with their rates, as the rows of the propagator tell them.
-    struct Told {
-        double force, rate, bend, gap, opening;
+    /// Force and penetration with their rates, in the order of the propagator's rows.
+    struct Outputs {
+        double force, force_rate, force_second_rate, penetration, penetration_rate;
         double padding[3];
     };
-    static_assert(sizeof(Told) == detail::PaddedMatrix::padding * sizeof(double));
+    static_assert(sizeof(Outputs) == detail::PaddedMatrix::padding * sizeof(double));
 
     Vector vector_of(const ContactState& at, double r, double speed) const {
         Vector x = at.z;
@@ -135,50 +141,50 @@ class ContactDynamics {
         x[states_ + 1] = speed;
         return x;
     }
-    Told tell(const Vector& x) const {
-        alignas(64) Told told{};
-        by_->tells.add(x.data(), &told.force);
-        return told;
+    Outputs outputs(const Vector& x) const {
+        alignas(64) Outputs out{};
+        by_->outputs.add(x.data(), &out.force);
+        return out;
     }
-    Told tell(const ContactState& at, double r, double speed) const { return tell(vector_of(at, r, speed)); }
 
-    /// Of the force over a time, from what is told at its begin and end.
-    static HermiteCourse course(double value0, double rate0, double bend0, double value1, double rate1, double bend1,
-                                double time) {
+    /// The force over a time, from its value, rate and second rate at the begin and the end.
+    static HermitePolynomial force_polynomial(double value0, double rate0, double second0, double value1, double rate1,
+                                              double second1, double time) {
         const double square = time * time;
-        return {value0, rate0 * time, bend0 * square, value1, rate1 * time, bend1 * square};
+        return {value0, rate0 * time, second0 * square, value1, rate1 * time, second1 * square};
     }
 
-    /// Notes the greatest forces of some steps of a block in contact; `in` and `told` as of the block.
-    void note_peaks(ContactState& at, const double* in, const double* told, int steps) const {
+    /// Records the greatest forces of some steps of a block in contact; `in` and `values` as of the block.
+    void record_peaks(ContactState& at, const double* in, const double* values, int steps) const {
         const ContactBlock& block = by_->block_in_contact;
-        const double *force = told, *rate = force + ContactBlock::points, *speed = in + states_ + 1;
-        const Told before = tell(at, in[states_], speed[0]);
-        double value = before.force, slope = before.rate;
+        const double *force = values, *rate = force + ContactBlock::points, *speed = in + states_ + 1;
+        const Outputs before = outputs(vector_of(at, in[states_], speed[0]));
+        double value = before.force, slope = before.force_rate;
         int point = 0;
         for (int step = 0; step < steps; ++step) {
             const double change = speed[step + 1] - speed[step];
-            value += by_->by_speed[0] * change + by_->by_ramp[0] * at.ramp;
-            slope += by_->by_speed[1] * change + by_->by_ramp[1] * at.ramp;
+            value += by_->force_by_speed[0] * change + by_->force_by_ramp[0] * at.ramp;
+            slope += by_->force_by_speed[1] * change + by_->force_by_ramp[1] * at.ramp;
             for (int piece = 0; piece < by_->pieces; ++piece, ++point) {
                 double highest = std::max(value, force[point]);
                 const double known = at.elapsed + (point + 1) * by_->piece >= transient_phase ? at.lasting : at.peak;
-                // Between the points it rises by less than it would at the rate of the first.
+                // Between two points the force rises by less than it would at the rate of the first.
                 if (slope > 0 && rate[point] < 0 && highest + slope * by_->piece > known) {
-                    double bend = point == 0 ? before.bend : block.seldom(in, point - 1);
-                    if (piece == 0) bend += by_->by_speed[2] * change + by_->by_ramp[2] * at.ramp;
-                    highest = std::max(highest, course(value, slope, bend, force[point], rate[point],
-                                                       block.seldom(in, point), by_->piece)
-                                                    .summit());
+                    double second = point == 0 ? before.force_second_rate : block.on_demand(in, point - 1);
+                    if (piece == 0) second += by_->force_by_speed[2] * change + by_->force_by_ramp[2] * at.ramp;
+                    highest = std::max(highest, force_polynomial(value, slope, second, force[point], rate[point],
+                                                                 block.on_demand(in, point), by_->piece)
+                                                    .maximum());
                 }
-                at.meet(highest, force[point], point * by_->piece, (point + 1) * by_->piece);
+                at.record_force(highest, force[point], point * by_->piece, (point + 1) * by_->piece);
                 value = force[point];
                 slope = rate[point];
             }
         }
     }
 
-    void advance(ContactState& at, double r, double speed, bool final) const {
+    /// One piece of a step, from `r` on; it is cut where arm and body touch or separate.
+    void step_piece(ContactState& at, double r, double speed, bool final) const {
         if (!by_->elastic() && !at.touched && !(r + speed * by_->piece > 0)) return;
         double left = 1;  // share of the piece
         for (int cut = 0; left > 0 && !at.separated && cut < max_cuts; ++cut) {
@@ -189,27 +195,30 @@ class ContactDynamics {
             cut == 0 ? by.add(begin.data(), next.data()) : by.advance(next.data(), left);
             next[states_] = end;
             next[states_ + 1] = speed;
-            const Told before = tell(begin), after = tell(next);
-            double share = 1;  // of what is left, when arm and body meet or part
+            const Outputs before = outputs(begin), after = outputs(next);
+            double share = 1;  // of the time left, after which arm and body touch or separate
             bool changes = false;
             if (at.contact) {
-                changes = after.force < -by_->grazing;
-                const bool turns = before.rate > 0 && after.rate < 0;
+                changes = after.force < -by_->force_tolerance;
+                const bool turns = before.force_rate > 0 && after.force_rate < 0;
                 double highest = std::max(before.force, after.force);
                 if (turns || changes) {
-                    const HermiteCourse force =
-                        course(before.force, before.rate, before.bend, after.force, after.rate, after.bend, time);
-                    if (turns) highest = std::max(highest, force.summit());
+                    const HermitePolynomial force =
+                        force_polynomial(before.force, before.force_rate, before.force_second_rate, after.force,
+                                         after.force_rate, after.force_second_rate, time);
+                    if (turns) highest = std::max(highest, force.maximum());
                     if (changes) share = force.root();
                 }
-                at.meet(highest, changes ? 0.0 : after.force, 0, share * time);
-                at.since += share * time;
+                at.record_force(highest, changes ? 0.0 : after.force, 0, share * time);
+                at.duration += share * time;
             } else {
-                changes = after.gap > 0 && after.force > by_->grazing;
-                at.farthest = std::max(at.farthest, after.gap);
-                // A body with damping may be pressed still where its force ended: then the force tells.
-                if (changes && before.gap < 0)
-                    share = HermiteCourse(before.gap, before.opening * time, after.gap, after.opening * time).root();
+                changes = after.penetration > 0 && after.force > by_->force_tolerance;
+                at.max_penetration = std::max(at.max_penetration, after.penetration);
+                // The force of a body with damping ends while it is still compressed: then the force shows the touch.
+                if (changes && before.penetration < 0)
+                    share = HermitePolynomial(before.penetration, before.penetration_rate * time, after.penetration,
+                                              after.penetration_rate * time)
+                                .root();
                 else if (changes)
                     share = before.force < 0 ? before.force / (before.force - after.force) : 0.0;
             }

@@ -1,5 +1,5 @@
 /// @file
-/// How arm and body go on over a time, exactly.
+/// State transition matrices of arm and body: their exact motion over a time.
 #pragma once
 
 #include <numeric>
@@ -10,8 +10,8 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// exp(A t) - 1 for t = duration, duration / 2, duration / 4 and so on, until A t is small. Kept without the 1: that keeps
-/// the digits of what hardly changes.
+/// State transition matrices exp(A t) minus the unit matrix, for t = duration, duration / 2, duration / 4 and so on
+/// until A t is small. Without the unit matrix a state that hardly changes keeps the digits of its change.
 class Transitions {
   public:
     static constexpr int padded = detail::PaddedMatrix::padded(ContactSystem::max_size);
@@ -39,9 +39,9 @@ class Transitions {
             for (int i = 0; i < coordinates_; ++i) accelerations_(i, j) = a(coordinates_ + i, j);
     }
 
-    /// Adds to y what the duration changes of x; both of length `padded`.
+    /// Adds to y the change of the state x over the duration; both of length `padded`.
     void add(const double* x, double* y) const { by_halving_[0].add(x, y); }
-    /// Takes x, of length `padded`, on by a share of the duration; the entries past A's are 0.
+    /// Advances the state x, of length `padded`, by a share of the duration; its entries beyond the size of A are 0.
     void advance(double* x, double share) const {
         const int halvings = int(by_halving_.size()) - 1;
         const auto parts = std::lround(std::ldexp(share, halvings));
@@ -53,7 +53,7 @@ class Transitions {
             change.add(x, y.data());
             std::copy_n(y.begin(), change.rows(), x);
         }
-        // What is left, forward or back, is short: its series.
+        // The rest of the time, positive or negative, is short enough for a series.
         const double left = (share - std::ldexp(double(parts), -halvings)) * duration_;
         if (left == 0 || coordinates_ == 0) return;
         const std::size_t m = std::size_t(coordinates_), n = 2 * m;
@@ -73,42 +73,43 @@ class Transitions {
     }
 
   private:
-    /// What a series of so many terms leaves out is beyond the last digit: small^15 / 15!, and (small / 2)^12 / 12!.
+    /// The series are cut below the last digit: small^15 / 15!, and (small / 2)^12 / 12!.
     static constexpr double small = 0.5;
     static constexpr int matrix_terms = 14, terms = 11;
 
     int size_ = 0, coordinates_ = 0;
     double duration_ = 0, rate_unit_ = 1;
-    detail::PaddedMatrix accelerations_;  ///< the rows of A that tell them
+    detail::PaddedMatrix accelerations_;  ///< those rows of A
     std::vector<detail::PaddedMatrix> by_halving_;
 };
 
-/// Several steps at once, as long as arm and body neither meet nor part: what they make of the state, of the distance r at
-/// their begin and of the reference's speed in each step, and what some rows tell after every piece of a step.
+/// Several simulation steps at once, in which arm and body stay in contact, or apart. From the state, the distance r at
+/// the begin and the reference's speed in each step it computes outputs, such as the force, after every piece of a
+/// step, and the state after some of the steps.
 class ContactBlock {
   public:
-    static constexpr int points = 16, max_tells = 2;
-    /// State, r, the speed before and those of the steps, the ramp.
-    static constexpr int max_columns = ContactSystem::max_states + 3 + points, max_told = max_tells * points;
+    static constexpr int points = 16, max_outputs = 2;
+    /// Inputs: state, r, the speed before the block and in each of its steps, the ramp.
+    static constexpr int max_columns = ContactSystem::max_states + 3 + points, max_values = max_outputs * points;
 
     ContactBlock() = default;
-    /// `by`: transitions, the first of which is one of the `pieces` of a step, at most `points` and a power
-    /// of two. `seldom`: a row that is told of single points.
+    /// `by`: transitions over one of the `pieces` of a step, of which there are a power of two and at most `points`.
+    /// `on_demand`: the row of an output that is computed at single points only.
     ContactBlock(const Transitions& by, int pieces, const ContactSystem& system,
-                 std::span<const ContactSystem::Row> tells, const ContactSystem::Row& seldom)
+                 std::span<const ContactSystem::Row> outputs, const ContactSystem::Row& on_demand)
         : steps_(points / pieces),
           states_(system.states()),
           columns_(states_ + 3 + steps_),
-          told_(int(tells.size()) * points, columns_),
-          seldom_(std::size_t(points * columns_)) {
-        const ContactSystem::Row jump = system.reaction_jump(), wound = system.jump();
+          outputs_(int(outputs.size()) * points, columns_),
+          on_demand_(std::size_t(points * columns_)) {
+        const ContactSystem::Row reaction_jump = system.reaction_jump(), jump = system.jump();
         for (int steps = 1; steps <= steps_; steps *= 2) after_.emplace_back(states_, states_ + 3 + steps);
         std::array<double, Transitions::padded> z, next;
         for (int column = 0; column < columns_; ++column) {
             z.fill(0.0);
             if (column <= states_) z[std::size_t(column)] = 1;
-            // Column states + 1 + i is a speed that lasts for step i: before the first step, or a step of the block. The last
-            // one is the ramp.
+            // Column states + 1 + i is a unit speed in step i, which is 0 before the block; the last column is a unit
+            // ramp.
             const bool of_ramp = column == columns_ - 1;
             const auto speed_in = [&](int i) { return column == states_ + 1 + i && !of_ramp ? 1.0 : 0.0; };
             for (int point = 0; point < points; ++point) {
@@ -118,18 +119,20 @@ class ContactBlock {
                     speed = speed_in(step);
                     const double change = speed - speed_in(step - 1), ramp = of_ramp ? 1.0 : 0.0;
                     for (int j = 0; j < states_; ++j)
-                        z[std::size_t(j)] += jump[std::size_t(j)] * (change - ramp) + wound[std::size_t(j)] * ramp;
+                        z[std::size_t(j)] +=
+                            reaction_jump[std::size_t(j)] * (change - ramp) + jump[std::size_t(j)] * ramp;
                 }
                 next = z;
                 by.add(z.data(), next.data());
                 z = next;
-                const auto tell = [&](const ContactSystem::Row& row) {
-                    double told = 0;
-                    for (int j = 0; j < states_ + 2; ++j) told += row[std::size_t(j)] * z[std::size_t(j)];
-                    return told;
+                const auto value = [&](const ContactSystem::Row& row) {
+                    double sum = 0;
+                    for (int j = 0; j < states_ + 2; ++j) sum += row[std::size_t(j)] * z[std::size_t(j)];
+                    return sum;
                 };
-                for (std::size_t t = 0; t < tells.size(); ++t) told_(int(t) * points + point, column) = tell(tells[t]);
-                seldom_[std::size_t(point * columns_ + column)] = tell(seldom);
+                for (std::size_t t = 0; t < outputs.size(); ++t)
+                    outputs_(int(t) * points + point, column) = value(outputs[t]);
+                on_demand_[std::size_t(point * columns_ + column)] = value(on_demand);
                 for (std::size_t n = 0; n < after_.size() && (point + 1) % pieces == 0; ++n) {
                     if (step != 1 << n || (column > states_ + 1 + step && !of_ramp)) continue;
                     const int own = of_ramp ? states_ + 2 + step : column;
@@ -139,18 +142,18 @@ class ContactBlock {
         }
     }
 
-    /// in: state, r, speeds, ramp (states + 3 + steps); out: what the rows tell at every point.
+    /// in: state, r, speeds, ramp (states + 3 + steps); out: the outputs, each at every point.
     void operator()(const double* in, double* out) const {
-        std::fill_n(out, told_.rows(), 0.0);
-        told_.add(in, out);
+        std::fill_n(out, outputs_.rows(), 0.0);
+        outputs_.add(in, out);
     }
-    /// What the row told seldom is at a point.
-    double seldom(const double* in, int point) const {
-        const double* row = &seldom_[std::size_t(point * columns_)];
+    /// The output on demand at a point.
+    double on_demand(const double* in, int point) const {
+        const double* row = &on_demand_[std::size_t(point * columns_)];
         return std::inner_product(in, in + columns_, row, 0.0);
     }
 
-    /// `count` steps, whose begins and ends are `place`: the state in `in` becomes what it is then.
+    /// Advances the state in `in` by `count` steps, whose begins and ends are `place`.
     void advance(int count, double* in, const double* place, double offset) const {
         std::array<double, max_columns> x;
         std::array<double, Transitions::padded> z;
@@ -172,56 +175,55 @@ class ContactBlock {
 
   private:
     int steps_ = 0, states_ = 0, columns_ = 0;
-    detail::PaddedMatrix told_;
-    std::vector<double> seldom_;               ///< [point][column]
+    detail::PaddedMatrix outputs_;
+    std::vector<double> on_demand_;            ///< [point][column]
     std::vector<detail::PaddedMatrix> after_;  ///< the state after 1, 2, 4 and so on steps
 };
 
-/// An arm this far from a body does not touch it, whatever rounding does [m].
+/// An arm this far from a body does not touch it in spite of rounding [m].
 inline constexpr double separation_tolerance = 1e-12;
 
-/// All that carrying collisions on in time needs of a system, for one simulation step.
+/// All that it takes to advance collisions of one system by simulation steps.
 struct ContactPropagator {
-    static constexpr double max_turn = 0.4;  ///< of the oscillation in contact, in a piece of a step [rad]
+    static constexpr double max_phase = 0.4;  ///< of the oscillation in contact, in a piece of a step [rad]
 
     ContactPropagator(const ContactSystem& system, double step)
         : states(system.states()),
           dof(system.arm().dof),
           gets_away(system.body().gets_away()),
           step(step),
-          pieces(pieces_of(system.frequency() * step / max_turn)),
+          pieces(pieces_of(system.frequency() * step / max_phase)),
           piece(step / pieces),
-          grazing(system.body().stiffness * separation_tolerance),
+          force_tolerance(system.body().stiffness * separation_tolerance),
           static_stiffness(system.static_stiffness()),
           half_oscillation(system.half_oscillation()),
           servo_lag(system.servo_lag()) {
         const detail::PaddedMatrix pressed = system.matrix(true), alone = system.matrix(false);
         in_contact = Transitions(pressed, piece);
         apart = Transitions(alone, piece);
-        force[0] = system.force();
-        force[1] = system.rate(force[0], pressed);
-        force[2] = system.rate(force[1], pressed);
-        gap[0] = system.gap();
-        gap[1] = system.rate(gap[0], alone);
+        std::array<Row, 5> row;  // force, its rate and second rate in contact; penetration and its rate apart
+        row[0] = system.force();
+        row[1] = system.rate(row[0], pressed);
+        row[2] = system.rate(row[1], pressed);
+        row[3] = system.penetration();
+        row[4] = system.rate(row[3], alone);
         jump = system.jump();
         reaction_jump = system.reaction_jump();
-        for (std::size_t m = 0; m < force.size(); ++m) {
-            by_speed[m] = force[m][std::size_t(states) + 1];
+        for (std::size_t m = 0; m < force_by_speed.size(); ++m) {
+            force_by_speed[m] = row[m][std::size_t(states) + 1];
             for (int j = 0; j < states; ++j) {
-                by_speed[m] += force[m][std::size_t(j)] * reaction_jump[std::size_t(j)];
-                by_ramp[m] += force[m][std::size_t(j)] * (jump[std::size_t(j)] - reaction_jump[std::size_t(j)]);
+                force_by_speed[m] += row[m][std::size_t(j)] * reaction_jump[std::size_t(j)];
+                force_by_ramp[m] += row[m][std::size_t(j)] * (jump[std::size_t(j)] - reaction_jump[std::size_t(j)]);
             }
         }
         block_steps = pieces > ContactBlock::points ? 0 : ContactBlock::points / pieces;
         if (block_steps > 0) {
-            block_in_contact = ContactBlock(in_contact, pieces, system, {force.data(), 2}, force[2]);
-            block_apart = ContactBlock(apart, pieces, system, {gap.data(), 1}, gap[1]);
+            block_in_contact = ContactBlock(in_contact, pieces, system, {&row[0], 2}, row[2]);
+            block_apart = ContactBlock(apart, pieces, system, {&row[3], 1}, row[4]);
         }
-        tells = detail::PaddedMatrix(int(force.size() + gap.size()), states + 2);
-        for (int j = 0; j < states + 2; ++j) {
-            for (std::size_t m = 0; m < force.size(); ++m) tells(int(m), j) = force[m][std::size_t(j)];
-            for (std::size_t m = 0; m < gap.size(); ++m) tells(int(force.size() + m), j) = gap[m][std::size_t(j)];
-        }
+        outputs = detail::PaddedMatrix(int(row.size()), states + 2);
+        for (std::size_t i = 0; i < row.size(); ++i)
+            for (int j = 0; j < states + 2; ++j) outputs(int(i), j) = row[i][std::size_t(j)];
         residual = detail::PaddedMatrix(dof, states);
         for (int i = 0; i < dof; ++i) {
             const Row row = system.residual(i);
@@ -231,37 +233,36 @@ struct ContactPropagator {
 
     using Row = ContactSystem::Row;
 
-    /// The arm gives way.
+    /// The arm has elastic gears; else it is rigid.
     bool elastic() const { return dof > 0; }
 
     int states;
-    int dof;                  ///< of an arm that gives way; 0: it is rigid
+    int dof;                  ///< of an elastic arm; 0: the arm is rigid
     bool gets_away;           ///< nothing holds the body
     double step;              ///< simulation step [s]
     int pieces;               ///< of a step, each a small part of an oscillation
     double piece;             ///< [s]
-    double grazing;           ///< a force that is none: of a gap within the separation tolerance [N]
+    double force_tolerance;   ///< of a penetration within the separation tolerance, which counts as no force [N]
     double static_stiffness;  ///< ContactSystem::static_stiffness [N/m]
     double half_oscillation;  ///< of contact [s]
     double servo_lag;         ///< ContactSystem::servo_lag [s]
     Transitions in_contact, apart;
-    std::array<Row, 3> force;  ///< and its rates in contact
-    /// What a change of the reference's speed in a reaction does to them, and how much less it is where gears have wound up
-    /// for the change [N s/m, N/m, N/(m s)].
-    std::array<double, 3> by_speed{}, by_ramp{};
-    std::array<Row, 2> gap;                      ///< and its rate apart
-    Row jump, reaction_jump;                     ///< as of ContactSystem
-    int block_steps;                             ///< of a block; 0: oscillations are too quick for blocks
-    ContactBlock block_in_contact, block_apart;  ///< force and rate are told, the bend seldom; the gap
-    detail::PaddedMatrix tells;                  ///< the rows of force and gap, of state, r and speed
-    detail::PaddedMatrix residual;               ///< [joint][state], of an elastic arm
+    /// Change of force, rate and second rate by a change of the reference's speed in a reaction, and the difference
+    /// that it makes where the gears already carry the torque for it [N s/m, N/m, N/(m s)].
+    std::array<double, 3> force_by_speed{}, force_by_ramp{};
+    Row jump, reaction_jump;        ///< as of ContactSystem
+    int block_steps;                ///< of a block; 0: oscillations are too fast for blocks
+    ContactBlock block_in_contact;  ///< outputs: force and rate, on demand the second rate
+    ContactBlock block_apart;       ///< output: penetration
+    detail::PaddedMatrix outputs;   ///< rows of force and penetration with their rates, by state, r and speed
+    detail::PaddedMatrix residual;  ///< [joint][state], of an elastic arm
 
   private:
-    /// Blocks want a power of two.
-    static int pieces_of(double turns) {
+    /// Blocks need a power of two.
+    static int pieces_of(double phases) {
         int pieces = 1;
-        while (pieces < turns && pieces < ContactBlock::points) pieces *= 2;
-        return pieces < turns ? int(std::ceil(turns)) : pieces;
+        while (pieces < phases && pieces < ContactBlock::points) pieces *= 2;
+        return pieces < phases ? int(std::ceil(phases)) : pieces;
     }
 };
 

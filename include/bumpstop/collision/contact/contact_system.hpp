@@ -1,5 +1,5 @@
 /// @file
-/// What meets in a collision, as one linear system: the arm's deviation from its reference, and the body.
+/// Arm and body in contact as one linear system.
 #pragma once
 
 #include <algorithm>
@@ -13,13 +13,9 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// What the arm meets: a spring with damping against the ground or against a mass, which may stand on a spring itself.
+/// The body that the arm hits: a spring with damping against the ground or against a mass, which may stand on a spring
+/// itself.
 ///
-/// | body | stiffness | mass | ground_stiffness |
-/// |---|---|---|---|
-/// | clamped | of the body | 0 | |
-/// | free to move | of the body | of the body | 0 |
-/// | gauge | of its pad | of what moves | of its spring |
 struct ContactBody {
     double stiffness = 0;         ///< K [N/m]
     double damping = 0;           ///< c [Ns/m]
@@ -27,7 +23,7 @@ struct ContactBody {
     double ground_stiffness = 0;  ///< that holds the mass [N/m]; 0: it is free
 
     bool clamped() const { return !(mass > 0); }
-    /// A body that parts from the arm is gone: nothing holds it.
+    /// Nothing holds the body: once it has separated from the arm it does not come back.
     bool gets_away() const { return mass > 0 && !(ground_stiffness > 0); }
 };
 
@@ -37,9 +33,9 @@ struct ContactBody {
 ///     M dq''  = Kg (dth - dq) + Dg (dth' - dq') - a F - (1 - f) M q_r''
 ///     B dth'' = -Kg (dth - dq) - Dg (dth' - dq') - P dth - D dth' - (1 - f) B q_r''
 ///
-/// where F is the contact force, a = J' n its torque per newton, and q_r'' = g s'' with s the path along the normal. That is
-/// an arm whose gears have wound up for the acceleration q_r''. In a reaction they have not: what the controller feeds
-/// forward, its motors give, and it reaches the links through the gears,
+/// where F is the contact force, a = J' n its torque per newton, and q_r'' = g s'' with s the path along the normal. In
+/// these equations the gears already carry the torque of the acceleration q_r''. In a reaction, which begins suddenly,
+/// they do not: the feedforward torque acts on the rotors and reaches the links through the gears,
 ///
 ///     M dq''  = ... - M q_r''
 ///     B dth'' = ... - B q_r'' + f (M + B) q_r''
@@ -58,8 +54,8 @@ struct ElasticArm {
 
 namespace detail {
 
-/// Inverse of a symmetric, positive definite matrix [row][column] of n columns; by Gauss and Jordan without pivots, which
-/// such a matrix does not need.
+/// Inverse of a symmetric, positive definite matrix [row][column] of n columns; by Gauss and Jordan without pivots,
+/// which such a matrix does not need.
 inline std::vector<double> inverse(const double* matrix, int n) {
     std::vector<double> a(matrix, matrix + n * n), inv(std::size_t(n * n), 0.0);
     for (int i = 0; i < n; ++i) inv[std::size_t(i * n + i)] = 1;
@@ -83,9 +79,9 @@ inline std::vector<double> inverse(const double* matrix, int n) {
 
 }  // namespace detail
 
-/// Arm and body as a first-order system z' = A z, in contact and apart. z holds, in this order, the deviations of the links,
-/// of the rotors and of the body [rad, m], their rates over `rate_unit`, the distance r of the reference beyond the body's
-/// place at rest [m], and its speed [m/s].
+/// Arm and body as a first-order system z' = A z, in contact and apart. z holds, in this order, the deviations of the
+/// links, of the rotors and of the body [rad, m], their rates over `rate_unit`, the distance r of the reference beyond
+/// the body's place at rest [m], and its speed [m/s].
 class ContactSystem {
   public:
     static constexpr int max_states = 4 * max_joints + 2, max_size = max_states + 2;
@@ -94,12 +90,12 @@ class ContactSystem {
     ContactSystem(const ElasticArm& arm, const ContactBody& body) : arm_(arm), body_(body) {
         const int n = arm.dof, m = coordinates();
         if (n > 0) inverse_ = detail::inverse(arm.mass.data(), n);
-        double softness = body.mass > 0 ? 1 / body.mass : 0;  // of what meets: 1 / mass
+        double inverse_mass = body.mass > 0 ? 1 / body.mass : 0;  // of links and body together, along the normal
         for (int i = 0; i < n; ++i)
             for (int j = 0; j < n; ++j)
-                softness += arm.torque_per_N[std::size_t(i)] * inverse_[std::size_t(i * n + j)] *
-                            arm.torque_per_N[std::size_t(j)];
-        frequency_ = std::sqrt(body.stiffness * softness);
+                inverse_mass += arm.torque_per_N[std::size_t(i)] * inverse_[std::size_t(i * n + j)] *
+                                arm.torque_per_N[std::size_t(j)];
+        frequency_ = std::sqrt(body.stiffness * inverse_mass);
         rate_unit_ = 1;
         if (m > 0) {
             double most = 0;
@@ -117,9 +113,9 @@ class ContactSystem {
     int coordinates() const { return 2 * arm_.dof + (body_.mass > 0 ? 1 : 0); }
     int states() const { return 2 * coordinates(); }
     int size() const { return states() + 2; }
-    /// Of the links and the body on the contact spring, did gears and servo not hold them [rad/s]; 0: nothing moves.
+    /// Natural frequency of links and body on the contact spring, without gears and servo [rad/s]; 0: both are rigid.
     double frequency() const { return frequency_; }
-    /// How long contact lasts then [s]; 0: nothing moves.
+    /// Half the period of that oscillation, which is how long such a contact lasts [s]; 0: both are rigid.
     double half_oscillation() const { return frequency_ > 0 ? std::numbers::pi / frequency_ : 0; }
 
     detail::PaddedMatrix matrix(bool in_contact) const {
@@ -139,8 +135,8 @@ class ContactSystem {
         return a;
     }
 
-    /// How deep the arm is in the body: r + a' dq - x.
-    Row gap() const {
+    /// Penetration of the arm into the body, r + a' dq - x, as a row that multiplies the state.
+    Row penetration() const {
         Row row{};
         const int m = coordinates(), n = arm_.dof;
         for (int j = 0; j < n; ++j) row[std::size_t(j)] = arm_.torque_per_N[std::size_t(j)];
@@ -148,28 +144,28 @@ class ContactSystem {
         row[std::size_t(states())] = 1;
         return row;
     }
-    /// K gap + c gap', the force where it is positive.
+    /// K p + c p' of the penetration p: the contact force where it is positive.
     Row force() const {
         const int m = coordinates();
-        const Row gap = this->gap();
+        const Row penetration = this->penetration();
         Row row{};
         for (int j = 0; j < m; ++j) {
-            row[std::size_t(j)] = body_.stiffness * gap[std::size_t(j)];
-            row[std::size_t(m + j)] = body_.damping * rate_unit_ * gap[std::size_t(j)];
+            row[std::size_t(j)] = body_.stiffness * penetration[std::size_t(j)];
+            row[std::size_t(m + j)] = body_.damping * rate_unit_ * penetration[std::size_t(j)];
         }
         row[std::size_t(states())] = body_.stiffness;
         row[std::size_t(states()) + 1] = body_.damping;
         return row;
     }
-    /// The rate of what a row tells, in contact or apart.
+    /// The row of the rate of a row's value, for the matrix in contact or apart.
     Row rate(const Row& row, const detail::PaddedMatrix& a) const {
         Row out{};
         for (int i = 0; i < size(); ++i)
             for (int j = 0; j < size(); ++j) out[std::size_t(j)] += row[std::size_t(i)] * a(i, j);
         return out;
     }
-    /// What a detector sees of joint j, that takes the rates of the rotors for the links': the torque of the gear less what
-    /// accelerates the links, tau_g - (M dth'')_j.
+    /// The residual of joint j in a detector that takes the rotors' rates for those of the links: the gear torque minus
+    /// what it takes to accelerate the links, tau_g - (M dth'')_j.
     Row residual(int joint) const {
         const int n = arm_.dof, m = coordinates();
         Row row{};
@@ -191,7 +187,8 @@ class ContactSystem {
         }
         return row;
     }
-    /// What a change of the reference's speed by 1 m/s does to the rates, where gears have wound up for it.
+    /// Jump of the rates when the speed of the reference changes by 1 m/s and the gears already carry the torque for
+    /// it.
     Row jump() const {
         const int n = arm_.dof, m = coordinates();
         Row jump{};
@@ -209,7 +206,7 @@ class ContactSystem {
         }
         return jump;
     }
-    /// The same in a reaction: what is fed forward reaches the links through the gears.
+    /// The same in a reaction: the feedforward torque reaches the links only through the gears.
     Row reaction_jump() const {
         const int n = arm_.dof, m = coordinates();
         Row jump{};
@@ -225,7 +222,7 @@ class ContactSystem {
         }
         return jump;
     }
-    /// Force per metre of r where everything has come to rest [N/m]; 0 where the body gets away or nothing holds the arm.
+    /// Force per metre of r once everything has come to rest [N/m]; 0 where nothing holds the body.
     double static_stiffness() const {
         if (body_.gets_away()) return 0;
         double compliance = 1 / body_.stiffness;
@@ -238,7 +235,8 @@ class ContactSystem {
         return 1 / compliance;
     }
 
-    /// Time in which the slowest servo brings a rotor back to its reference, but for a third [s]; 0: the arm is rigid.
+    /// Time constant of the slowest servo, D / P: a rotor has then come back to its reference but for a third [s]; 0:
+    /// the arm is rigid.
     double servo_lag() const {
         double lag = 0;
         for (int j = 0; j < arm_.dof; ++j)
@@ -247,19 +245,19 @@ class ContactSystem {
     }
 
   private:
-    /// Acceleration of coordinate i by the coordinates, and at last by r.
+    /// Acceleration of coordinate i per unit of each coordinate, then of r.
     Row accelerations(int i, bool in_contact) const {
-        return by(i, in_contact ? body_.stiffness : 0.0, body_.ground_stiffness, arm_.gear_stiffness,
-                  arm_.position_gain);
+        return acceleration_row(i, in_contact ? body_.stiffness : 0.0, body_.ground_stiffness, arm_.gear_stiffness,
+                                arm_.position_gain);
     }
-    /// The same by their rates, and by the speed of the reference.
+    /// The same per unit of their rates, then of the speed of the reference.
     Row dampings(int i, bool in_contact) const {
-        return by(i, in_contact ? body_.damping : 0.0, 0.0, arm_.gear_damping, arm_.velocity_gain);
+        return acceleration_row(i, in_contact ? body_.damping : 0.0, 0.0, arm_.gear_damping, arm_.velocity_gain);
     }
-    Row by(int i, double contact, double ground, const std::array<double, max_joints>& gear,
-           const std::array<double, max_joints>& servo) const {
+    Row acceleration_row(int i, double contact, double ground, const std::array<double, max_joints>& gear,
+                         const std::array<double, max_joints>& servo) const {
         const int n = arm_.dof, m = coordinates();
-        const Row gap = this->gap();
+        const Row penetration = this->penetration();
         Row row{};
         if (i < n) {
             for (int k = 0; k < n; ++k) {
@@ -267,7 +265,7 @@ class ContactSystem {
                 row[std::size_t(n + k)] += by_torque * gear[std::size_t(k)];
                 row[std::size_t(k)] -= by_torque * gear[std::size_t(k)];
                 const double push = by_torque * arm_.torque_per_N[std::size_t(k)] * contact;
-                for (int j = 0; j < m; ++j) row[std::size_t(j)] -= push * gap[std::size_t(j)];
+                for (int j = 0; j < m; ++j) row[std::size_t(j)] -= push * penetration[std::size_t(j)];
                 row[std::size_t(m)] -= push;
             }
         } else if (i < 2 * n) {
@@ -276,7 +274,7 @@ class ContactSystem {
             row[k] += by_torque * gear[k];
             row[std::size_t(i)] -= by_torque * (gear[k] + servo[k]);
         } else {
-            for (int j = 0; j < m; ++j) row[std::size_t(j)] = contact / body_.mass * gap[std::size_t(j)];
+            for (int j = 0; j < m; ++j) row[std::size_t(j)] = contact / body_.mass * penetration[std::size_t(j)];
             row[std::size_t(i)] -= ground / body_.mass;
             row[std::size_t(m)] = contact / body_.mass;
         }

@@ -1,6 +1,6 @@
 /// @file
-/// Contact in which something gives way: what detectors feel of it at the nodes of panels, and the collisions that false
-/// alarms still bring about.
+/// Contact of an elastic arm, or with a body that moves: its residuals at the nodes of panels, and collisions after
+/// false alarms.
 #pragma once
 
 #include "bumpstop/collision/contact/contact_outcomes.hpp"
@@ -8,11 +8,12 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// False alarms whose reaction still reaches the body, in pieces of one tick, and arms that reach it only beyond the end of their
-/// motion: cells of offset, and the nodes of a quadrature over the same offsets.
+/// Collisions after a false alarm whose reaction still reaches the body, or with a body that an elastic arm reaches
+/// only beyond the end of its motion. A piece is a range of offsets for one tick, divided into cells, with the nodes of
+/// a quadrature.
 struct EarlyReactions {
     static constexpr int cells = 16, nodes = 12;
-    std::vector<int> tick;                        ///< [piece]; the number of ticks: of none
+    std::vector<int> tick;                        ///< [piece]; the number of ticks where there is no alarm
     std::vector<double> mass, node_mass;          ///< [piece][cell], [piece][node]: probability
     std::vector<ContactReactions::Outcome> edge;  ///< [piece][cell + 1]
     std::vector<ContactReactions::Outcome> node;  ///< [piece][node]
@@ -21,11 +22,11 @@ struct EarlyReactions {
     std::size_t pieces() const { return tick.size(); }
 };
 
-/// Collisions in which something gives way, at a block of offsets.
+/// Collisions at a block of offsets, for `DetectionIntegrator`.
 template <class T>
 class DynamicContact {
   public:
-    DynamicContact(const ContactReactions& reactions, KeptCollisions& kept) : reactions_(reactions), kept_(kept) {}
+    DynamicContact(const ContactReactions& reactions, CollisionCache& cache) : reactions_(reactions), cache_(cache) {}
 
     void begin(const OffsetPanel& panel, const T* offset) {
         same_ = panel.low == panel.high;
@@ -36,20 +37,20 @@ class DynamicContact {
     T force(double, int i, int r) {
         return by_lane(r, [&](ContactCollision& collision) { return collision.force(i); });
     }
-    /// What the force at the i-th tick in contact, or the arm's oscillation, is in a joint's residual.
+    /// Residual of a joint at the i-th tick in contact, from the force or the oscillation of an elastic arm.
     T residual(T force, double torque_per_N, int joint, int i, int r) {
-        if (!reactions_.swings()) return torque_per_N * force;
+        if (!reactions_.elastic()) return torque_per_N * force;
         return by_lane(r, [&](ContactCollision& collision) { return collision.residual(i, joint); });
     }
 
-    static constexpr bool parts = true;
-    /// Probabilities of detection may be off by this.
+    static constexpr bool may_separate = true;
+    /// Allowed error of interpolated probabilities.
     double chance_tolerance() const { return reactions_.peak_only() ? reactions_.negligible_chance : 0.0; }
-    /// 1 where a detection then is one of this contact: a body that has got away cannot be felt.
-    T touched(int i, int r) {
+    /// 1 as long as the contact can be detected, 0 once the body has separated.
+    T detectable(int i, int r) {
         return by_lane(r, [&](ContactCollision& collision) { return collision.separated(i) ? 0.0 : 1.0; });
     }
-    void finish(std::size_t p, int slots) { kept_.keep(p, std::size_t(slots), collision_); }
+    void finish(std::size_t p, int slots) { cache_.add(p, std::size_t(slots), collision_); }
 
   private:
     static constexpr int lanes = Scalar<T>::lanes, nodes = lanes * block_registers<T>;
@@ -63,17 +64,17 @@ class DynamicContact {
     }
 
     const ContactReactions& reactions_;
-    KeptCollisions& kept_;
+    CollisionCache& cache_;
     std::vector<ContactCollision> collision_;  ///< by node; one where the panel is a point
     bool same_ = false;                        ///< the panel is a point
 };
 
 namespace detail {
 
-/// Distances above `low` at which the path after tick k turns back and later goes on: bodies on this side are struck at
-/// first, those beyond when the arm swings forward again.
-inline std::vector<double> turns(const ContactPaths& paths, int k, double low) {
-    constexpr double back = 1e-8;  // [m]: as well as reactions are known
+/// Distances above `low` at which the path after tick k turns back and later comes farther: bodies before them are hit
+/// at the first approach, those beyond at a later one.
+inline std::vector<double> turning_distances(const ContactPaths& paths, int k, double low) {
+    constexpr double back = 1e-8;  // accuracy of the reactions [m]
     std::vector<double> found;
     const PathAfter path(paths, k, 0);
     double farthest = low;
@@ -90,10 +91,10 @@ inline std::vector<double> turns(const ContactPaths& paths, int k, double low) {
     return found;
 }
 
-/// Collisions of probability `chance` with bodies from `low` to `top`, of which `follow` tells what an offset comes to; after a
-/// false alarm at tick k.
-template <class Follow>
-void add_piece(const Follow& follow, const OffsetDistribution& offset, int k, double chance, double low, double top,
+/// Adds a piece: collisions of probability `chance` after a false alarm at tick k with bodies from `low` to `top`.
+/// `outcome(offset)` simulates one.
+template <class Simulate>
+void add_piece(const Simulate& outcome, const OffsetDistribution& offset, int k, double chance, double low, double top,
                EarlyReactions& out) {
     constexpr int cells = EarlyReactions::cells, nodes = EarlyReactions::nodes;
     const bool fixed = offset.kind == OffsetKind::fixed;
@@ -116,21 +117,21 @@ void add_piece(const Follow& follow, const OffsetDistribution& offset, int k, do
         out.mass.push_back(chance * share);
         out.total += chance * share;
     }
-    const ContactReactions::Outcome first = follow(place[0]);
+    const ContactReactions::Outcome first = outcome(place[0]);
     for (std::size_t i = 0; i < place.size(); ++i)
-        // A body that stands at one place is struck once.
-        (i <= cells ? out.edge : out.node).push_back(i == 0 || fixed ? first : follow(place[i]));
+        // All offsets of a fixed body are the same.
+        (i <= cells ? out.edge : out.node).push_back(i == 0 || fixed ? first : outcome(place[i]));
 }
 
-/// The same in pieces, as large as the density of the offset bends little in any, or larger where they may be `rough`; they
-/// end at some places on the way, too.
-template <class Follow>
-void add_pieces(const Follow& follow, const OffsetDistribution& offset, int k, double chance, double low, double top,
+/// Adds the same range in several pieces, over each of which the density of the offset is smooth; larger ones if they
+/// may be `rough`. `ends`: further offsets at which pieces end.
+template <class Simulate>
+void add_pieces(const Simulate& outcome, const OffsetDistribution& offset, int k, double chance, double low, double top,
                 bool rough, std::vector<double> ends, EarlyReactions& out) {
     const double most_sd = rough ? 2 : 0.5;  // in a piece
     top = std::min(top, offset.largest());
     if (offset.kind == OffsetKind::fixed) {
-        if (top >= offset.size && offset.size >= low) add_piece(follow, offset, k, chance, low, top, out);
+        if (top >= offset.size && offset.size >= low) add_piece(outcome, offset, k, chance, low, top, out);
         return;
     }
     if (!(top > low)) return;
@@ -141,32 +142,32 @@ void add_pieces(const Follow& follow, const OffsetDistribution& offset, int k, d
     for (double end : ends) {
         const int parts = std::max(1, int(std::ceil((end - begin) / widest)));
         for (int i = 0; i < parts; ++i)
-            add_piece(follow, offset, k, chance, begin + (end - begin) * i / parts,
+            add_piece(outcome, offset, k, chance, begin + (end - begin) * i / parts,
                       begin + (end - begin) * (i + 1) / parts, out);
         begin = end;
     }
 }
 
-/// Adds the false alarms at tick k, of probability `chance`, against bodies from `low` on. Where a reaction barely
-/// arrives, contact time grows from nothing like a square root: places crowd there. One that swings forward again and
-/// reaches far has a piece for each swing.
+/// Adds the false alarms at tick k, of probability `chance`, with bodies from `low` on. Where a reaction just reaches a
+/// body the duration grows from zero like a square root, so cells and nodes are denser there. A reaction that
+/// approaches several times has a piece for each approach.
 inline void add_alarms(const ContactReactions& reactions, const OffsetDistribution& offset, int k, double chance,
                        double low, bool rough, EarlyReactions& out) {
     std::vector<double> ends;
-    if (!rough && offset.kind != OffsetKind::fixed) ends = turns(reactions.paths(), k, low);
+    if (!rough && offset.kind != OffsetKind::fixed) ends = turning_distances(reactions.paths(), k, low);
     add_pieces([&](double place) { return reactions(ContactState(), k, 0, place); }, offset, k, chance, low,
-               reactions.reach(k), rough, std::move(ends), out);
+               reactions.max_distance(k), rough, std::move(ends), out);
 }
 
 }  // namespace detail
 
-/// Adds false alarms whose reaction still reaches the body; `edges`: of the ticks, where the point is then [m].
+/// Adds the false alarms of all ticks whose reaction still reaches the body. `edges`: as of OffsetMesh [m].
 inline void add_early_reactions(const ContactReactions& reactions, const OffsetDistribution& offset,
                                 const PreContactAlarms& before, const std::vector<double>& edges, EarlyReactions& out) {
     constexpr double rare_alarms = 1e-4, negligible_chance = 1e-18;  // before contact: of all, of one
     constexpr int group = 16;
     const int ticks = reactions.paths().path->ticks;
-    // Where alarms before contact are rare and bodies stand many ticks apart, what one comes to stands for some ticks'.
+    // Where alarms before contact are rare and offsets extend over many ticks, one tick represents a group of them.
     const bool rare = before.false_alarm_before(ticks) < rare_alarms;
     const bool groups = rare && offset.kind == OffsetKind::half_normal;
     const double of_group = reactions.peak_only() ? reactions.negligible_chance : 0.0;
@@ -181,13 +182,13 @@ inline void add_early_reactions(const ContactReactions& reactions, const OffsetD
             detail::add_alarms(reactions, offset, k, chance, edges[std::size_t(k) + 1], rare && reactions.peak_only(),
                                out);
     }
-    // Without an alarm an arm that gives way still swings beyond the end of its motion.
+    // Without an alarm an elastic arm still oscillates beyond the end of its motion.
     const ContactPaths& paths = reactions.paths();
     const double survival = before.survival_before(ticks);
-    if (!reactions.swings() || paths.path->end == PathEnd::all_detected || !(survival > negligible_chance)) return;
+    if (!reactions.elastic() || paths.path->end == PathEnd::all_detected || !(survival > negligible_chance)) return;
     const int end = paths.tick_step(ticks - 1);
     detail::add_pieces([&](double place) { return reactions.undisturbed(ContactState(), end, place); }, offset, ticks,
-                       survival, edges.back(), reactions.reach_undisturbed(end), false, {}, out);
+                       survival, edges.back(), reactions.max_distance_undisturbed(end), false, {}, out);
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -42,7 +42,7 @@ inline ElasticArm elastic_arm_on_line(const CollisionSetup& setup, const LinePat
     while (tick + 1 < path.ticks && path.at_tick(tick, timing.period) < distance) ++tick;
     double position[max_joints], rate[max_joints] = {}, torque_per_N[max_joints] = {};
     std::copy_n(path.q.begin(), setup.chain.dof, position);
-    // The tick whose reaction begins there.
+    // The pose is that in which the reaction to an earlier tick begins.
     const int earliest = -LinePath::early_ticks(timing);
     const int early = path.last_with_reaction(std::max(earliest, tick - timing.latency / timing.period), timing);
     if (early >= earliest) {
@@ -57,20 +57,20 @@ inline ElasticArm elastic_arm_on_line(const CollisionSetup& setup, const LinePat
     return elastic_arm(setup.chain, *setup.arm, position, torque_per_N, rate);
 }
 
-/// Arm and body of a line, linear about the pose in which the arm reaches the median offset; none where all that gives is a
+/// Arm and body of a line, linear about the pose in which the arm reaches the median offset; none for a rigid arm and a
 /// clamped spring.
 inline std::optional<ContactSystem> contact_system(const CollisionSetup& setup, const LinePath& path,
                                                    const Contact& contact) {
     if (!setup.arm) return contact.system();
     return ContactSystem(elastic_arm_on_line(setup, path, contact.offset.median()), contact.body);
 }
-/// How they go on in every simulation step.
+/// Their propagator over a simulation step.
 inline std::optional<ContactPropagator> contact_propagator(const CollisionSetup& setup, const LinePath& path,
                                                            const Contact& contact) {
     return propagator_of(contact_system(setup, path, contact), setup.motion.step);
 }
 
-/// How long an arm lags behind its reference, until oscillations of contact have come and gone [s].
+/// How long the arm lags behind its reference, and oscillations in contact last [s].
 inline double settling_time(const CollisionSetup& setup, const ContactSystem& system) {
     double slowest = 0;
     for (int j = 0; setup.arm && j < setup.chain.dof; ++j)

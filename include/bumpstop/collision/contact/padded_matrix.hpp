@@ -13,7 +13,8 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace detail {
 
-/// Adds `registers` registers of rows of M x to y. Several sums of each, where there are few, hide how long an addition takes.
+/// Adds `registers` registers of rows of M x to y. Where there are few registers, several partial sums of each hide the
+/// latency of an addition.
 template <int registers>
 void multiply_add_registers(const double* column, int stride, int columns, const double* x, double* y) {
     using Native = Lanes<native_lanes>;
@@ -49,7 +50,7 @@ inline void multiply_add(const double* column, int stride, int columns, const do
     }
 }
 
-/// A matrix as `multiply_add` wants it: columns padded with zeros.
+/// A matrix in the layout of `multiply_add`: columns padded with zeros.
 class PaddedMatrix {
   public:
     static constexpr int padding = 8;
@@ -80,7 +81,7 @@ class PaddedMatrix {
         for (double& value : a.column_) value *= f;
         return a;
     }
-    /// The greatest sum of a column's magnitudes.
+    /// 1-norm: the greatest sum of a column's magnitudes.
     double norm() const {
         double most = 0;
         for (int j = 0; j < columns_; ++j) {

@@ -108,9 +108,9 @@ class ClampedContact {
     T residual(T force, double torque_per_N, int, int, int) const { return torque_per_N * force; }
     void finish(std::size_t, int) const {}
 
-    static constexpr bool parts = false;  ///< arm and body may part
+    static constexpr bool may_separate = false;
     double chance_tolerance() const { return 0.0; }
-    T touched(int, int) const { return 1.0; }
+    T detectable(int, int) const { return 1.0; }
 
   private:
     double stiffness_;
@@ -210,7 +210,7 @@ class DetectionIntegrator {
                 no_alarm[r] = untouched_.no_alarm;
                 one[r] = untouched_.one;
                 weight[r] = survival[r];
-                if constexpr (Contact::parts) weight[r] *= contact.touched(slot, r);
+                if constexpr (Contact::may_separate) weight[r] *= contact.detectable(slot, r);
                 armed[r] += weight[r];
             }
             auto&& tick = alarms_.at(here);
@@ -227,9 +227,9 @@ class DetectionIntegrator {
                 multi_joint[r] += weight[r] * max(alarm[r] - one[r], T(0.0));
                 store(weight[r] * alarm[r], detected + r * lanes);
                 T left = survival[r] * no_alarm[r];
-                if constexpr (Contact::parts) {
+                if constexpr (Contact::may_separate) {
                     // A body that has separated is detected no more.
-                    const auto touches = contact.touched(slot, r) > T(0.0);
+                    const auto touches = contact.detectable(slot, r) > T(0.0);
                     survival[r] = select(touches, left, survival[r]);
                     left = select(touches, left, T(0.0));
                 } else {
@@ -241,7 +241,7 @@ class DetectionIntegrator {
             // The next ticks detect what is left. Undetected it is not: that would let the arm press on without an end.
             for (int r = 0; r < registers; ++r) {
                 T left = survival[r];
-                if constexpr (Contact::parts) left = select(contact.touched(slot, r) > T(0.0), left, T(0.0));
+                if constexpr (Contact::may_separate) left = select(contact.detectable(slot, r) > T(0.0), left, T(0.0));
                 store(load<T>(detected + r * lanes) + left, detected + r * lanes);
                 survival[r] -= left;
             }

@@ -105,7 +105,7 @@ class InterpolatedPanels {
 
     /// Do interpolated and direct probabilities agree?
     bool agrees(std::size_t p) const {
-        if (!Contact::parts || integrator_.path().end != PathEnd::all_detected) {
+        if (!Contact::may_separate || integrator_.path().end != PathEnd::all_detected) {
             // Where the motion's end decides what is not detected, nothing is smooth.
             for (int m = 0; m < from_.nodes; ++m) {
                 const double* survived = &out_.survived[out_.panel[from_.panel[m]].row * order_];

@@ -270,7 +270,7 @@ class MonteCarlo {
                         --remaining;
                         continue;
                     }
-                    const bool elastic = reactions_->swings();
+                    const bool elastic = reactions_->elastic();
                     for (int j = 0; j < dof; ++j)
                         set_lane(torque[j], lane,
                                  elastic

@@ -80,8 +80,8 @@ class OffsetQuadrature {
         if constexpr (!Alarms::tabulated) {
             if (dynamic()) {
                 reactions_.emplace(*settings_.paths, *settings_.propagator, settings_.batch);
-                kept_.emplace(mesh_.panels().size());
-                return interpolate(DynamicContact<T>(*reactions_, *kept_));
+                cache_.emplace(mesh_.panels().size());
+                return interpolate(DynamicContact<T>(*reactions_, *cache_));
             }
         }
         interpolate(ClampedContact<T>(settings_.contact.body.stiffness));
@@ -180,8 +180,8 @@ class OffsetQuadrature {
         if (dynamic()) {
             result_.nodes.gives_way = true;
             result_.nodes.pressed = !settings_.contact.body.gets_away() && !path_->rests();
-            ContactOutcomes<T>(*reactions_, mesh_.panels(), mesh_.order(), probabilities_, *kept_, result_.nodes)();
-            kept_.reset();
+            ContactOutcomes<T>(*reactions_, mesh_.panels(), mesh_.order(), probabilities_, *cache_, result_.nodes)();
+            cache_.reset();
         }
         count_false_alarms();
     }
@@ -348,7 +348,7 @@ class OffsetQuadrature {
     DetectionIntegrator<T, Alarms> integrator_;
     DetectionProbabilities& probabilities_;
     std::optional<ContactReactions> reactions_;  ///< where something gives way,
-    std::optional<KeptCollisions> kept_;         ///< and what detection has simulated of it
+    std::optional<CollisionCache> cache_;        ///< and what detection has simulated of it
     const LinePath* path_ = nullptr;
     double alarm_before_ = 0;           ///< probability of an alarm before contact
     double zero_force_from_ = 0;        ///< of no contact, or an alarm before it; then less those that arrive
