@@ -95,8 +95,15 @@ void bind_distribution(nb::module_& module) {
             "tail",
             [](Distribution& self, const std::string& name, Vector y) {
                 const LinearQuantity& of = quantity(self, name);
-                const auto found = unlocked([&] { return tails<L>(self.density, of, y.data(), y.shape(0)); });
-                return array_of(found, {y.shape(0), 2});
+                NewArray<double> out({y.shape(0), 2});
+                unlocked([&] {
+                    for (std::size_t i = 0; i < y.shape(0); ++i) {
+                        const TailAt at = tail<L>(self.density, of, y(i));
+                        out.data[2 * i] = at.probability;
+                        out.data[2 * i + 1] = at.density;
+                    }
+                });
+                return out.release();
             },
             nb::arg("quantity"), nb::arg("y"), "P(quantity > y) and its density at each y >= 0.")
         .def(

@@ -15,18 +15,18 @@ struct BatchPoses {
     int count = 0;
     const double* q = nullptr;         ///< [pose][dof]
     const double* velocity = nullptr;  ///< [pose][3], m/s
-    /// [pose]: what a held body that an elastic arm never detects is pressed with [N]; none: without a bound.
+    /// [pose]: force of an elastic arm on a held body that it never detects [N]; null: unbounded.
     const double* pressed_with = nullptr;
 };
 
-/// What is asked of every pose.
+/// What is computed of every pose.
 struct BatchSettings {
-    std::vector<double> probability;  ///< of the quantiles wanted
-    std::vector<double> limit;        ///< forces whose exceedance is wanted [N]
+    std::vector<double> probability;  ///< of the quantiles
+    std::vector<double> limit;        ///< of the exceedances [N]
     int threads = 1;
 };
 
-/// What a batch keeps of every distribution; one entry (or row) a pose, NaN where nothing could be computed.
+/// Figures of the distributions, an entry or a row for each pose; NaN where nothing could be computed.
 struct BatchResult {
     std::vector<double> mean;        ///< peak force [N]
     std::vector<double> sd;          ///< [N]
@@ -75,20 +75,16 @@ struct BatchProblem {
     Contact contact_at(double speed) const { return {contact.body, contact.offset.at_speed(speed)}; }
 };
 
-/// The poses by how hard their start works the joints: by the time the slowest needs to get to its rate. Poses near a
-/// singularity take more steps.
+/// The poses in descending order of the time in which the slowest joint reaches its rate. Those near a singularity take
+/// more steps: they are traced together, and first, so that no thread is left with one at the end.
 inline std::vector<int> order_of_work(const BatchProblem& problem) {
     const CollisionSetup& setup = problem.setup;
     const MotionSettings& motion = setup.motion;
     std::vector<double> effort(std::size_t(problem.poses.count));
     for (int pose = 0; pose < problem.poses.count; ++pose) {
         const LineRequest request = problem.request(pose);
-        ArmState<double> state;
-        std::copy_n(request.q, setup.chain.dof, state.q);
-        state.refresh_angles(setup.chain);
-        Posture<double> posture;
-        forward_kinematics(setup.chain, state.q, state.angle, posture);
-        const Rates<double> rates = resolved_rates(setup.chain, motion, posture, point3<double>(request.velocity));
+        const Rates<double> rates =
+            begin_line<double>(setup, request.q, point3<double>(request.velocity), nullptr, 0).rates;
         double most = 0;
         for (int f = 0; f < motion.free_count; ++f)
             most = std::max(most, std::fabs(rates.free[f]) / motion.acceleration_limit[motion.free_joint[f]]);
@@ -96,13 +92,12 @@ inline std::vector<int> order_of_work(const BatchProblem& problem) {
     }
     std::vector<int> order(effort.size());
     for (std::size_t i = 0; i < order.size(); ++i) order[i] = int(i);
-    // Hard ones first, so that no thread is left with one at the end.
     std::stable_sort(order.begin(), order.end(),
                      [&](int a, int b) { return effort[std::size_t(a)] > effort[std::size_t(b)]; });
     return order;
 }
 
-/// The probability of an alarm at every tick when the body is as near as it can be: no collision's is greater.
+/// Probability of an alarm at every tick in contact with the nearest body, which no other collision exceeds.
 template <class L>
 std::vector<double> max_alarm_probability(const GaussianThresholds& detector, const Timing& timing,
                                           const LinePath& path, double stiffness) {
@@ -123,13 +118,13 @@ std::vector<double> max_alarm_probability(const GaussianThresholds& detector, co
     return probability;
 }
 
-/// Poses whose reactions are simulated together: few for their distributions to stay in a near cache, many for lanes to
-/// have a next one while others still follow their last.
+/// Greatest number of poses whose reactions are simulated together: few enough for their distributions to stay in a
+/// near cache, many enough to keep all lanes busy.
 inline constexpr int max_group_size = 16;
-/// Registers full of poses that are traced together at most: their paths stay near.
+/// Greatest number of registers full of poses that are traced together, so that their paths stay in a near cache.
 inline constexpr int max_round_size = 8;
 
-/// What a thread keeps from group to group.
+/// Memory that a thread keeps from group to group.
 template <class L>
 struct BatchWorker {
     BatchWorker(const BatchProblem& problem, const AlarmTable& table, const PreContactAlarms& before) {
@@ -137,7 +132,7 @@ struct BatchWorker {
             quadrature.emplace_back(problem.setup, problem.detector, before,
                                     TabulatedAlarms<L>(problem.detector, table), probabilities);
     }
-    BatchWorker(const BatchWorker&) = delete;  // its quadratures know where its probabilities are
+    BatchWorker(const BatchWorker&) = delete;  // its quadratures refer to its probabilities
 
     DetectionProbabilities probabilities;
     std::vector<OffsetQuadrature<L, TabulatedAlarms<L>>> quadrature;  ///< by place in the group
@@ -146,11 +141,11 @@ struct BatchWorker {
     std::vector<double> probability[max_group_size];
 };
 
-/// Mean and standard deviation of the peak force where it is bounded, its tail both ways, and probabilities.
+/// Writes the figures of a distribution to its place in `out`.
 template <class L>
 void write_distribution(const BatchProblem& problem, std::size_t pose, const CollisionDistribution& found,
                         BatchResult& out) {
-    constexpr double negligible = 1e-12;  // no mean is infinite for that
+    constexpr double negligible = 1e-12;  // too little to make the mean infinite
     const std::size_t dof = std::size_t(problem.setup.chain.dof);
     const std::vector<double>&probability = problem.settings.probability, &limit = problem.settings.limit;
     const double most = problem.poses.pressed_with != nullptr ? problem.poses.pressed_with[pose] : HUGE_VAL;
@@ -174,9 +169,9 @@ void write_distribution(const BatchProblem& problem, std::size_t pose, const Col
     out.no_contact[pose] = found.no_contact;
 }
 
-/// A pose where arm or body give way: a single distribution.
+/// A pose with dynamic contact: a single distribution.
 template <class L>
-void write_yielding(const BatchProblem& problem, int pose, BatchResult& out) {
+void write_dynamic(const BatchProblem& problem, int pose, BatchResult& out) {
     const LineRequest request = problem.request(pose);
     const StoppingCurve curve =
         stopping_curve<L>(problem.setup, request, &problem.detector, problem.contact_at(request.speed()));
@@ -202,8 +197,8 @@ void trace_poses(const BatchProblem& problem, BatchWorker<L>& worker, const int*
     worker.path.resize(std::max(worker.path.size(), std::size_t(count)));
     LineTracer<L, SurvivalCriterion<L>>(problem.setup, batch_line)
         .trace(requests.data(), criteria.data(), worker.path.data(), count);
-    // Near a singularity what an Adams step leaves out decides where the arm goes, and whether it meets the
-    // singularity: there a batch traces as a single distribution does.
+    // Near a singularity the error of an Adams step decides where the arm goes, and whether it reaches the singularity:
+    // such poses are traced again as exactly as a single distribution.
     std::vector<int> again;
     for (int i = 0; i < count; ++i)
         if (worker.path[std::size_t(i)].met_singularity && !worker.path[std::size_t(i)].singular_start)
@@ -226,7 +221,7 @@ void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool tabul
     QuadratureSettings settings[max_group_size];
     bool detected[max_group_size];
     for (int i = 0; i < count; ++i) {
-        std::swap(curve[i].path, path[i]);  // both keep their memory for the next pose
+        std::swap(curve[i].path, path[i]);  // so that both keep their memory
         const LinePath& traced = curve[i].path;
         settings[i] = {problem.contact_at(traced.approach_speed), 1, true};
         detected[i] = tabulated && traced.ticks > 0 && worker.quadrature[std::size_t(i)].detect(traced, settings[i]);
@@ -254,8 +249,7 @@ void batch_group(const BatchProblem& problem, BatchWorker<L>& worker, bool tabul
 }  // namespace detail
 
 /// The distributions of all poses. The size of the offset is in seconds of travel unless it is fixed.
-/// Rounds of poses are handed to threads: which thread takes a round, and which poses are in it, does not touch a pose's
-/// numbers.
+/// Threads take rounds of poses; a pose's figures do not depend on its thread or round.
 template <class L>
 BatchResult evaluate_batch(const CollisionSetup& setup, const GaussianThresholds& detector, const Contact& contact,
                            const BatchPoses& poses, const BatchSettings& settings) {
@@ -265,7 +259,7 @@ BatchResult evaluate_batch(const CollisionSetup& setup, const GaussianThresholds
     if (setup.arm || contact.system()) {
         std::atomic<int> next{0};
         work_in_threads(settings.threads, [&] {
-            for (int pose = next++; pose < poses.count; pose = next++) detail::write_yielding<L>(problem, pose, out);
+            for (int pose = next++; pose < poses.count; pose = next++) detail::write_dynamic<L>(problem, pose, out);
         });
         return out;
     }
@@ -275,8 +269,8 @@ BatchResult evaluate_batch(const CollisionSetup& setup, const GaussianThresholds
                            contact.offset.kind != OffsetKind::fixed;
     const int ticks = (setup.timing.steps + setup.timing.period - 1) / setup.timing.period;
     const PreContactAlarms before(setup, detector, tabulated ? ticks : 0);
-    // Lanes that follow their lines take one pose after another, so a round is best long, and short enough for no thread to
-    // be left with the last.
+    // A lane takes the next pose as soon as its line ends, so long rounds keep lanes busy; short ones keep all threads
+    // busy until the end.
     const int share = poses.count / (8 * settings.threads * lanes);
     const int round = lanes * std::clamp(share, 1, detail::max_round_size);
     std::atomic<int> next{0};

@@ -146,8 +146,7 @@ class ContactCollision {
           first_(reactions.paths().tick_step(tick - 1)),
           // Contact begins after the tick before the first one in contact. Only an arm that retreats at once may have
           // touched the body earlier, between two ticks.
-          begin_(std::min(first_, reactions.paths().step_before(offset))),
-          step_(begin_),
+          step_(std::min(first_, reactions.paths().step_before(offset))),
           offset_(offset) {}
 
     double force(int i) { return i < 0 ? 0.0 : at(i).force; }
@@ -209,7 +208,7 @@ class ContactCollision {
 
     const ContactReactions* reactions_;
     int tick_, first_;  // first_: step of the tick before the first one in contact
-    int begin_, step_;  // simulation steps
+    int step_;          // simulation steps so far
     double offset_;
     ContactState state_, state_at_last_tick_;  // after step_ steps; where contact begins after the last tick, before it
     std::vector<Tick> at_tick_;                // by tick in contact

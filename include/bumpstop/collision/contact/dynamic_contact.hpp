@@ -92,7 +92,7 @@ inline std::vector<double> turning_distances(const ContactPaths& paths, int k, d
 }
 
 /// Adds a piece: collisions of probability `chance` after a false alarm at tick k with bodies from `low` to `top`.
-/// `outcome(offset)` simulates one.
+/// `outcome(offset)` simulates one. Near `top` the duration grows from zero like a square root: cells are denser there.
 template <class Simulate>
 void add_piece(const Simulate& outcome, const OffsetDistribution& offset, int k, double chance, double low, double top,
                EarlyReactions& out) {
@@ -148,17 +148,6 @@ void add_pieces(const Simulate& outcome, const OffsetDistribution& offset, int k
     }
 }
 
-/// Adds the false alarms at tick k, of probability `chance`, with bodies from `low` on. Where a reaction just reaches a
-/// body the duration grows from zero like a square root, so cells and nodes are denser there. A reaction that
-/// approaches several times has a piece for each approach.
-inline void add_alarms(const ContactReactions& reactions, const OffsetDistribution& offset, int k, double chance,
-                       double low, bool rough, EarlyReactions& out) {
-    std::vector<double> ends;
-    if (!rough && offset.kind != OffsetKind::fixed) ends = turning_distances(reactions.paths(), k, low);
-    add_pieces([&](double place) { return reactions(ContactState(), k, 0, place); }, offset, k, chance, low,
-               reactions.max_distance(k), rough, std::move(ends), out);
-}
-
 }  // namespace detail
 
 /// Adds the false alarms of all ticks whose reaction still reaches the body. `edges`: as of OffsetMesh [m].
@@ -166,9 +155,10 @@ inline void add_early_reactions(const ContactReactions& reactions, const OffsetD
                                 const PreContactAlarms& before, const std::vector<double>& edges, EarlyReactions& out) {
     constexpr double rare_alarms = 1e-4, negligible_chance = 1e-18;  // before contact: of all, of one
     constexpr int group = 16;
-    const int ticks = reactions.paths().path->ticks;
+    const ContactPaths& paths = reactions.paths();
+    const int ticks = paths.path->ticks;
     // Where alarms before contact are rare and offsets extend over many ticks, one tick represents a group of them.
-    const bool rare = before.false_alarm_before(ticks) < rare_alarms;
+    const bool rare = before.false_alarm_before(ticks) < rare_alarms, rough = rare && reactions.peak_only();
     const bool groups = rare && offset.kind == OffsetKind::half_normal;
     const double of_group = reactions.peak_only() ? reactions.negligible_chance : 0.0;
     for (int first = before.unarmed(), end = first; first < ticks; first = end) {
@@ -178,12 +168,15 @@ inline void add_early_reactions(const ContactReactions& reactions, const OffsetD
             ++end;
         } while (end < ticks && groups && (end - first < group || chance <= of_group));
         const int k = (first + end - 1) / 2;
-        if (chance > negligible_chance)
-            detail::add_alarms(reactions, offset, k, chance, edges[std::size_t(k) + 1], rare && reactions.peak_only(),
-                               out);
+        if (!(chance > negligible_chance)) continue;
+        const double low = edges[std::size_t(k) + 1];
+        // A reaction that approaches several times has a piece for each approach.
+        std::vector<double> ends;
+        if (!rough && offset.kind != OffsetKind::fixed) ends = detail::turning_distances(paths, k, low);
+        detail::add_pieces([&](double o) { return reactions(ContactState(), k, 0, o); }, offset, k, chance, low,
+                           reactions.max_distance(k), rough, std::move(ends), out);
     }
     // Without an alarm an elastic arm still oscillates beyond the end of its motion.
-    const ContactPaths& paths = reactions.paths();
     const double survival = before.survival_before(ticks);
     if (!reactions.elastic() || paths.path->end == PathEnd::all_detected || !(survival > negligible_chance)) return;
     const int end = paths.tick_step(ticks - 1);

@@ -1,5 +1,5 @@
 /// @file
-/// Forces and delays over a piecewise density: tails, moments and quantiles.
+/// Forces and delays over a piecewise density: survival functions, moments and quantiles.
 #pragma once
 
 #include <algorithm>
@@ -17,8 +17,8 @@ struct Moments {
     double mean, sd;
 };
 
-/// A quantity that falls linearly with the place inside a panel: scale (reach - place), and nothing below zero. `reach`
-/// hangs on the tick of detection alone. Forces are of this kind, with the offset as place, and delays, with times.
+/// A quantity max(0, scale (reach - x)) that falls linearly with x inside a panel, where `reach` depends on the tick of
+/// detection alone. Forces are of this kind, with the offset for x, and delays, with the time of contact.
 struct LinearQuantity {
     double scale = 1;
     bool of_detected = true;    ///< exists where a collision is detected after contact,
@@ -26,11 +26,11 @@ struct LinearQuantity {
     bool of_end = false;        ///< where nothing is ever detected, with `end_reach`
     std::vector<double> reach;  ///< by tick
     double end_reach = 0;
-    std::vector<double> low, high;  ///< by panel: the places of its ends; empty: its offsets
+    std::vector<double> low, high;  ///< by panel: x at its ends; empty: its offsets
     std::vector<char> sorted;       ///< by panel: `reach` never falls from slot to slot
-    double max_reach = 0;           ///< the greatest of reach - place
+    double max_reach = 0;           ///< the greatest of reach - x
     double total = 0;               ///< probability that the quantity exists
-    double above_zero = 0;          ///< and that it is more than zero
+    double above_zero = 0;          ///< probability that it is greater than zero
     bool has_moments = false;       ///< whether `find_moments` has been called; quantiles need it
     Moments moments{};              ///< given that it exists
 
@@ -49,24 +49,24 @@ struct TailAt {
 
 namespace detail {
 
-/// Sums what lies below places in panels; as many as there are lanes at a time.
+/// Sums the probabilities of parts of panels, as many at a time as there are lanes.
 template <class T>
-class CutPanels {
+class PartialPanels {
   public:
-    explicit CutPanels(int order) : order_(order) {}
+    explicit PartialPanels(int order) : order_(order) {}
 
-    /// `factor` times a series below `x` on [-1, 1]; `inverse_half`: 1 / half the panel's width.
-    void add(const double* series, double factor, double x, double inverse_half) {
+    /// `factor` times the integral of a series from -1 to `position`; `inverse_half`: 1 / half the panel's width.
+    void add(const double* series, double factor, double position, double inverse_half) {
         series_[count_] = series;
-        x_[count_] = x;
+        x_[count_] = position;
         factor_[count_] = factor;
         inverse_half_[count_] = inverse_half;
         if (++count_ == size) flush();
     }
-    /// Adds to the probability, and to the density per unit of the place.
+    /// Adds the sums to the probability, and to the density per unit of x.
     void finish(TailAt& to) {
         if (count_ > 0) {
-            // Lanes beyond the last one count for nothing.
+            // Lanes beyond the last one add nothing.
             for (int lane = count_; lane < size; ++lane) {
                 series_[lane] = series_[0];
                 x_[lane] = factor_[lane] = inverse_half_[lane] = 0;
@@ -78,7 +78,7 @@ class CutPanels {
     }
 
   private:
-    /// Two registers at a time: each waits for its recurrence.
+    /// Two registers at a time, which hide the latency of the recurrence.
     static constexpr int lanes = Scalar<T>::lanes, registers = 2, size = registers * lanes;
 
     void flush() {
@@ -111,7 +111,7 @@ class CutPanels {
         }
         for (int r = 0; r < registers; ++r) {
             const T factor = load<T>(factor_ + r * lanes);
-            // The polynomial may dip below zero where there is next to nothing.
+            // Where the probability is next to nothing the polynomial may be slightly negative.
             probability_ += factor * max(below[r], T(0.0));
             density_ += factor * load<T>(inverse_half_ + r * lanes) * slope[r];
         }
@@ -125,15 +125,15 @@ class CutPanels {
     T probability_ = 0.0, density_ = 0.0;
 };
 
-/// P(reach - place > depth) over the panels of a quantity, and its density per unit of the place.
+/// P(reach - x > depth) over the panels of a quantity, and its density per unit of x.
 template <class T>
 class TailSum {
   public:
     TailSum(const PiecewiseDensity& density, const LinearQuantity& quantity, double depth)
-        : density_(density), quantity_(quantity), depth_(depth), cuts_(density.order) {}
+        : density_(density), quantity_(quantity), depth_(depth), partial_(density.order) {}
 
     TailAt operator()() {
-        int passing = 0;  // slot of the panel before: few more or fewer pass here
+        int passing = 0;  // first slot of the panel before that exceeds the depth everywhere: a guess for the next
         for (std::size_t p = 0; p < density_.panel.size(); ++p) {
             const PiecewiseDensity::Panel& panel = density_.panel[p];
             const double low = quantity_.low_of(density_, p), high = quantity_.high_of(density_, p);
@@ -148,7 +148,7 @@ class TailSum {
                 add(density_.end_series_of(p), 1.0, quantity_.end_reach, low, high);
             if (quantity_.of_alarms) add_alarms(panel, p, low, high);
         }
-        cuts_.finish(sum_);
+        partial_.finish(sum_);
         return sum_;
     }
 
@@ -157,19 +157,20 @@ class TailSum {
         if (reach - depth_ > high) {
             sum_.probability += 2 * factor * series[0];
         } else if (reach - depth_ > low) {
-            cut(series, factor, reach, low, high);
+            add_partial(series, factor, reach, low, high);
         }
     }
-    void cut(const double* series, double factor, double reach, double low, double high) {
+    void add_partial(const double* series, double factor, double reach, double low, double high) {
         const double inverse_half = 2 / (high - low);
-        cuts_.add(series, factor, (reach - depth_ - 0.5 * (low + high)) * inverse_half, inverse_half);
+        partial_.add(series, factor, (reach - depth_ - 0.5 * (low + high)) * inverse_half, inverse_half);
     }
     void add_slot(const PiecewiseDensity::Panel& panel, int slot, double low, double high) {
         if (density_.mass_of(panel, slot) > 0)
             add(density_.series_of(panel, slot), 1.0, quantity_.reach[std::size_t(panel.tick(slot))], low, high);
     }
 
-    /// Where the reach grows from slot to slot the last ones pass. Returns the first of them, looked for from `guess` on.
+    /// Where the reach grows from slot to slot the last slots exceed the depth over the whole panel. Returns the first
+    /// of them, searched from `guess` on.
     int add_sorted(const PiecewiseDensity::Panel& panel, double low, double high, int guess) {
         const double* reach = quantity_.reach.data() + panel.first_tick;
         int slot = std::min(guess, panel.slots);
@@ -177,7 +178,8 @@ class TailSum {
         while (slot < panel.slots && !(reach[slot] - depth_ > high)) ++slot;
         if (slot < panel.slots) sum_.probability += density_.later_mass[panel.first_slot + std::size_t(slot)];
         for (int other = slot - 1; other >= 0 && reach[other] - depth_ > low; --other)
-            if (density_.mass_of(panel, other) > 0) cut(density_.series_of(panel, other), 1.0, reach[other], low, high);
+            if (density_.mass_of(panel, other) > 0)
+                add_partial(density_.series_of(panel, other), 1.0, reach[other], low, high);
         return slot;
     }
 
@@ -191,24 +193,24 @@ class TailSum {
             std::partition_point(first, end, [&](const PreContactAlarm& a) { return a.reach - depth_ > high; });
         const double* series = density_.offset_series_of(p);
         sum_.probability += 2 * (one == end ? (end - 1)->before + (end - 1)->chance : one->before) * series[0];
-        for (; one != end && one->reach - depth_ > low; ++one) cut(series, one->chance, one->reach, low, high);
+        for (; one != end && one->reach - depth_ > low; ++one) add_partial(series, one->chance, one->reach, low, high);
     }
 
     const PiecewiseDensity& density_;
     const LinearQuantity& quantity_;
     const double depth_;
     TailAt sum_{0, 0};
-    CutPanels<T> cuts_;
+    PartialPanels<T> partial_;
 };
 
-/// First and second moment of a quantity about `about`, both in units of the place.
+/// First and second moment of a quantity about `about`, in units of x.
 template <class T>
 class MomentSum {
   public:
     MomentSum(const PiecewiseDensity& density, double about)
         : order_(density.order), about_(about), rule_(gauss_rule(density.order)) {}
 
-    /// `factor` times a series of what reaches `reach`.
+    /// Adds a piece: `factor` times a series, with its reach.
     void add(const double* series, double factor, double reach, double low, double high) {
         if (reach >= high) {
             const double middle = reach - 0.5 * (low + high) - about_, slope = 0.5 * (high - low);
@@ -218,7 +220,7 @@ class MomentSum {
                       (middle * (middle * series[0] - 2 * slope * series[1]) +
                        slope * slope * (2 * series[2] + series[0]) * (1.0 / 3));
         } else if (reach > low) {
-            add_cut(series, factor, reach, low, high);
+            add_partial(series, factor, reach, low, high);
         } else {
             add_zero(2 * factor * series[0]);
         }
@@ -231,8 +233,8 @@ class MomentSum {
     double first = 0, second = 0;
 
   private:
-    /// Beyond the reach the quantity is zero, and the rule is that of the nearer part, where it is linear.
-    void add_cut(const double* series, double factor, double reach, double low, double high) {
+    /// Beyond the reach the quantity is zero; before it, where it is linear, Gauss's rule integrates it.
+    void add_partial(const double* series, double factor, double reach, double low, double high) {
         const double share = (reach - low) / (high - low);
         T probability = 0.0, one = 0.0, two = 0.0;
         for (int g = 0; g < order_; g += Scalar<T>::lanes) {
@@ -280,37 +282,26 @@ void each_piece(const PiecewiseDensity& density, const LinearQuantity& quantity,
 
 }  // namespace detail
 
-/// Fills what the tail needs to know of the reaches and places of a quantity.
+/// Fills `total`, `max_reach` and `sorted`, which tails need.
 inline void summarise(const PiecewiseDensity& density, LinearQuantity& quantity) {
     quantity.total = quantity.max_reach = 0;
     quantity.sorted.assign(density.panel.size(), 1);
-    const auto take = [&](double mass, double reach, double low) {
+    for (std::size_t p = 0; quantity.of_detected && p < density.panel.size(); ++p) {
+        const PiecewiseDensity::Panel& panel = density.panel[p];
+        const double* first = panel.slots > 0 ? &quantity.reach[std::size_t(panel.first_tick)] : nullptr;
+        quantity.sorted[p] = std::is_sorted(first, first + panel.slots);
+    }
+    detail::each_piece(density, quantity, [&](const double*, double, double mass, double reach, double low, double) {
         quantity.total += mass;
         if (mass > 0) quantity.max_reach = std::max(quantity.max_reach, reach - low);
-    };
-    for (std::size_t p = 0; p < density.panel.size(); ++p) {
-        const PiecewiseDensity::Panel& panel = density.panel[p];
-        const double low = quantity.low_of(density, p);
-        if (quantity.of_detected && panel.slots > 0) {
-            const double* first = quantity.reach.data() + panel.first_tick;
-            quantity.sorted[p] = std::is_sorted(first, first + panel.slots);
-            take(panel.mass,
-                 quantity.sorted[p] ? first[panel.slots - 1] : *std::max_element(first, first + panel.slots), low);
-        }
-        if (quantity.of_end && !density.end_series.empty())
-            take(2 * *density.end_series_of(p), quantity.end_reach, low);
-        for (int i = panel.first_alarm; quantity.of_alarms && i < panel.end_alarm; ++i) {
-            const PreContactAlarm& alarm = density.alarm[std::size_t(i)];
-            take(2 * alarm.chance * *density.offset_series_of(p), alarm.reach, low);
-        }
-    }
+    });
 }
 
-/// Fills the moments of a quantity that is summarised, and how probable it is that there is anything of it.
+/// Fills moments and `above_zero` of a quantity that is summarised.
 template <class T>
 void find_moments(const PiecewiseDensity& density, LinearQuantity& quantity) {
     quantity.above_zero = std::max(0.0, detail::TailSum<T>(density, quantity, 0.0)().probability);
-    // About a value near the mean, of the middles of panels: a narrow distribution far from zero keeps its digits.
+    // About a value near the mean, so that a narrow distribution far from zero keeps its digits.
     double sum = 0;
     detail::each_piece(density, quantity,
                        [&](const double*, double, double mass, double reach, double low, double high) {
@@ -338,19 +329,7 @@ TailAt tail(const PiecewiseDensity& density, const LinearQuantity& quantity, dou
     return {std::max(0.0, sum.probability), std::max(0.0, sum.density) / quantity.scale};
 }
 
-/// At `count` values y, each its probability and density, one after the other.
-template <class T>
-std::vector<double> tails(const PiecewiseDensity& density, const LinearQuantity& quantity, const double* y,
-                          std::size_t count) {
-    std::vector<double> out;
-    for (std::size_t i = 0; i < count; ++i) {
-        const TailAt at = tail<T>(density, quantity, y[i]);
-        out.insert(out.end(), {at.probability, at.density});
-    }
-    return out;
-}
-
-/// Two independent parts of a distribution, by their probabilities and moments.
+/// Moments of a mixture of two distributions, by their probabilities.
 inline Moments mixture(double one_mass, const Moments& one, double two_mass, const Moments& two) {
     if (!(two_mass > 0)) return one;
     if (!(one_mass > 0)) return two;
@@ -370,22 +349,22 @@ inline double normal_score(double p) {
 template <class T>
 double upper_quantile(const PiecewiseDensity& density, const LinearQuantity& quantity, double allowed, double never) {
     if (never > allowed) return std::numeric_limits<double>::infinity();
-    const double wanted = allowed - never;
-    if (quantity.above_zero <= wanted) return 0;
+    const double target = allowed - never;
+    if (quantity.above_zero <= target) return 0;
     double low = 0, high = quantity.scale * quantity.max_reach;
-    // Of a step this short Newton leaves nothing that is left in a double.
+    // After a Newton step this short the error is below the rounding of a double.
     const double resolution = 1e-13 * high, short_step = std::max(resolution, 1e-8 * quantity.moments.sd);
-    double y = quantity.moments.mean + quantity.moments.sd * normal_score(wanted / quantity.total);
+    double y = quantity.moments.mean + quantity.moments.sd * normal_score(target / quantity.total);
     if (!(y > low && y < high)) y = 0.5 * (low + high);
-    // Newton's step for the logarithm of the tail, which falls like that of a normal law, where the step stays inside the
-    // bracket; halving where it does not.
+    // Newton's method for the logarithm of the tail, which falls like that of a normal distribution; bisection where a
+    // step would leave the bracket.
     for (int iteration = 0; iteration < 200 && high - low > resolution; ++iteration) {
         const TailAt at = tail<T>(density, quantity, y);
-        const double excess = at.probability - wanted;
+        const double excess = at.probability - target;
         (excess > 0 ? low : high) = y;
         double next = 0.5 * (low + high);
         if (at.density > 0) {
-            const double step = wanted > 0 ? at.probability * std::log1p(excess / wanted) : excess;
+            const double step = target > 0 ? at.probability * std::log1p(excess / target) : excess;
             const double newton = y + step / at.density;
             if (std::fabs(newton - y) <= short_step) return newton;
             if (newton > low && newton < high) next = newton;
