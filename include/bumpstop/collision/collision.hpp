@@ -11,8 +11,8 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace detail {
 
-/// Whether every body up to `largest_offset` has separated before the last tick of a path that touches all of them. Bodies
-/// are probed at the distance of every step, which is as finely as the path tells them apart.
+/// Whether every body up to `largest_offset` has separated before the last tick of a path that touches all of them.
+/// Bodies are probed at the distance of every step, which is as finely as the path tells them apart.
 inline bool all_separated(const LinePath& path, const ContactPropagator& by, const Timing& timing,
                           double largest_offset) {
     const ContactDynamics dynamics(by);
@@ -48,7 +48,7 @@ inline bool surely_detected(const CollisionSetup& setup, const LinePath& path, c
     return false;
 }
 
-/// The path of a line as far as a distribution needs it.
+/// The path of a line, as far as a distribution needs it.
 template <class T>
 LinePath trace_until_decided(const CollisionSetup& setup, const LineRequest& line, const GaussianThresholds& detector,
                              const Contact& contact) {
@@ -57,7 +57,7 @@ LinePath trace_until_decided(const CollisionSetup& setup, const LineRequest& lin
         LinePath path = trace_line<T>(setup, line, SurvivalCriterion<T>(setup, detector, contact));
         const std::optional<ContactSystem> system = contact_system(setup, path, contact);
         if (!system) return path;
-        // In the end the arm presses as its gears and servos let it; until then it lags behind.
+        // In the end an elastic arm presses with its static stiffness; until then it lags behind its reference.
         Contact pressed = contact;
         pressed.body.stiffness = system->static_stiffness();
         double lag = settling_time(setup, *system);
@@ -71,8 +71,8 @@ LinePath trace_until_decided(const CollisionSetup& setup, const LineRequest& lin
         }
         return path;
     }
-    // At constant speed a free body separates after half an oscillation. Three halves leave room for an arm that does not
-    // keep its speed; one that speeds up may push for longer.
+    // At constant speed a free body separates after half an oscillation. Three halves leave room for an arm that does
+    // not keep its speed; one that speeds up may push for longer.
     const double half_oscillation = contact.system()->half_oscillation() / tick_duration;
     for (double half_oscillations = 3;; half_oscillations *= 4) {
         const int ticks = int(std::min(half_oscillations * half_oscillation, double(setup.timing.steps))) + 2;
@@ -85,8 +85,8 @@ LinePath trace_until_decided(const CollisionSetup& setup, const LineRequest& lin
 
 }  // namespace detail
 
-/// The stopping curve of a line. With a detector it ends where even the farthest body has been detected for certain, or has
-/// got away: a distribution needs no more. Without one it ends with the motion.
+/// The stopping curve of a line. With a detector it ends once even the farthest body has been detected with certainty,
+/// or has separated, which is all that a distribution needs. Without one it ends with the motion.
 template <class T>
 StoppingCurve stopping_curve(const CollisionSetup& setup, const LineRequest& line, const GaussianThresholds* detector,
                              const Contact& contact) {

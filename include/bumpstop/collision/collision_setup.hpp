@@ -1,5 +1,5 @@
 /// @file
-/// What a collision is made of, but for the pose it begins in, the detector and the body that is hit.
+/// Arm, motion and reaction of a collision.
 #pragma once
 
 #include <optional>
@@ -34,7 +34,7 @@ struct ContactGeometry {
     Vector3 normal{};          ///< else this unit vector, base frame
 };
 
-/// How long the motion is and how often the detector looks.
+/// Duration of the motion, and times of detection and reaction.
 struct Timing {
     int steps = 5000;  ///< the motion ends after so many simulation steps
     int period = 4;    ///< steps between two feedback ticks
@@ -51,9 +51,9 @@ struct CollisionSetup {
     ContactGeometry contact;
     Timing timing;
     ReactionKind reaction = ReactionKind::reverse;
-    std::optional<ArmCompliance> arm{};  ///< of an arm that gives way; none: it follows its path whatever it hits
+    std::optional<ArmCompliance> arm{};  ///< of an elastic arm; none: the arm is rigid and follows its path
 
-    /// When tick k comes after the start of the motion [s].
+    /// Time of tick k after the start of the motion [s].
     double tick_time(int k) const { return (double(k) * timing.period + 1) * motion.step; }
 };
 

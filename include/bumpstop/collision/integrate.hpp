@@ -9,8 +9,8 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// The distribution of a collision whose stopping curve is known. Without `settings.paths` what gives way meets the paths of
-/// the line. `before`: the ticks of a motion at least as long, where many share them.
+/// The distribution of a collision from its stopping curve. Dynamic contact without `settings.paths` takes the paths of
+/// the line. `before`: alarms before contact of a motion at least as long, which many distributions may share.
 template <class T>
 CollisionDistribution integrate(const CollisionSetup& setup, const StoppingCurve& curve,
                                 const GaussianThresholds& detector, QuadratureSettings settings,

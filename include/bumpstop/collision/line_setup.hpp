@@ -1,5 +1,5 @@
 /// @file
-/// Setups of robots that are described.
+/// A setup for a robot that was read from its description.
 #pragma once
 
 #include "bumpstop/collision/collision_setup.hpp"

@@ -71,8 +71,7 @@ class ContactOutcomes {
         }
         for (std::vector<double>* values : out_.by_slot()) values->assign(slots * order_, 0.0);
         for (std::vector<double>* values : out_.by_panel()) values->assign(panels_.size() * order_, 0.0);
-        // The outcome of a free body changes abruptly at some ends of panels: there only like parts of ticks make a
-        // run.
+        // Outcomes of a free body change abruptly at some ends of panels: only like parts of ticks make a run then.
         const bool in_parts = reactions_.dynamics().propagator().gets_away;
         for (std::size_t first = 0; first < panels_.size();) {
             const std::size_t panels = tick_end(first) - first, width = in_parts ? 1 : panels;
@@ -96,8 +95,8 @@ class ContactOutcomes {
     static constexpr std::size_t quantities = ContactNodes::quantities,
                                  undetected_quantities = ContactNodes::undetected_quantities;
     using Outcome = ContactCollision::Outcome;
-    using Values =
-        std::vector<double>;  ///< [row][node]: rows by quantity and slot, then those of undetected collisions
+    /// [row][node]: rows by quantity and slot, then those of undetected collisions.
+    using Values = std::vector<double>;
 
     /// The greatest probabilities among some offsets.
     struct MaxProbability {

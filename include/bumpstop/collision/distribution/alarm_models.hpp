@@ -11,7 +11,7 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 template <class T>
 inline constexpr int block_registers = 8 / Scalar<T>::lanes;
 
-/// What a detector meets at a tick, for a block of offsets.
+/// Contact at a tick, for a block of offsets.
 template <class T>
 struct TickContact {
     const double* torque_per_N;                  ///< by monitored joint [Nm/N]
@@ -21,8 +21,8 @@ struct TickContact {
 
 // An alarm model serves one block of offsets after another, tick by tick:
 //   begin(tick)    the first tick in contact
-//   at(contact)    a tick; chance(w, r, contact) of what it returns is the probability that monitored joint w alarms at the
-//                  offsets of register r, given no alarm before
+//   at(contact)    a tick; of what it returns, chance(w, r, contact) is the probability that monitored joint w alarms
+//                  at the offsets of register r, given no alarm before
 //   skip(contact)  a tick at which the detector is not armed
 
 /// White noise, with all digits of far tails.
@@ -30,11 +30,11 @@ template <class T>
 class ExactAlarms {
   public:
     static constexpr bool tabulated = false;
-    /// Less survival than this ends a panel's ticks: nothing that is printed changes by it.
+    /// Ticks of a panel end once its survival probability is below this: no printed digit depends on the rest.
     static constexpr double negligible_survival = 1e-18;
-    /// Joints whose residual grows less than this [standard deviations] count as untouched.
+    /// Joints whose residual grows less than this [standard deviations] count as not loaded by the contact.
     static constexpr double negligible_residual = 1e-12;
-    /// Interpolated probabilities may be off by this; rounding of the joint positions alone gives 1e-12.
+    /// Allowed error of interpolated probabilities; rounding of the joint positions alone makes 1e-12.
     static constexpr double interpolation_tolerance = 1e-10;
     static constexpr double max_interpolated_survival = 1e-18;
     static constexpr std::array interpolation_nodes{8, 12, 20};
@@ -52,20 +52,20 @@ class ExactAlarms {
     const GaussianThresholds& detector_;
 };
 
-/// White noise, from a table: to some 1e-8. For clamped contact.
+/// White noise, from a table, within about 1e-8. For clamped contact.
 template <class T>
 class TabulatedAlarms {
   public:
     static constexpr bool tabulated = true;
     static constexpr double negligible_survival = 1e-9;
-    /// A joint whose residual stays smaller, as that of a flange whose axis meets the contact point.
+    /// Such a joint is a flange whose axis passes through the contact point.
     static constexpr double negligible_residual = 1e-6;
     static constexpr double interpolation_tolerance = 1e-6, max_interpolated_survival = 1e-6;
     static constexpr std::array interpolation_nodes{6};
-    /// Panel, in standard deviations of the residual, where a detection may be so improbable that who triggered it hangs
-    /// on far tails. Elsewhere they may be as wide as the table allows.
+    /// Width of a panel in standard deviations of the residual, where detections may be so improbable that the shares
+    /// of the joints in them depend on far tails. Elsewhere panels are as wide as the table allows.
     static constexpr double max_uncertain_growth = 1.5;
-    static constexpr double max_offset_growth = 0.5;  ///< panel, in standard deviations of the offset
+    static constexpr double max_offset_growth = 0.5;  ///< the same in standard deviations of the offset
 
     TabulatedAlarms(const GaussianThresholds& detector, const AlarmTable& table) : detector_(detector), table_(table) {}
 
@@ -79,7 +79,7 @@ class TabulatedAlarms {
     };
     void begin(int) {}
     Tick at(const TickContact<T>& contact) const {
-        // The offsets of a block grow, and so the force falls, from its first lane to its last.
+        // From the first lane of a block to its last the offset grows, and the force falls.
         const double first = lane_of(contact.force[0], 0),
                      last = lane_of(contact.force[block_registers<T> - 1], Scalar<T>::lanes - 1);
         return {table_.near<T>(detector_.monitored, contact.torque_per_N, 0.5 * (first + last))};
@@ -91,13 +91,14 @@ class TabulatedAlarms {
     const AlarmTable& table_;
 };
 
-/// Where a tick depends on those before it: noise that is correlated from tick to tick, or an observer's residual.
+/// Ticks that depend on those before them: noise that is correlated from tick to tick, or the residual of an observer.
 template <class T>
 class CorrelatedAlarms {
   public:
     static constexpr bool tabulated = false;
     static constexpr double negligible_survival = ExactAlarms<T>::negligible_survival;
-    static constexpr double negligible_residual = -1;  ///< all of them: an untouched joint alarms less and less often
+    static constexpr double negligible_residual =
+        -1;  ///< none: also a joint without load alarms less often at later ticks
     static constexpr double interpolation_tolerance = ExactAlarms<T>::interpolation_tolerance;
     static constexpr double max_interpolated_survival = ExactAlarms<T>::max_interpolated_survival;
     static constexpr std::array interpolation_nodes = ExactAlarms<T>::interpolation_nodes;
@@ -108,7 +109,7 @@ class CorrelatedAlarms {
           residual_(std::size_t(detector.monitored * registers)),
           density_(std::size_t(detector.monitored * registers)) {}
 
-    /// The noise is as the ticks before contact left it.
+    /// The noise density is that after the ticks before contact.
     void begin(int tick) {
         for (int w = 0; w < detector_.monitored; ++w) {
             for (int r = 0; r < registers; ++r) {
@@ -132,7 +133,7 @@ class CorrelatedAlarms {
         T& own = residual_[place(w, r)];
         own = detector_.filtered(own, contact.residual[w][r]);
         if (!before_.correlated(w)) return joint_alarm(detector_, w, own);
-        return propagate_tick(*before_.noise(w), density_[place(w, r)], own, work_);
+        return propagate_tick(before_.noise(w), density_[place(w, r)], own, work_);
     }
     /// A tick that is not armed says nothing about the noise.
     void skip(const TickContact<T>& contact) {

@@ -1,19 +1,19 @@
 /// @file
-/// Distributions put together from many small pieces.
+/// Distributions as mixtures of many small cells, for dynamic contact.
 #pragma once
 
 #include "bumpstop/collision/distribution/collision_distribution.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Probability spread evenly over cells, some of them so narrow that it is at a point, and values and probabilities of a
-/// quadrature for the moments. Nothing is sorted: a tail is a sum over all cells, in lanes, from the small ones on.
+/// A mixture of uniform distributions over cells, some of which are points, with the nodes of a quadrature for the
+/// moments. Nothing is sorted: a tail is a sum over all cells, in lanes.
 class CellMixture {
   public:
     CellMixture() = default;
 
-    /// Room for so many cells and nodes: arrays that grow are moved, and have then twice and thrice the memory. Of very soft
-    /// bodies they have a hundred megabytes. What is not used of it costs none.
+    /// Reserves memory for so many cells and nodes. Arrays that grow by themselves need up to three times as much,
+    /// which for very soft bodies are hundreds of megabytes; memory that is reserved and not used costs none.
     void reserve(std::size_t cells, std::size_t nodes) {
         for (std::vector<double>* values : {&low_, &high_, &mass_}) values->reserve(cells);
         for (std::vector<double>* values : {&node_, &node_mass_}) values->reserve(nodes);
@@ -27,12 +27,12 @@ class CellMixture {
             low_.push_back(low);
             high_.push_back(high);
             mass_.push_back(mass);
-            most_ = std::max(most_, high);
-            least_ = std::min(least_, low);
+            max_ = std::max(max_, high);
+            min_ = std::min(min_, low);
         }
         total_ += mass;
     }
-    /// Cells side by side between `count` + 1 finite edges.
+    /// Adds adjacent cells between `count` + 1 finite edges.
     void add_cells(const double* edge, const double* mass, std::size_t count) {
         const std::size_t first = mass_.size();
         for (std::vector<double>* values : {&low_, &high_, &mass_}) values->resize(first + count);
@@ -42,8 +42,8 @@ class CellMixture {
             low_[first + i] = low;
             high_[first + i] = high;
             mass_[first + i] = here;
-            most_ = std::max(most_, here > 0 ? high : most_);
-            least_ = std::min(least_, here > 0 ? low : least_);
+            max_ = std::max(max_, here > 0 ? high : max_);
+            min_ = std::min(min_, here > 0 ? low : min_);
             total_ += here;
         }
     }
@@ -52,7 +52,7 @@ class CellMixture {
         node_mass_.push_back(mass);
     }
 
-    /// Probability of all there is, and of what is beyond every value.
+    /// Probability of all cells, and of those at infinity.
     double total() const { return total_; }
     double infinite() const { return infinite_; }
 
@@ -91,15 +91,15 @@ class CellMixture {
     template <class T>
     double upper_quantile(double allowed) const {
         if (infinite_ > allowed) return HUGE_VAL;
-        double low = std::min(0.0, least_), high = std::max(most_, 0.0);
-        if (!(above<T>(low) > allowed)) return least_above(low);
+        double low = std::min(0.0, min_), high = std::max(max_, 0.0);
+        if (!(above<T>(low) > allowed)) return min_above(low);
         CellMixture near;
         const CellMixture* of = this;
-        // By halves: a tail has jumps, at which a chord hardly gets on.
+        // Bisection, because a tail has jumps at which secants hardly converge.
         for (int i = 1; i <= 200 && high - low > 1e-14 * high; ++i) {
             const double x = 0.5 * (low + high);
             (of->above<T>(x) > allowed ? low : high) = x;
-            // A copy of nearly all of them saves nothing, and has the memory once more.
+            // A copy of nearly all cells would save no time and double the memory.
             if (i % 8 == 0 && 4 * of->count_between(low, high) <= of->mass_.size()) {
                 near = of->between(low, high);
                 of = &near;
@@ -109,13 +109,14 @@ class CellMixture {
     }
 
   private:
-    /// Cells that have a part of themselves from `low` to `high`.
+    /// Number of cells that overlap `low` to `high`.
     std::size_t count_between(double low, double high) const {
         std::size_t count = 0;
         for (std::size_t i = 0; i < mass_.size(); ++i) count += low_[i] < high && high_[i] > low;
         return count;
     }
-    /// What tells P(value > x) for x from `low` to `high`: what lies beyond for all of them is at infinity.
+    /// A mixture with the same P(value > x) for x from `low` to `high`: cells above are moved to infinity, those below
+    /// left out.
     CellMixture between(double low, double high) const {
         CellMixture out;
         const std::size_t count = count_between(low, high);
@@ -131,50 +132,52 @@ class CellMixture {
         }
         return out;
     }
-    /// Where nothing lies below, the first value there is.
-    double least_above(double low) const { return mass_.empty() ? low : std::max(low, std::min(least_, most_)); }
+    /// The smallest value, or `low` where there is none.
+    double min_above(double low) const { return mass_.empty() ? low : std::max(low, std::min(min_, max_)); }
 
     template <class V>
     static V beyond(V low, V high, V mass, double x) {
-        // A cell at a point lies beyond x if its place does.
+        // A cell that is a point lies beyond x as a whole or not at all.
         const V width = max(high - low, V(1e-300));
         return mass * min(max((high - V(x)) / width, V(0.0)), V(1.0));
     }
 
     std::vector<double> low_, high_, mass_, node_, node_mass_;
-    double total_ = 0, infinite_ = 0, most_ = 0, least_ = HUGE_VAL;
+    double total_ = 0, infinite_ = 0, max_ = 0, min_ = HUGE_VAL;
 };
 
-/// What is asked of collisions in which something gives way.
+/// Quantities of dynamic contact.
 enum class ContactQuantity { peak_force, duration, force_at_detection };
 
-/// What newtons count for in the peak force: in the transient phase, and after it. The greater share counts.
+/// Weights of a force in the transient phase and after it; the greater weighted force counts.
 struct PhaseShares {
     double transient = 1, lasting = 1;  ///< `lasting` is not less [1/N]
 };
 
-/// Its distribution: over all collisions the peak force, no contact being no force; over those in contact the duration;
-/// over detections in contact the force at detection. `never`: the value of collisions that are never detected, where it
-/// is not the one at the motion's end. `phases`: of the peak force the greater share of both phases instead.
+/// Distribution of a quantity: of the peak force over all collisions, with zero where there is no contact; of the
+/// duration over contacts; of the force at detection over detections in contact. `never`: value of undetected
+/// collisions, if it is not that at the end of the motion. `phases`: instead of the peak force the greater of both
+/// phases' weighted forces.
 template <class T>
-CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity quantity,
+CellMixture contact_mixture(const CollisionDistribution& collision, ContactQuantity quantity,
                             std::optional<double> never = std::nullopt,
                             std::optional<PhaseShares> phases = std::nullopt) {
     constexpr int lanes = Scalar<T>::lanes;
-    const PiecewiseDensity& density = law.density;
+    const PiecewiseDensity& density = collision.density;
     const std::size_t order = std::size_t(density.order);
     const bool positive = quantity == ContactQuantity::duration,
-               kinks = law.nodes.kinks && quantity != ContactQuantity::force_at_detection;
-    // What is detected at a tick less probably than this is spread evenly over all it may come to.
+               kinks = collision.nodes.kinks && quantity != ContactQuantity::force_at_detection;
+    // A slot less probable than this is one cell from its smallest value to its greatest.
     constexpr double one_cell = 1e-14;
-    // Of a panel. In a far tail probability falls steeply across a cell, over which it is spread evenly.
-    const std::size_t cells = order > 8 || law.nodes.kinks ? 32 : 16;  // those of few nodes are narrow, of rigid arms
+    // Of a panel. They are narrow because in a far tail the density falls steeply, while that of a cell is constant.
+    const std::size_t cells =
+        order > 8 || collision.nodes.kinks ? 32 : 16;  // those of few nodes are narrow, of rigid arms
     const std::size_t panels = density.panel.size();
     const std::size_t rows =
         (std::max(cells + 1, order) + std::size_t(lanes) - 1) / std::size_t(lanes) * std::size_t(lanes);
     const GaussRule& rule = gauss_rule(int(order));
-    // By degree, for every cell the integral of P_l and for every node its weighted value; by node, for every end of a cell
-    // what the value there counts.
+    // By degree l, the integral of P_l over every cell, and its weighted value at every node; by node, the weight of
+    // its value at every end of a cell.
     std::vector<double> below(order * rows, 0.0), to_edge(order * rows, 0.0), at_nodes(order * rows, 0.0);
     const auto legendre = [&](double x, std::vector<double>& value) {
         value.assign(order + 1, 1.0);
@@ -211,15 +214,15 @@ CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity qu
     const auto once = [](std::size_t) { return 1.0; };
     const auto series = [](std::size_t l) { return double(2 * l + 1); };
     CellMixture out;
-    const std::size_t early_pieces = law.early_reactions.pieces(), series_count = density.mass.size() + panels;
+    const std::size_t early_pieces = collision.early_reactions.pieces(), series_count = density.mass.size() + panels;
     out.reserve(series_count * cells + early_pieces * EarlyReactions::cells + 2,
                 series_count * order + early_pieces * EarlyReactions::nodes + 2);
     std::vector<double> mass(rows), edge(rows), node_mass(rows);
     const auto add = [&](const double* coefficient, const double* value) {
         product(below, coefficient, series, mass.data());
         product(to_edge, value, once, edge.data());
-        // Where a later peak outgrows an earlier one the values have a kink, about which the polynomial swings. Between nodes
-        // none is beyond all of them.
+        // Where a later peak becomes the greatest the values have a kink, about which the polynomial oscillates.
+        // Between nodes no value lies beyond all of theirs.
         const auto [least, most] = std::minmax_element(value, value + order);
         for (std::size_t i = 0; kinks && i <= cells; ++i)
             if (std::fabs(2.0 * double(i) / double(cells) - 1) < rule.node[order - 1])
@@ -232,23 +235,23 @@ CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity qu
         for (std::size_t g = 0; g < order; ++g)
             if (!positive || value[g] > 0) out.add_node(value[g], node_mass[g]);
     };
-    const ContactNodes& nodes = law.nodes;
+    const ContactNodes& nodes = collision.nodes;
     const auto& by_slot = quantity == ContactQuantity::peak_force ? nodes.peak_force
                           : positive                              ? nodes.duration
                                                                   : nodes.force_at_detection;
     const auto& missed = positive ? nodes.undetected_duration : nodes.undetected_peak_force;
-    // A force that lasts longer than the first phase is the peak in it at most.
-    const auto share_of = [&](double value, double lasting) {
+    // The lasting force is at most the peak force, so only its weight can make it count.
+    const auto weighted = [&](double value, double lasting) {
         return phases ? std::max(value * phases->transient, lasting * phases->lasting) : value;
     };
-    std::vector<double> share(order);
-    // Values at the nodes from `first` on, or their shares.
+    std::vector<double> weighted_values(order);
+    // Values at the nodes from `first` on, weighted by phase if asked.
     const auto values_of = [&](const std::vector<double>& values, const std::vector<double>& lasting,
                                std::size_t first) {
         const double* value = &values[first];
         if (!phases) return value;
-        for (std::size_t i = 0; i < order; ++i) share[i] = share_of(value[i], lasting[first + i]);
-        return static_cast<const double*>(share.data());
+        for (std::size_t i = 0; i < order; ++i) weighted_values[i] = weighted(value[i], lasting[first + i]);
+        return static_cast<const double*>(weighted_values.data());
     };
     const bool of_all = quantity != ContactQuantity::force_at_detection;
     for (std::size_t p = 0; p < panels; ++p) {
@@ -267,36 +270,36 @@ CellMixture contact_mixture(const CollisionDistribution& law, ContactQuantity qu
             add(density.end_series_of(p), values_of(missed, nodes.undetected_lasting_force, p * order));
     }
     if (!of_all) return out;
-    if (never && law.undetected > 0) {
-        constexpr double negligible = 1e-12;  // no mean is infinite for that
-        out.add_cell(*never, *never, law.undetected);
-        if (std::isfinite(*never) || law.undetected > negligible) out.add_node(*never, law.undetected);
+    if (never && collision.undetected > 0) {
+        constexpr double negligible = 1e-12;  // too little to make the mean infinite
+        out.add_cell(*never, *never, collision.undetected);
+        if (std::isfinite(*never) || collision.undetected > negligible) out.add_node(*never, collision.undetected);
     }
-    const EarlyReactions& early = law.early_reactions;
-    const auto wanted = [&](const ContactReactions::Outcome& one) {
-        return positive ? share_of(one.duration, one.lasting) : share_of(one.peak, one.lasting);
+    const EarlyReactions& early = collision.early_reactions;
+    const auto value_of = [&](const ContactReactions::Outcome& one) {
+        return positive ? weighted(one.duration, one.lasting) : weighted(one.peak, one.lasting);
     };
     for (std::size_t i = 0; i < early.pieces(); ++i) {
         for (std::size_t c = i * EarlyReactions::cells; c < (i + 1) * EarlyReactions::cells; ++c) {
-            const double low = wanted(early.edge[c + i]), high = wanted(early.edge[c + i + 1]);
+            const double low = value_of(early.edge[c + i]), high = value_of(early.edge[c + i + 1]);
             if (!positive || std::max(low, high) > 0) out.add_cell(low, high, early.mass[c]);
         }
         for (std::size_t g = i * EarlyReactions::nodes; g < (i + 1) * EarlyReactions::nodes; ++g)
-            if (const double value = wanted(early.node[g]); !positive || value > 0)
+            if (const double value = value_of(early.node[g]); !positive || value > 0)
                 out.add_node(value, early.node_mass[g]);
     }
     if (!positive) {
-        out.add_cell(0, 0, law.zero_force);
-        out.add_node(0, law.zero_force);
+        out.add_cell(0, 0, collision.zero_force);
+        out.add_node(0, collision.zero_force);
     }
     return out;
 }
 
-/// The peak force where something gives way; without a bound where a held body is pressed on.
+/// The peak force in dynamic contact. `pressed_with`: force on a held body that is never detected [N].
 template <class T>
-CellMixture peak_force_mixture(const CollisionDistribution& law, double pressed_with = HUGE_VAL) {
-    return contact_mixture<T>(law, ContactQuantity::peak_force,
-                              law.nodes.pressed ? std::optional(pressed_with) : std::nullopt);
+CellMixture peak_force_mixture(const CollisionDistribution& collision, double pressed_with = HUGE_VAL) {
+    return contact_mixture<T>(collision, ContactQuantity::peak_force,
+                              collision.nodes.pressed ? std::optional(pressed_with) : std::nullopt);
 }
 
 template <class T>
@@ -321,7 +324,7 @@ Moments CollisionDistribution::moments() const {
     }
     const double bounded = peak_force.total + zero_force;
     const Moments known = mixture(peak_force.total, peak_force.moments, zero_force, {0, 0});
-    // Where the arm comes to rest the others are among them.
+    // Where the arm comes to rest undetected collisions are among them.
     return rests ? known : mixture(bounded, known, end_force.total, end_force.moments);
 }
 

@@ -1,5 +1,5 @@
 /// @file
-/// When collisions are detected, offset by offset: survival from tick to tick.
+/// Probability of detection at every tick after contact, by survival from tick to tick.
 #pragma once
 
 #include "bumpstop/collision/distribution/alarm_models.hpp"
@@ -7,26 +7,26 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// What happens in a panel given that nothing alarmed before its first tick, at the Gauss nodes: found, or interpolated
-/// from panels that are.
+/// Detection probabilities at the Gauss nodes of panels, given no alarm before a panel's first tick. They are computed
+/// for some panels and interpolated for the others.
 struct DetectionProbabilities {
     static constexpr int max_nodes = 20;
     struct Panel {
         int slots = 0;  ///< ticks from the first one in contact on that may detect
-        bool known = false;
-        std::size_t first_slot = 0, row = 0;  ///< of a panel that is found
-        std::size_t run = 0, weight = 0;      ///< of one that is interpolated
+        bool computed = false;
+        std::size_t first_slot = 0, row = 0;  ///< of a computed panel
+        std::size_t run = 0, weight = 0;      ///< of an interpolated panel
     };
-    /// Panels to interpolate from.
+    /// Computed panels that others are interpolated from.
     struct Run {
         int nodes = 0, shortest = 0, longest = 0;  ///< slots of the panels
         std::size_t panel[max_nodes] = {};
     };
 
     std::vector<Panel> panel;
-    std::vector<double> detected;  ///< [slot][node], slots of all panels in a row
-    std::vector<double> survived;  ///< [row][node]: not detected by the end
-    std::vector<double> trigger;   ///< [row][monitored joint, then several at once][node]
+    std::vector<double> detected;  ///< [slot][node], slots of all panels contiguous
+    std::vector<double> survived;  ///< [row][node]: undetected by the end of the motion
+    std::vector<double> trigger;   ///< [row][monitored joint, then several joints at one tick][node]
     std::vector<Run> run;
     std::vector<double> weight;
     std::size_t rows = 0;
@@ -37,27 +37,27 @@ struct DetectionProbabilities {
         run.clear();
         rows = 0;
     }
-    /// Begins a panel that is to be found.
+    /// Begins a panel that is computed.
     void add(std::size_t p, std::size_t order, std::size_t monitored) {
-        panel[p].known = true;
+        panel[p].computed = true;
         panel[p].first_slot = detected.size() / order;
         panel[p].row = rows++;
         survived.resize(rows * order);
         trigger.resize(rows * (monitored + 1) * order);
     }
 
-    /// Values by slot and node of panel p, laid like `detected`; `room` is for those that are interpolated.
+    /// Values by slot and node of panel p, in the layout of `detected`; `room` holds interpolated ones.
     template <class T>
     const double* by_slot(const std::vector<double>& values, std::size_t p, std::size_t order,
                           std::vector<double>& room) const {
         const Panel& own = panel[p];
-        if (own.known) return values.data() + own.first_slot * order;
+        if (own.computed) return values.data() + own.first_slot * order;
         const Run& from = run[own.run];
         room.resize(std::size_t(own.slots) * order);
         const double* source[max_nodes];
         for (int m = 0; m < from.nodes; ++m) source[m] = &values[panel[from.panel[m]].first_slot * order];
         combine<T>(from, own.weight, source, 0, std::size_t(std::min(from.shortest, own.slots)) * order, room.data());
-        // What a panel knows nothing of any more adds nothing.
+        // A panel adds nothing to slots that it does not have.
         for (int slot = from.shortest; slot < own.slots; ++slot) {
             for (std::size_t g = 0; g < order; g += std::size_t(Scalar<T>::lanes)) {
                 const std::size_t at = std::size_t(slot) * order + g;
@@ -70,12 +70,12 @@ struct DetectionProbabilities {
         }
         return room.data();
     }
-    /// `count` values of panel p, laid like `survived` or `trigger`.
+    /// `count` values of panel p, in the layout of `survived` or `trigger`.
     template <class T>
     const double* by_panel(const std::vector<double>& values, std::size_t p, std::size_t count,
                            std::vector<double>& room) const {
         const Panel& own = panel[p];
-        if (own.known) return values.data() + own.row * count;
+        if (own.computed) return values.data() + own.row * count;
         const Run& from = run[own.run];
         room.resize(count);
         const double* source[max_nodes];
@@ -96,7 +96,7 @@ struct DetectionProbabilities {
     }
 };
 
-/// Clamped contact: the force follows from where the arm is.
+/// Clamped contact: the force follows from the distance of the arm.
 template <class T>
 class ClampedContact {
   public:
@@ -117,7 +117,7 @@ class ClampedContact {
     T offset_[block_registers<T>];
 };
 
-/// Carries the survival of collisions on from tick to tick, in whole panels.
+/// Integrates the survival of collisions from tick to tick, panel by panel.
 template <class T, class Alarms>
 class DetectionIntegrator {
   public:
@@ -129,27 +129,27 @@ class DetectionIntegrator {
           alarms_(std::move(alarms)),
           negligible_survival_(negligible_survival) {}
 
-    /// `mesh`: of the path. `max_force`: no collision of the path reaches a greater one [N]. In an `elastic` arm every joint
-    /// oscillates after contact, also one that the contact force does not load.
+    /// `mesh`: of the path. `max_force`: no collision of the path reaches a greater one [N]. In an `elastic` arm every
+    /// joint oscillates after contact, also one that the contact force does not load.
     void begin(const LinePath& path, const OffsetMesh& mesh, double max_force, bool elastic = false) {
         path_ = &path;
         mesh_ = &mesh;
-        touched_count_ = 0;
-        untouched_ = {};
+        loaded_count_ = 0;
+        unloaded_ = {};
         const NoContactTick& alone = before_.no_contact(before_.unarmed());
         for (int w = 0; w < detector_.monitored; ++w) {
             const double residual =
                 mesh.max_torque_per_N()[std::size_t(w)] * max_force * detector_.scale[std::size_t(w)];
             if (elastic || residual > Alarms::negligible_residual) {
-                touched_[touched_count_++] = w;
+                loaded_[loaded_count_++] = w;
             } else {
                 const double alarm = alone.single[std::size_t(w)];
-                untouched_.add(w, {alarm, 1 - alarm});
+                unloaded_.add(w, {alarm, 1 - alarm});
             }
         }
     }
 
-    /// Panel number p of `out`.
+    /// Computes panel number p of `out`.
     template <class Contact>
     void find(Contact& contact, const OffsetPanel& panel, int order, std::size_t p, DetectionProbabilities& out) {
         allow_interruption();
@@ -175,7 +175,7 @@ class DetectionIntegrator {
             offset[r] = mid + half * load<T>(&rule.node[std::size_t(first + r * lanes)]);
             survival[r] = 1.0;
             multi_joint[r] = armed[r] = 0.0;
-            for (int f = 0; f < touched_count_; ++f) single[f][r] = 0.0;
+            for (int f = 0; f < loaded_count_; ++f) single[f][r] = 0.0;
         }
         TickContact<T> here;
         contact.begin(panel, offset);
@@ -194,8 +194,8 @@ class DetectionIntegrator {
             here.torque_per_N = torque_per_N;
             for (int r = 0; r < registers; ++r) here.force[r] = contact.force(s, slot, r);
             if constexpr (!Alarms::tabulated) {
-                for (int f = 0; f < touched_count_; ++f) {
-                    const int w = touched_[f], joint = detector_.joint[std::size_t(w)];
+                for (int f = 0; f < loaded_count_; ++f) {
+                    const int w = loaded_[f], joint = detector_.joint[std::size_t(w)];
                     for (int r = 0; r < registers; ++r)
                         here.residual[w][r] = contact.residual(here.force[r], torque_per_N[w], joint, slot, r);
                 }
@@ -206,17 +206,17 @@ class DetectionIntegrator {
             }
             T alarm[registers], no_alarm[registers], one[registers], weight[registers], most = 0.0;
             for (int r = 0; r < registers; ++r) {
-                alarm[r] = untouched_.alarm;
-                no_alarm[r] = untouched_.no_alarm;
-                one[r] = untouched_.one;
+                alarm[r] = unloaded_.alarm;
+                no_alarm[r] = unloaded_.no_alarm;
+                one[r] = unloaded_.one;
                 weight[r] = survival[r];
                 if constexpr (Contact::may_separate) weight[r] *= contact.detectable(slot, r);
                 armed[r] += weight[r];
             }
             auto&& tick = alarms_.at(here);
-            for (int f = 0; f < touched_count_; ++f) {
+            for (int f = 0; f < loaded_count_; ++f) {
                 for (int r = 0; r < registers; ++r) {
-                    const AlarmProbability<T> joint = tick.chance(touched_[f], r, here);
+                    const AlarmProbability<T> joint = tick.chance(loaded_[f], r, here);
                     single[f][r] += weight[r] * joint.alarm;
                     one[r] = one[r] * joint.no_alarm + no_alarm[r] * joint.alarm;
                     alarm[r] += no_alarm[r] * joint.alarm;
@@ -228,17 +228,17 @@ class DetectionIntegrator {
                 store(weight[r] * alarm[r], detected + r * lanes);
                 T left = survival[r] * no_alarm[r];
                 if constexpr (Contact::may_separate) {
-                    // A body that has separated is detected no more.
-                    const auto touches = contact.detectable(slot, r) > T(0.0);
-                    survival[r] = select(touches, left, survival[r]);
-                    left = select(touches, left, T(0.0));
+                    // Once the body has separated it is not detected any more.
+                    const auto in_contact = contact.detectable(slot, r) > T(0.0);
+                    survival[r] = select(in_contact, left, survival[r]);
+                    left = select(in_contact, left, T(0.0));
                 } else {
                     survival[r] = left;
                 }
                 most = max(most, left);
             }
             if (!all(most < T(negligible_survival_))) continue;
-            // The next ticks detect what is left. Undetected it is not: that would let the arm press on without an end.
+            // The next ticks detect the rest. As undetected it would count with the force of an arm that presses on.
             for (int r = 0; r < registers; ++r) {
                 T left = survival[r];
                 if constexpr (Contact::may_separate) left = select(contact.detectable(slot, r) > T(0.0), left, T(0.0));
@@ -253,8 +253,8 @@ class DetectionIntegrator {
                 return &out.trigger[(own.row * rows + std::size_t(w)) * std::size_t(order) + at];
             };
             store(survival[r], &out.survived[own.row * std::size_t(order) + at]);
-            for (int w = 0; w < detector_.monitored; ++w) store(armed[r] * untouched_.single[std::size_t(w)], row(w));
-            for (int f = 0; f < touched_count_; ++f) store(single[f][r], row(touched_[f]));
+            for (int w = 0; w < detector_.monitored; ++w) store(armed[r] * unloaded_.single[std::size_t(w)], row(w));
+            for (int f = 0; f < loaded_count_; ++f) store(single[f][r], row(loaded_[f]));
             store(multi_joint[r], row(detector_.monitored));
         }
         contact.finish(p, own.slots);
@@ -267,8 +267,8 @@ class DetectionIntegrator {
     double negligible_survival_;
     const LinePath* path_ = nullptr;
     const OffsetMesh* mesh_ = nullptr;
-    int touched_[max_joints] = {}, touched_count_ = 0;  ///< monitored joints that a force moves
-    NoContactTick untouched_;                           ///< of the others
+    int loaded_[max_joints] = {}, loaded_count_ = 0;  ///< monitored joints that a contact force loads
+    NoContactTick unloaded_;                          ///< of the others
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

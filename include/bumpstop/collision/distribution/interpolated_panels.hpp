@@ -1,5 +1,5 @@
 /// @file
-/// Detection probabilities of many panels, found in a few and interpolated between.
+/// Detection probabilities of many panels, computed for a few and interpolated for the others.
 #pragma once
 
 #include <numeric>
@@ -8,9 +8,9 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// While the arm moves steadily the panels differ only by the slow change of the Jacobian, so what happens at a given node
-/// and slot is smooth in the tick: a few panels of every part are found and the others interpolated, where two more in
-/// between agree; else their halves are tried.
+/// While the arm moves steadily the panels differ only by the slow change of the Jacobian, so probabilities at a given
+/// node and slot are smooth from tick to tick: a few panels are computed and the others interpolated, if two more in
+/// between agree; else the range is halved.
 template <class T, class Alarms, class Contact>
 class InterpolatedPanels {
   public:
@@ -28,7 +28,7 @@ class InterpolatedPanels {
     void operator()() {
         out_.begin(panels_.size());
         for (std::size_t first = 0; first < panels_.size();) {
-            // Panels of a kind, tick after tick, are interpolated together; parts of ticks each with their own.
+            // Successive ticks with the same number of panels are interpolated together, each part with its like.
             std::size_t parts = 1;
             while (first + parts < panels_.size() && panels_[first + parts].part == int(parts)) ++parts;
             std::size_t end = first + parts;
@@ -48,7 +48,8 @@ class InterpolatedPanels {
     static_assert(Alarms::interpolation_nodes.back() <= DetectionProbabilities::max_nodes);
     static constexpr int lanes = Scalar<T>::lanes;
 
-    /// Whether the `parts` panels from `at` on are a tick's, or a group of ticks', of the same kind as `head`.
+    /// Whether the `parts` panels from `at` on belong to the next tick, or group of ticks, and are as many as those of
+    /// `head`.
     bool alike(const OffsetPanel& head, const OffsetPanel& next, std::size_t parts, std::size_t at) const {
         return next.ticks == head.ticks && next.part == 0 && head.tick > 0 && head.ticks > 0 &&
                next.tick == panels_[at - 1].tick + head.ticks && before_.armed(head.tick) &&
@@ -56,15 +57,15 @@ class InterpolatedPanels {
                (at + parts == panels_.size() || panels_[at + parts].part == 0);
     }
 
-    void find(std::size_t p) {
-        if (!out_.panel[p].known) integrator_.find(contact_, panels_[p], int(order_), p, out_);
+    void compute(std::size_t p) {
+        if (!out_.panel[p].computed) integrator_.find(contact_, panels_[p], int(order_), p, out_);
     }
 
     /// Fills the panels run_[first .. end - 1].
     void find_run(int first, int end) {
         const int count = end - first;
         if (count < 2 * Alarms::interpolation_nodes.front()) {
-            for (int i = first; i < end; ++i) find(run_[std::size_t(i)]);
+            for (int i = first; i < end; ++i) compute(run_[std::size_t(i)]);
             return;
         }
         for (int nodes : Alarms::interpolation_nodes) {
@@ -74,7 +75,7 @@ class InterpolatedPanels {
             interpolated_ = true;
             for (int i = first; i < end; ++i) {
                 const std::size_t p = run_[std::size_t(i)];
-                if (!out_.panel[p].known) interpolate(p, i, interpolation);
+                if (!out_.panel[p].computed) interpolate(p, i, interpolation);
             }
             out_.run.push_back(from_);
             return;
@@ -83,30 +84,30 @@ class InterpolatedPanels {
         find_run(first + count / 2, end);
     }
 
-    /// Do the probabilities at the nodes tell those of two panels between them?
+    /// Whether probabilities interpolated from the panels at the nodes agree with those of two panels between them.
     bool agree(const Interpolation& interpolation) {
         const std::vector<int>& node = interpolation.nodes();
         const std::size_t half = node.size() / 2;
         from_ = {interpolation.size(), std::numeric_limits<int>::max(), 0, {}};
         for (int m = 0; m < from_.nodes; ++m) {
             from_.panel[m] = run_[std::size_t(node[std::size_t(m)])];
-            find(from_.panel[m]);
+            compute(from_.panel[m]);
             from_.shortest = std::min(from_.shortest, out_.panel[from_.panel[m]].slots);
             from_.longest = std::max(from_.longest, out_.panel[from_.panel[m]].slots);
         }
         for (int i : {(node[0] + node[1]) / 2, (node[half] + node[half - 1]) / 2}) {
             const std::size_t p = run_[std::size_t(i)];
-            find(p);
+            compute(p);
             interpolation.weights(i, weight_);
             if (!agrees(p)) return false;
         }
         return true;
     }
 
-    /// Do interpolated and direct probabilities agree?
+    /// Whether interpolated and computed probabilities of a panel agree.
     bool agrees(std::size_t p) const {
         if (!Contact::may_separate || integrator_.path().end != PathEnd::all_detected) {
-            // Where the motion's end decides what is not detected, nothing is smooth.
+            // Where the end of the motion decides what stays undetected, nothing is smooth.
             for (int m = 0; m < from_.nodes; ++m) {
                 const double* survived = &out_.survived[out_.panel[from_.panel[m]].row * order_];
                 if (*std::max_element(survived, survived + order_) > negligible_) return false;
@@ -121,11 +122,11 @@ class InterpolatedPanels {
             };
             if (!values_agree(p, order_, tolerance_, detected)) return false;
         }
-        // Sums over the ticks, which are off by more than each.
+        // These are sums over ticks, whose errors add up.
         const std::size_t count = order_ * (out_.trigger.size() / out_.survived.size());
         return values_agree(p, count, 10 * tolerance_, [&](const auto& of) { return &out_.trigger[of.row * count]; });
     }
-    /// The same of so many values, which `at` tells where to find of a panel; a null pointer: they are 0.
+    /// The same for `count` values; `at(panel)` points to those of a panel, and is null where they are 0.
     template <class At>
     bool values_agree(std::size_t p, std::size_t count, double tolerance, const At& at) const {
         const double* direct = at(out_.panel[p]);
@@ -153,9 +154,9 @@ class InterpolatedPanels {
     const std::size_t order_;
     const PreContactAlarms& before_;
     DetectionProbabilities& out_;
-    double tolerance_, negligible_;  ///< of probabilities; of surviving the motion
+    double tolerance_, negligible_;  ///< error of probabilities; survival of the motion
     std::vector<std::size_t> run_;
-    DetectionProbabilities::Run from_;                       ///< the panels that others are interpolated from,
+    DetectionProbabilities::Run from_;                       ///< panels to interpolate from,
     double weight_[DetectionProbabilities::max_nodes] = {};  ///< and their weights
     bool interpolated_ = false;
 };

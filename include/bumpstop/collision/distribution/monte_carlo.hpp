@@ -1,5 +1,5 @@
 /// @file
-/// The sampled law: single collisions with drawn offsets and noise, on a stopping curve already known.
+/// Monte Carlo: single collisions with random offsets and noise, on a stopping curve.
 #pragma once
 
 #include <array>
@@ -31,7 +31,7 @@ struct MonteCarloRuns {
     std::vector<std::uint32_t> triggers;     ///< bit j: joint j over its threshold at that tick
     std::vector<double> noise;               ///< at that tick [Nm or N]; zero when never; empty where it is not kept
     std::vector<double> residual;            ///< noise and contact torque
-    std::vector<double> peak_force;          ///< where something gives way [N]; else empty, as are the next three
+    std::vector<double> peak_force;          ///< of dynamic contact [N]; else empty, as are the next three
     std::vector<double> lasting_force;       ///< after the transient phase [N]
     std::vector<double> duration;            ///< [s]
     std::vector<double> force_at_detection;  ///< [N]; zero when never, or before contact
@@ -50,16 +50,16 @@ struct MonteCarloRuns {
           dof(joints) {}
 };
 
-/// Offset of a run: a half-normal, uniform or fixed distance from its own stream.
+/// Offset of a run, from a random stream of its own.
 template <class T>
-T draw_offset(const OffsetDistribution& law, std::uint64_t seed, IntOf<T> run) {
+T draw_offset(const OffsetDistribution& offset, std::uint64_t seed, IntOf<T> run) {
     const PhiloxBlock<IntOf<T>> block = noise_block(seed, run, offset_tick, 0);
     const SignedProbability<T> draw = signed_probability<T>(block, 0);
-    if (law.kind == OffsetKind::fixed) return law.size;
-    // The half-normal is cut where the exact law cuts it; draws are doubles of 2^-54, so none lies beyond but
-    // by 1e-12.
-    if (law.kind == OffsetKind::half_normal) return min(normal_upper_quantile(draw.p) * law.size, T(law.largest()));
-    return 2.0 * draw.p * law.size;
+    if (offset.kind == OffsetKind::fixed) return offset.size;
+    // The half-normal is truncated where the integrated distribution truncates it.
+    if (offset.kind == OffsetKind::half_normal)
+        return min(normal_upper_quantile(draw.p) * offset.size, T(offset.largest()));
+    return 2.0 * draw.p * offset.size;
 }
 
 /// The run number of every lane.
@@ -77,7 +77,7 @@ IntOf<T> run_lanes(const std::int64_t* run) {
 template <class T>
 class MonteCarlo {
   public:
-    /// `settings` tell the seed and the number of the first run. `paths` and `propagator`: where something gives way.
+    /// `paths` and `propagator`: for dynamic contact.
     MonteCarlo(const CollisionSetup& setup, const StoppingCurve& curve, const GaussianThresholds& detector,
                const Contact& contact, const MonteCarloSettings& settings, const ResidualRecord* record = nullptr,
                const ContactPaths* paths = nullptr, const ContactPropagator* propagator = nullptr)
@@ -97,13 +97,13 @@ class MonteCarlo {
             pair_[w] = detector.joint[w] / 2;
             half_[w] = detector.joint[w] % 2;
             const double threshold = detector.threshold[w], mean = detector.mean[w], scale = detector.scale[w];
-            quiet_ = quiet_ && std::fabs(mean) < threshold;
+            means_within_ = means_within_ && std::fabs(mean) < threshold;
             upper_[w] = 0.5 * erfc((threshold - mean) * scale);
             lower_[w] = 0.5 * erfc((threshold + mean) * scale);
         }
     }
 
-    /// The results [first, last) of `out`.
+    /// Simulates the runs [first, last) of `out`.
     void run(std::int64_t first, std::int64_t last, MonteCarloRuns& out) const {
         constexpr std::int64_t block = 4096;
         std::vector<std::int64_t> order;
@@ -115,8 +115,8 @@ class MonteCarlo {
                 const T o = draw_offset<T>(offset_, seed_, run_lanes<T>(number));
                 for (int lane = 0; lane < lanes && i + lane < end; ++lane) out.offset[i + lane] = lane_of(o, lane);
             }
-            // Runs with like offsets share a register: they touch, and are felt, at about the same tick. A counting sort
-            // into bins of offset is all the order that needs.
+            // Runs with similar offsets share a register, because they are detected at about the same tick. A counting
+            // sort into bins of offset is order enough.
             constexpr int bins = 512;
             std::array<std::int64_t, bins + 1> start{};
             const double scale = offset_.largest() > 0 ? (bins - 1) / offset_.largest() : 0;
@@ -137,7 +137,7 @@ class MonteCarlo {
 
   private:
     static constexpr int lanes = Scalar<T>::lanes;
-    static constexpr int many_ticks = 1024;            ///< which take a moment
+    static constexpr int many_ticks = 1024;            ///< after so many an interruption is allowed
     static constexpr double beyond_four_sd = 3.17e-5;  ///< a little more than P(Z > 4) = 3.167e-5
 
     void simulate(const std::int64_t* index, int used, MonteCarloRuns& out) const {
@@ -161,7 +161,7 @@ class MonteCarlo {
                 collision.emplace_back(*reactions_, touch[lane], lane_of(offset, lane));
             tick_by_tick(number, runs, offset, open, index, used, out, touch, collision.data());
             for (int lane = 0; lane < used; ++lane)
-                keep_outcome(collision[std::size_t(lane)], touch[lane], index[lane], out);
+                record_outcome(collision[std::size_t(lane)], touch[lane], index[lane], out);
             return;
         }
         if (record_ != nullptr || detector_.correlated_noise()) {
@@ -178,17 +178,17 @@ class MonteCarlo {
             MaskOf<T> over[max_joints];
             T noise[max_joints], residual[max_joints];
             PhiloxBlock<IntOf<T>> block{};
-            int known_pair = -1;
+            int last_pair = -1;
             for (int w = 0; w < detector_.monitored; ++w) {
-                if (pair_[w] != known_pair) {
-                    known_pair = pair_[w];
-                    block = noise_block(seed_, runs, k, known_pair);
+                if (pair_[w] != last_pair) {
+                    last_pair = pair_[w];
+                    block = noise_block(seed_, runs, k, last_pair);
                 }
                 const SignedProbability<T> draw = signed_probability<T>(block, half_[w]);
-                if (contact || !quiet_) {
+                if (contact || !means_within_) {
                     const double a = curve_.path.torque_per_N[std::size_t(k) * dof + detector_.joint[w]];
-                    // Four standard deviations below the threshold, only draws beyond four can alarm: most joints are
-                    // far from theirs at most ticks, and their quantiles need not be known.
+                    // Four standard deviations below the threshold only draws beyond four can alarm. Most joints are
+                    // that far from theirs at most ticks, and their quantiles need not be computed.
                     const auto far =
                         abs(a * force + detector_.mean[w]) < T(detector_.threshold[w] - 4 * detector_.sd[w]);
                     if (all(far & (draw.p > T(beyond_four_sd)))) {
@@ -199,24 +199,23 @@ class MonteCarlo {
                     residual[w] = noise[w] + a * force;
                     over[w] = abs(residual[w]) > T(detector_.threshold[w]);
                 } else {
-                    // Without contact the quantile itself is not needed, only on which side of it the draw
-                    // lies.
+                    // Without contact the draw is compared with the probability of an alarm, without its quantile.
                     over[w] = draw.p < select(draw.negative, T(lower_[w]), T(upper_[w]));
                 }
                 fired = fired | over[w];
             }
             if (!any(fired)) continue;
             for (int lane = 0; lane < used; ++lane) {
-                if (close(k, lane, fired, over, open, index, out)) --remaining;
+                if (record_detection(k, lane, fired, over, open, index, out)) --remaining;
             }
         }
-        if (!out.noise.empty()) describe(index, used, out);
+        if (!out.noise.empty()) record_noise(index, used, out);
     }
 
-    /// A lane still open in which some joint has `fired` is detected at tick k, by the joints that are `over`. False where
-    /// it is not.
-    bool close(int k, int lane, const MaskOf<T>& fired, const MaskOf<T>* over, bool* open, const std::int64_t* index,
-               MonteCarloRuns& out) const {
+    /// Records a detection at tick k in a lane that is still open, if some joint has `fired`, by the joints that are
+    /// `over`. Returns whether there is one.
+    bool record_detection(int k, int lane, const MaskOf<T>& fired, const MaskOf<T>* over, bool* open,
+                          const std::int64_t* index, MonteCarloRuns& out) const {
         if (!open[lane] || !lane_of(fired, lane)) return false;
         open[lane] = false;
         const std::int64_t i = index[lane];
@@ -226,15 +225,12 @@ class MonteCarlo {
         return true;
     }
 
-    /// The first tick at which the arm is beyond an offset; the number of ticks if none is.
+    /// The first tick at which the arm is beyond an offset; the number of ticks if there is none.
     int first_beyond(double offset) const {
-        for (std::size_t k = 0; k < s_.size(); ++k) {
-            if (s_[k] > offset) return int(k);
-        }
-        return int(s_.size());
+        return int(std::find_if(s_.begin(), s_.end(), [&](double s) { return s > offset; }) - s_.begin());
     }
 
-    void keep_outcome(ContactCollision& collision, int touch, std::int64_t i, MonteCarloRuns& out) const {
+    void record_outcome(ContactCollision& collision, int touch, std::int64_t i, MonteCarloRuns& out) const {
         const bool known = out.tick[i] >= 0;
         const int since = out.tick[i] - touch;
         const ContactCollision::Outcome outcome = known ? collision.detected(since) : collision.undetected();
@@ -244,12 +240,12 @@ class MonteCarlo {
         out.force_at_detection[i] = known ? collision.force(since) : 0.0;
     }
 
-    /// Runs whose noise or noiseless residual depends on the ticks before: every tick is played from the first on.
-    /// Where something gives way, the collision comes with the first tick in contact of every lane.
+    /// Runs whose noise or noiseless residual depends on the ticks before, so that every tick is simulated. In dynamic
+    /// contact `touch` is the first tick in contact of every lane.
     void tick_by_tick(const std::int64_t* number, IntOf<T> runs, T offset, bool* open, const std::int64_t* index,
                       int used, MonteCarloRuns& out, const int* touch, ContactCollision* collision) const {
         const int dof = curve_.path.dof;
-        const double fresh = std::sqrt((1 - detector_.correlation) * (1 + detector_.correlation));
+        const double innovation = std::sqrt((1 - detector_.correlation) * (1 + detector_.correlation));
         T noise[max_joints], contact[max_joints];  // by joint, monitored or not
         for (int j = 0; j < dof; ++j) contact[j] = 0.0;
         int remaining = used;
@@ -264,7 +260,7 @@ class MonteCarlo {
                 for (int lane = 0; lane < lanes; ++lane) {
                     const int i = k - touch[lane];
                     if (i < 0 || !open[lane]) continue;
-                    // A body that has got away cannot be felt.
+                    // Once the body has separated it is not detected.
                     if (collision[lane].separated(i)) {
                         open[lane] = false;
                         --remaining;
@@ -291,8 +287,9 @@ class MonteCarlo {
                     if (j % 2 == 0) block = noise_block(seed_, runs, k, j / 2);
                     const T white = signed_probability<T>(block, j % 2).normal() * detector_.noise_sd[j];
                     const double mean = detector_.noise_mean[j];
-                    noise[j] = k == first_armed_ ? white + mean
-                                                 : detector_.correlation * (noise[j] - mean) + fresh * white + mean;
+                    noise[j] = k == first_armed_
+                                   ? white + mean
+                                   : detector_.correlation * (noise[j] - mean) + innovation * white + mean;
                 }
             }
             MaskOf<T> fired = T(0.0) > T(1.0), over[max_joints];
@@ -303,7 +300,7 @@ class MonteCarlo {
             }
             if (!any(fired)) continue;
             for (int lane = 0; lane < used; ++lane) {
-                if (!close(k, lane, fired, over, open, index, out)) continue;
+                if (!record_detection(k, lane, fired, over, open, index, out)) continue;
                 --remaining;
                 const std::int64_t i = index[lane];
                 for (int j = 0; !out.noise.empty() && j < dof; ++j) {
@@ -318,8 +315,8 @@ class MonteCarlo {
         }
     }
 
-    /// Noise and residual of all joints at the tick of detection, monitored or not.
-    void describe(const std::int64_t* index, int used, MonteCarloRuns& out) const {
+    /// Records noise and residual of all joints at the tick of detection, monitored or not.
+    void record_noise(const std::int64_t* index, int used, MonteCarloRuns& out) const {
         const int dof = curve_.path.dof;
         for (int lane = 0; lane < used; ++lane) {
             const std::int64_t i = index[lane];
@@ -346,15 +343,16 @@ class MonteCarlo {
     std::uint64_t seed_;
     std::int64_t first_run_;
     const ResidualRecord* record_;               ///< measured noise instead of Gaussian; may be null
-    std::optional<ContactReactions> reactions_;  ///< where something gives way
+    std::optional<ContactReactions> reactions_;  ///< of dynamic contact
     std::vector<double> s_;
     int first_armed_ = 0;
-    bool quiet_ = true;  ///< every noise mean lies inside its thresholds
+    bool means_within_ = true;  ///< every noise mean lies within its thresholds
+    /// By monitored joint: two joints share a block of random numbers, of which each has a half.
     int pair_[max_joints] = {}, half_[max_joints] = {};
     double upper_[max_joints] = {}, lower_[max_joints] = {};  ///< probabilities beyond +- threshold without contact
 };
 
-/// Single collisions on a stopping curve. `record`: measured noise instead of Gaussian.
+/// Runs on a stopping curve. `record`: measured noise instead of Gaussian.
 template <class T>
 MonteCarloRuns monte_carlo(const CollisionSetup& setup, const StoppingCurve& curve, const GaussianThresholds& detector,
                            const Contact& contact, const MonteCarloSettings& settings,

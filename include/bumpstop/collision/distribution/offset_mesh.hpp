@@ -1,5 +1,5 @@
 /// @file
-/// Cuts the contact offsets into panels inside which everything is smooth.
+/// Divides the contact offsets into panels over which the integrands are smooth.
 #pragma once
 
 #include "bumpstop/collision/contact/contact.hpp"
@@ -12,23 +12,23 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 struct QuadratureSettings {
     Contact contact{};
     int refinement = 1;  ///< multiplies the order of the quadrature; 2 shows that 1 is converged
-    /// Of many: only the peak force is wanted, and not to the last digit. Else panels are cut where the path bends in time,
-    /// for detection delays.
+    /// One of many: only the peak force is needed, and not to the last digit. Else panels are cut where the path bends
+    /// in time, for detection delays.
     bool batch = false;
-    const ContactPaths* paths = nullptr;            ///< null: arm and body are rigid but for a clamped spring
-    const ContactPropagator* propagator = nullptr;  ///< of what gives way along these paths
+    const ContactPaths* paths = nullptr;            ///< null: a rigid arm and a clamped spring
+    const ContactPropagator* propagator = nullptr;  ///< of arm and body along these paths
 };
 
 /// Offsets low..high [m], whose first tick in contact is `tick`.
 struct OffsetPanel {
     double low, high;
     int tick;
-    int ticks = 0;  ///< how many ticks' travel it holds, or belongs to; 0: it is unlike all others
-    int part = 0;   ///< which part of that travel
+    int ticks = 0;  ///< it is of the offsets first touched at so many ticks; 0: nothing is interpolated from or to it
+    int part = 0;   ///< number of the panel among those of the same ticks
 };
 
-/// How wide a panel may be, in standard deviations: of the noise, over which the residual grows in it, and of the offset.
-/// The order of the quadrature goes with it.
+/// Greatest width of a panel, in standard deviations of the noise by the growth of the residual, and of the offset,
+/// with the order of the quadrature for it.
 struct PanelWidth {
     int order;
     double residual, offset;
@@ -42,7 +42,7 @@ class OffsetMesh {
 
     const std::vector<OffsetPanel>& panels() const { return panels_; }
     int order() const { return width_.order; }
-    /// Contact begins at tick k for the offsets edge(k)..edge(k + 1); the last edge is the end of the motion.
+    /// Offsets from edge k to edge k + 1 are first touched at tick k; the last edge is the end of the motion.
     const std::vector<double>& edges() const { return edge_; }
 
     /// By tick and monitored joint: its torque per newton of contact force [Nm/N]; a tick has `max_joints` places.
@@ -51,29 +51,29 @@ class OffsetMesh {
     const std::array<double, max_joints>& max_torque_per_N() const { return max_torque_per_N_; }
 
     double s_tick(int k) const { return path_->at_tick(k, timing_.period); }
-    /// The step in which the undetected motion ends; where something gives way it is followed until an arm that brakes has come to rest.
+    /// The step in which the undetected motion ends; in dynamic contact an arm that brakes has come to rest then.
     std::size_t end_step() const {
         return settings_->paths != nullptr ? std::size_t(settings_->paths->end_step) : path_->end_step(timing_);
     }
 
-    /// Panels of a width for alarm probabilities from a table. False where the noise is too narrow for that.
+    /// Panels of a given width, for alarm probabilities from a table. False where the noise is too narrow for that.
     bool build(const LinePath& path, const QuadratureSettings& settings, const PanelWidth& width) {
         begin(path, settings);
         width_ = width;
         transitions_ = false;
         groups_ = settings.batch && rare_alarms();
-        return cut(max_parts);
+        return place_panels(max_parts);
     }
-    /// Panels, and the order that suits the noise. `every_tick`: no panel holds several.
+    /// Panels and order that suit the noise. `every_tick`: no panel holds several ticks.
     void build(const LinePath& path, const QuadratureSettings& settings, bool every_tick = false) {
         begin(path, settings);
         groups_ = settings.batch && (settings.paths == nullptr || elastic()) && !every_tick &&
                   settings.refinement == 1 && !detector_.correlated_noise() && rare_alarms();
         choose_width();
-        cut(std::numeric_limits<int>::max());
+        place_panels(std::numeric_limits<int>::max());
     }
 
-    /// Offsets low..high first touched after the last tick with a number of its own.
+    /// Adds panels of offsets that are first touched after the last tick; `tick`: their number of it.
     void add_end_panels(double low, double high, int tick, std::vector<OffsetPanel>& to) const {
         if (settings_->contact.offset.kind == OffsetKind::fixed) {
             const double o = settings_->contact.offset.size;
@@ -82,12 +82,7 @@ class OffsetMesh {
         }
         high = std::min(high, settings_->contact.offset.largest());
         if (!(high > low)) return;
-        const double widest = settings_->contact.offset.kind == OffsetKind::half_normal
-                                  ? width_.offset * settings_->contact.offset.size
-                                  : std::numeric_limits<double>::infinity();
-        const int parts = std::max(1, int(std::ceil((high - low) / widest)));
-        for (int i = 0; i < parts; ++i)
-            to.push_back({low + (high - low) * i / parts, low + (high - low) * (i + 1) / parts, tick});
+        split(low, high, int(std::ceil((high - low) / max_offset_width())), tick, 0, to);
     }
 
   private:
@@ -99,8 +94,8 @@ class OffsetMesh {
         find_gain();
     }
 
-    /// Bends of the path over a step, as a share of its way, that leave it straight. What panels across them leave out is
-    /// less than a batch's tolerance where they are small.
+    /// A path counts as straight if it bends less than this over a step, as a share of its distance. Panels across
+    /// larger bends would be off by more than the tolerance, which is greater in a batch.
     static constexpr double max_bend = 1e-6, max_bend_of_batch = 0.03;
 
     double undisturbed(std::size_t i) const {
@@ -113,20 +108,21 @@ class OffsetMesh {
                alarms_.no_contact(path_->ticks - 1).alarm < rare_alarm;
     }
 
-    /// Contact begins at the first tick whose distance passes the offset, so edges follow the running greatest distance.
+    /// Contact begins at the first tick whose distance exceeds the offset, so edges follow the greatest distance so
+    /// far.
     void place_edges() {
         const int ticks = path_->ticks;
         edge_.resize(std::size_t(ticks) + 2);
         edge_[0] = 0;
         for (int k = 0; k < ticks; ++k) edge_[std::size_t(k) + 1] = std::max(edge_[std::size_t(k)], s_tick(k));
-        // Contact between the last tick and the end of the motion is contact all the same.
+        // Contact between the last tick and the end of the motion counts, too.
         double& last = edge_.back();
         last = edge_[std::size_t(ticks)];
         for (std::size_t i = 0; i <= end_step(); ++i) last = std::max(last, undisturbed(i));
     }
 
-    /// The greatest torque per newton of every joint, and how fast the residual grows with the offset at most, in standard
-    /// deviations of the noise per metre.
+    /// The greatest torque per newton of every joint, and how fast the residual grows with the offset at most, in
+    /// standard deviations of the noise per metre.
     void find_gain() {
         using L = Lanes<native_lanes>;
         static_assert(max_joints % native_lanes == 0);
@@ -143,14 +139,15 @@ class OffsetMesh {
         gain_ = 0;
         for (std::size_t w = 0; w < std::size_t(detector_.monitored); ++w)
             gain_ = std::max(gain_, max_torque_per_N_[w] * detector_.scale[w] * std::numbers::sqrt2);
-        // What correlated noise adds from tick to tick is narrower than the noise.
+        // The innovation of correlated noise is narrower than the noise.
         gain_ *=
             settings_->contact.body.stiffness / std::sqrt((1 - detector_.correlation) * (1 + detector_.correlation));
     }
 
-    /// By the growth of the residual over a tick's travel, at most: an order of 16 leaves errors of 1e-13 in the mean, 1e-11
-    /// in the quantiles and a part in 1e7 in the far tails where it is four standard deviations, as `refinement` shows. The
-    /// forces of an elastic arm have kinks, where it bounces, of a part in 1e4 and more: half that order does.
+    /// By the greatest growth of the residual from tick to tick: where it is four standard deviations an order of 16
+    /// leaves relative errors of 1e-13 in the mean, 1e-11 in the quantiles and 1e-7 in the far tails, as `refinement`
+    /// shows. Where an elastic arm bounces its forces have kinks of a relative 1e-4 and more: half that order is
+    /// enough.
     void choose_width() {
         width_ = {PiecewiseDensity::block, 1, 1};
         transitions_ = false;
@@ -159,25 +156,28 @@ class OffsetMesh {
         for (int k = 0; k < path_->ticks; ++k)
             travel = std::max(travel, edge_[std::size_t(k) + 1] - edge_[std::size_t(k)]);
         double growth = gain_ * travel;
-        // Where the arm gives way, the transitions of a batch's many ticks are met by chance at all places of its panels.
+        // In a batch of elastic arms the transitions of many ticks lie anywhere in the panels, and their errors
+        // average.
         transitions_ = growth > 4 * wide.residual && !peaks_of_elastic_arm();
         if (settings_->paths != nullptr) growth /= timing_.period;  // panels are cut at every step
         if (groups_) growth = std::max(growth, group_growth);
         if (elastic() && !transitions_)
-            width_ = swaying;
+            width_ = of_elastic_arm;
         else
             width_ = growth <= narrow.residual ? narrow : growth <= middle.residual || transitions_ ? middle : wide;
         width_.order = std::min(max_order, width_.order * settings_->refinement);
     }
 
     double widest() const {
-        double width = transitions_ || gain_ == 0 ? std::numeric_limits<double>::infinity() : width_.residual / gain_;
-        if (settings_->contact.offset.kind == OffsetKind::half_normal)
-            width = std::min(width, width_.offset * settings_->contact.offset.size);
-        return width;
+        return std::min(transitions_ || gain_ == 0 ? HUGE_VAL : width_.residual / gain_, max_offset_width());
+    }
+    double max_offset_width() const {
+        const OffsetDistribution& offset = settings_->contact.offset;
+        return offset.kind == OffsetKind::half_normal ? width_.offset * offset.size : HUGE_VAL;
     }
 
-    bool cut(int limit) {
+    /// False where a tick would have more than `limit` panels.
+    bool place_panels(int limit) {
         if (settings_->contact.offset.kind == OffsetKind::fixed) {
             const double o = settings_->contact.offset.size;
             int k = 0;
@@ -198,10 +198,10 @@ class OffsetMesh {
             const double low = edge_[std::size_t(k)], end = edge_[std::size_t(k + group)],
                          high = std::min(end, largest);
             if (!(high > low)) continue;
-            // One that the end of the offsets cuts short is like no other.
+            // The last panel, which the end of the offsets cuts short, is not like the others.
             const int whole = end <= largest && k >= settled && !transitions_ ? group : 0;
             if (settings_->paths != nullptr) {
-                cut_dynamic_tick(k, low, high, width, abrupt, whole);
+                place_dynamic_panels(k, low, high, width, abrupt, whole);
                 continue;
             }
             allow_interruption();
@@ -218,14 +218,14 @@ class OffsetMesh {
             if (inner_.empty()) {
                 const double parts = std::ceil((high - low) / width);
                 if (parts > limit) return false;
-                split(low, high, int(parts), k, whole);
+                split(low, high, int(parts), k, whole, panels_);
                 continue;
             }
             inner_.push_back(high);
             std::sort(inner_.begin(), inner_.end());
             double from = low;
             for (double to : inner_) {
-                if (to > from) split(from, to, int(std::ceil((to - from) / width)), k, 0);
+                if (to > from) split(from, to, int(std::ceil((to - from) / width)), k, 0, panels_);
                 from = std::max(from, to);
             }
         }
@@ -233,18 +233,19 @@ class OffsetMesh {
         return true;
     }
 
-    void split(double low, double high, int parts, int k, int whole) {
+    static void split(double low, double high, int parts, int tick, int ticks, std::vector<OffsetPanel>& to) {
         parts = std::max(1, parts);
         for (int i = 0; i < parts; ++i)
-            panels_.push_back({low + (high - low) * i / parts, low + (high - low) * (i + 1) / parts, k, whole, i});
+            to.push_back({low + (high - low) * i / parts, low + (high - low) * (i + 1) / parts, tick, ticks, i});
     }
 
-    /// Offsets that the motion reaches only after its last tick: the first tick in contact, numbered `ticks`, does not exist.
+    /// Offsets that the motion reaches only after its last tick: their first tick in contact would have the number
+    /// `ticks`.
     void add_last_panels() {
         const int ticks = path_->ticks;
         double from = edge_[std::size_t(ticks)];
         const double end = std::min(edge_.back(), settings_->contact.offset.largest());
-        // How far a body is pressed until the motion ends depends on where in a step it is touched.
+        // The penetration until the motion ends depends on where in a step the body is touched.
         const std::size_t first = ticks > 0 ? std::size_t(ticks - 1) * std::size_t(timing_.period) + 1 : 0;
         for (std::size_t i = first + 1; settings_->paths != nullptr && i < end_step(); ++i) {
             const double to = std::min(undisturbed(i), end);
@@ -254,7 +255,8 @@ class OffsetMesh {
         add_end_panels(from, end, ticks, panels_);
     }
 
-    /// How many ticks from k on a panel may hold: as many as the last one, unless they have become too wide, or much narrower.
+    /// Number of ticks from k on that a panel may hold: that of the last panel, unless it is too wide now, or much
+    /// narrower.
     int group_at(int k, int last, double width) const {
         const int most = std::min(max_group, path_->ticks - k);
         auto fits = [&](int group) {
@@ -266,8 +268,8 @@ class OffsetMesh {
         return group;
     }
 
-    /// Bodies beyond where an arm that falls back stands at a tick are not touched any more. Where alarms without contact are
-    /// not rare, their probability has a kink there.
+    /// Where the arm retreats, bodies beyond its distance at a tick are not touched any more. Unless alarms without
+    /// contact are rare, the probability of detection has a kink there.
     void find_retreats() {
         retreat_.clear();
         if (rare_alarms() || settings_->paths != nullptr) return;
@@ -276,20 +278,22 @@ class OffsetMesh {
         std::sort(retreat_.begin(), retreat_.end());
     }
 
-    /// How a body gets away depends on where in a step it is touched, and on the tick from which it is not detected any more.
+    /// The course of a collision depends on where in a step the body is touched, and on the tick after which it
+    /// separates.
     std::vector<double> abrupt_offsets() const {
         const int ticks = path_->ticks;
-        // Elastic arms still pull at their joints when the body gets away.
-        const bool felt = settings_->propagator->elastic() || transitions_ ||
-                          (ticks > 0 && alarms_.no_contact(ticks - 1).alarm > unnoticeable_alarm);
-        return ContactCuts(*settings_->paths, *settings_->propagator, felt,
+        // An elastic arm still oscillates when the body separates.
+        const bool detectable = settings_->propagator->elastic() || transitions_ ||
+                                (ticks > 0 && alarms_.no_contact(ticks - 1).alarm > negligible_alarm);
+        return ContactCuts(*settings_->paths, *settings_->propagator, detectable,
                            transitions_ ? &detector_ : nullptr)(settings_->contact.offset.largest());
     }
 
-    void cut_dynamic_tick(int k, double low, double high, double width, const std::vector<double>& abrupt, int whole) {
+    void place_dynamic_panels(int k, double low, double high, double width, const std::vector<double>& abrupt,
+                              int whole) {
         std::vector<double> steps{low, high};
-        // The reference is straight within a step: where contact begins it matters which, if the path bends there. Where
-        // noise is narrow the widths of panels say nothing, and steps stand for them.
+        // The reference is straight within a step, so the step in which contact begins matters if the path bends there.
+        // For narrow noise, which has no widths of panels, steps take their place.
         const std::size_t first = std::size_t(std::max(0, k - 1)) * std::size_t(timing_.period) + 1;
         for (int i = 1; k > 0 && i < timing_.period; ++i) {
             const double* s = &path_->s[first + std::size_t(i)];
@@ -310,7 +314,7 @@ class OffsetMesh {
                       std::lower_bound(abrupt.begin(), abrupt.end(), high));
         std::sort(inner_.begin(), inner_.end());
         double from = low;
-        // Rounding leaves no slivers.
+        // Panels that only rounding makes are left out.
         const double least = 1e-9 * (high - low);
         int part = 0;
         for (double cut : inner_) {
@@ -321,7 +325,7 @@ class OffsetMesh {
         }
     }
 
-    /// Does the distance between two ticks depart from a straight line in time?
+    /// Whether the distance between two ticks departs from a straight line in time.
     bool bends() const {
         for (int k = 0; k + 1 < path_->ticks; ++k) {
             const double a = s_tick(k), b = s_tick(k + 1);
@@ -333,7 +337,7 @@ class OffsetMesh {
         return false;
     }
 
-    /// Offsets about which a joint's residual passes its threshold at a tick, where the noise is narrow.
+    /// Adds offsets about which the residual of a joint passes its threshold at a tick, for narrow noise.
     void add_transitions(int first, double low, double high) {
         for (int w = 0; w < detector_.monitored; ++w) {
             for (double side : {-1.0, 1.0}) {
@@ -348,7 +352,7 @@ class OffsetMesh {
                     if (!(limit * slope > 0)) continue;
                     const double at = (at_zero - limit) / slope;
                     const double width = detector_.sd[std::size_t(w)] / std::fabs(slope);
-                    // Once even the nearest offset is far past its transition, later ticks see none.
+                    // Once even the nearest offset is far past its transition, later ticks have none.
                     passed = at - 12 * width > high;
                     for (int n = -8; n <= 8; n += 2) {
                         const double cut = at + n * width;
@@ -359,10 +363,10 @@ class OffsetMesh {
         }
     }
 
-    static constexpr PanelWidth narrow{8, 0.4, 1}, middle{16, 4, 1}, wide{24, 6, 1}, swaying{8, 4, 1};
-    static constexpr double group_growth = 1.75;        ///< of the residual over a panel of several ticks
-    static constexpr double rare_alarm = 1e-5;          ///< without contact at a tick, for a panel to hold several
-    static constexpr double unnoticeable_alarm = 1e-6;  ///< the same: a body's parting changes no digit
+    static constexpr PanelWidth narrow{8, 0.4, 1}, middle{16, 4, 1}, wide{24, 6, 1}, of_elastic_arm{8, 4, 1};
+    static constexpr double group_growth = 1.75;      ///< of the residual over a panel of several ticks
+    static constexpr double rare_alarm = 1e-5;        ///< without contact at a tick: panels may hold several ticks
+    static constexpr double negligible_alarm = 1e-6;  ///< the same: separation changes no digit of a probability
     static constexpr int max_group = 64, max_parts = 16;
 
     const Timing& timing_;
@@ -373,7 +377,7 @@ class OffsetMesh {
     PanelWidth width_{PiecewiseDensity::block, 1, 1};
     bool transitions_ = false;  ///< the noise is so narrow that panels are cut where residuals pass thresholds
     bool groups_ = false;       ///< a panel may hold several ticks
-    double gain_ = 0;
+    double gain_ = 0;           ///< greatest growth of a residual [standard deviations per metre of offset]
     alignas(64) std::array<double, max_joints> max_torque_per_N_{};
     std::vector<double> torque_per_N_;
     std::vector<OffsetPanel> panels_;

@@ -8,12 +8,12 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// First `detect`, which needs no stopping path, finds how probable a detection at each tick is; then `finish` takes the
-/// stopping paths. The object keeps its memory for the next pose.
+/// `detect`, which needs no stopping path, computes the probability of a detection at each tick; `finish` then takes
+/// the stopping distances. The object keeps its memory for the next pose.
 template <class T, class Alarms>
 class OffsetQuadrature {
   public:
-    /// Those who integrate in turn may share `probabilities`: they then stay in a near cache.
+    /// Objects that integrate in turn may share `probabilities`, which then stay in a near cache.
     OffsetQuadrature(const CollisionSetup& setup, const GaussianThresholds& detector, const PreContactAlarms& before,
                      const Alarms& alarms, DetectionProbabilities& probabilities)
         : setup_(setup),
@@ -23,7 +23,7 @@ class OffsetQuadrature {
           integrator_(setup, detector, before, alarms),
           probabilities_(probabilities) {}
 
-    /// False where the noise is too narrow for a table of alarms; then nothing else may be asked for.
+    /// False where the noise is too narrow for a table of alarms; then nothing else may be called.
     bool detect(const LinePath& path, const QuadratureSettings& settings) {
         path_ = &path;
         settings_ = settings;
@@ -36,24 +36,24 @@ class OffsetQuadrature {
         }
         find_probabilities();
         find_beyond();
-        weigh();
+        combine_probabilities();
         return true;
     }
 
-    /// By tick: how probable a detection there is, at most, that a stopping path matters to.
+    /// By tick: probability, at most, of a detection there whose outcome depends on the stopping distance.
     const std::vector<double>& detection() const { return detection_; }
 
-    /// `max_distance`: where the stopping paths get to at most, by tick [m].
+    /// `max_distance`: stopping distances by tick [m].
     void finish(const std::vector<double>& max_distance) {
-        zero_force_from_ = alarm_before_ + result_.no_contact;
+        zero_force_ = alarm_before_ + result_.no_contact;
         if (dynamic()) {
             bumpstop::add_early_reactions(*reactions_, settings_.contact.offset, before_, mesh_.edges(),
                                           result_.early_reactions);
-            zero_force_from_ -= result_.early_reactions.total;
+            zero_force_ -= result_.early_reactions.total;
         } else {
             add_alarms(max_distance);
         }
-        result_.zero_force = std::max(0.0, zero_force_from_);
+        result_.zero_force = std::max(0.0, zero_force_);
         find_quantities(max_distance);
     }
 
@@ -87,7 +87,7 @@ class OffsetQuadrature {
         interpolate(ClampedContact<T>(settings_.contact.body.stiffness));
     }
 
-    /// The probability of an offset beyond every edge.
+    /// By edge, the probability that the offset lies beyond it.
     void find_beyond() {
         const std::vector<double>& edge = mesh_.edges();
         beyond_.assign((edge.size() + lanes - 1) / lanes * lanes, edge.back());
@@ -101,8 +101,8 @@ class OffsetQuadrature {
             store(settings_.contact.offset.probability_beyond(load<T>(&beyond_[k])), &beyond_[k]);
     }
 
-    /// Probabilities of the offset at the nodes. Returns their sum.
-    double weigh_offsets(double low, double high, Row& row) const {
+    /// Weights of the nodes times the density of the offset there. Returns their sum.
+    double offset_weights(double low, double high, Row& row) const {
         const GaussRule& rule = gauss_rule(mesh_.order());
         const double mid = 0.5 * (low + high), half = 0.5 * (high - low);
         T sum = 0.0;
@@ -116,8 +116,8 @@ class OffsetQuadrature {
         return sum_of_lanes(sum);
     }
 
-    /// Joins the probabilities of detection, of the offset and of no alarm before contact.
-    void weigh() {
+    /// Multiplies the probabilities of detection, of the offset and of no alarm before contact.
+    void combine_probabilities() {
         const int order = mesh_.order(), ticks = path_->ticks;
         const std::size_t step = std::size_t(order);
         const GaussRule& rule = gauss_rule(order);
@@ -127,7 +127,7 @@ class OffsetQuadrature {
         std::fill(result_.trigger, result_.trigger + max_joints, 0.0);
         contact_from_.assign(std::size_t(ticks) + 1, 0.0);
         detection_.assign(std::size_t(ticks), 0.0);
-        // An alarm before contact matters if its stopping path arrives, and all of them may.
+        // An alarm before contact matters if the arm still reaches the body, which every arm may.
         for (int k = before_.unarmed(); k < ticks; ++k)
             detection_[std::size_t(k)] =
                 before_.survival_before(k) * before_.no_contact(k).alarm * beyond_[std::size_t(k) + 1];
@@ -144,14 +144,14 @@ class OffsetQuadrature {
         for (std::size_t p = 0; p < density.panel.size(); ++p) {
             allow_interruption();
             PiecewiseDensity::Panel& panel = density.panel[p];
-            const double total = weigh_offsets(panel.low, panel.high, weight);
+            const double total = offset_weights(panel.low, panel.high, weight);
             const double survival = before_.survival_before(panel.first_tick);
             alarm_before_ += total * before_.false_alarm_before(panel.first_tick);
             contact_from_[std::size_t(std::min(panel.first_tick, ticks))] += total;
             for (int g = 0; g < order; g += lanes) store(load<T>(weight.value + g) * survival, weight.value + g);
             const double* from = probabilities_.by_slot<T>(probabilities_.detected, p, step, room_);
             for (int slot = 0; slot < panel.slots; ++slot, from += step) {
-                // Interpolation leaves a little of either sign where there is nothing.
+                // Where the probability is zero interpolation may leave a small negative one.
                 for (int g = 0; g < order; g += lanes)
                     store(load<T>(weight.value + g) * max(load<T>(from + g), T(0.0)), row.value + g);
                 double* to = &density.series[(panel.first_slot + std::size_t(slot)) * step];
@@ -186,7 +186,7 @@ class OffsetQuadrature {
         count_false_alarms();
     }
 
-    /// What the nodes of the panels that are found count for, in their own panel and in those interpolated from it.
+    /// Adds the weights of a panel to the nodes of computed panels: its own, or those that it is interpolated from.
     void add_node_weights(std::size_t p, const Row& weight) {
         const std::size_t step = std::size_t(mesh_.order());
         const DetectionProbabilities::Panel& panel = probabilities_.panel[p];
@@ -195,7 +195,7 @@ class OffsetQuadrature {
             for (std::size_t g = 0; g < step; g += std::size_t(lanes))
                 store(load<T>(to + g) + factor * load<T>(weight.value + g), to + g);
         };
-        if (panel.known) return add(p, 1.0);
+        if (panel.computed) return add(p, 1.0);
         const DetectionProbabilities::Run& run = probabilities_.run[panel.run];
         for (int m = 0; m < run.nodes; ++m) add(run.panel[m], probabilities_.weight[panel.weight + std::size_t(m)]);
     }
@@ -223,7 +223,7 @@ class OffsetQuadrature {
         for (int k = 0; k < ticks; ++k)
             result_.false_alarm +=
                 (beyond_[std::size_t(k)] - beyond_[std::size_t(k) + 1]) * before_.false_alarm_before(k);
-        // They are split over the joints as alarms of ticks without contact are.
+        // Joints share in them as in the alarms of ticks without contact.
         double waiting = 0;  // probability of contact after tick k
         for (int k = ticks - 1; k >= before_.unarmed(); --k) {
             waiting += contact_from_[std::size_t(k) + 1];
@@ -235,13 +235,13 @@ class OffsetQuadrature {
         }
     }
 
-    /// Alarms before contact whose stopping path reaches the body. At the end of its line the arm may brake into one that it
-    /// did not reach before, and that nothing alarmed of.
+    /// Alarms before contact after which the arm still reaches the body. At the end of its line the arm may brake into
+    /// a body that it had not reached before, without an alarm.
     void add_alarms(const std::vector<double>& max_distance) {
         const int ticks = path_->ticks;
         const double braking = path_->max_braking_distance();
         if (!(before_.false_alarm_before(ticks) > 0) && !path_->brakes()) return;
-        // By tick: the farthest any stopping path gets that begins there or earlier.
+        // By tick: greatest stopping distance up to it.
         max_distance_yet_.assign(max_distance.begin(), max_distance.begin() + ticks);
         for (std::size_t k = 1; k < max_distance_yet_.size(); ++k)
             max_distance_yet_[k] = std::max(max_distance_yet_[k], max_distance_yet_[k - 1]);
@@ -268,13 +268,13 @@ class OffsetQuadrature {
             if (panel.first_alarm == panel.end_alarm) continue;
             density.offset_series.resize(density.panel.size() * std::size_t(density.order), 0.0);
             double* series = &density.offset_series[p * std::size_t(density.order)];
-            weigh_offsets(panel.low, panel.high, row);
+            offset_weights(panel.low, panel.high, row);
             half_legendre_sums<T>(gauss_rule(density.order), row.value, series);
-            zero_force_from_ -= 2 * series[0] * sort_alarms(panel);
+            zero_force_ -= 2 * series[0] * sort_alarms(panel);
         }
     }
 
-    /// Returns the sum of their chances.
+    /// Sorts the alarms of a panel by reach; returns the sum of their probabilities.
     double sort_alarms(const PiecewiseDensity::Panel& panel) {
         const auto all = result_.density.alarm.begin(), begin = all + panel.first_alarm, end = all + panel.end_alarm;
         const auto farther = [](const PreContactAlarm& a, const PreContactAlarm& b) { return a.reach > b.reach; };
@@ -328,7 +328,7 @@ class OffsetQuadrature {
         summarise(density, delay);
     }
 
-    /// When the point passes offset o, first in contact at tick k: linear between simulation steps.
+    /// Time at which the point passes offset o, first in contact at tick k: linear between simulation steps.
     double contact_time(double o, int k) const {
         const std::vector<double>& s = path_->s;
         const std::size_t last = std::min(std::size_t(k * setup_.timing.period) + 1, s.size() - 1);
@@ -347,11 +347,11 @@ class OffsetQuadrature {
     OffsetMesh mesh_;
     DetectionIntegrator<T, Alarms> integrator_;
     DetectionProbabilities& probabilities_;
-    std::optional<ContactReactions> reactions_;  ///< where something gives way,
-    std::optional<CollisionCache> cache_;        ///< and what detection has simulated of it
+    std::optional<ContactReactions> reactions_;  ///< of dynamic contact,
+    std::optional<CollisionCache> cache_;        ///< and the collisions that detection has simulated
     const LinePath* path_ = nullptr;
     double alarm_before_ = 0;           ///< probability of an alarm before contact
-    double zero_force_from_ = 0;        ///< of no contact, or an alarm before it; then less those that arrive
+    double zero_force_ = 0;             ///< of no contact, or an alarm after which the arm does not reach the body
     std::vector<double> contact_from_;  ///< by first tick in contact: probability; the last is all later ones
     std::vector<double> detection_, beyond_, max_distance_yet_, room_, node_weight_;
     std::vector<OffsetPanel> end_panels_;

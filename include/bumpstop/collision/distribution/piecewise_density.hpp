@@ -1,5 +1,5 @@
 /// @file
-/// A joint density of contact offset and tick of detection, in pieces: panels of the offset, ticks, Legendre series.
+/// Joint density of contact offset and tick of detection, as Legendre series by panel and detection slot.
 #pragma once
 
 #include <vector>
@@ -8,11 +8,11 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// A detection before contact whose stopping path still reaches bodies of a panel; likewise the arm that brakes at the
-/// end of its line. It is as probable at every offset of the panel.
+/// A detection before contact whose stopping path still reaches bodies of a panel, or the braking at the end of a line.
+/// Its probability is the same at every offset of the panel.
 struct PreContactAlarm {
     int tick;
-    double reach;   ///< the farthest that the arm then gets [m]
+    double reach;   ///< greatest distance of the arm then [m]
     double chance;  ///< probability, given the offset
     double before;  ///< sum of the chances of those of its panel that come before it
 };
@@ -24,7 +24,7 @@ struct PiecewiseDensity {
         double low, high;                    ///< offsets [m]
         int first_tick;                      ///< in contact
         int slots = 0;                       ///< ticks from the first one on that may detect
-        std::size_t first_slot = 0;          ///< slots of all panels lie in a row
+        std::size_t first_slot = 0;          ///< the slots of all panels are contiguous
         double mass = 0;                     ///< probability of a detection after contact
         int first_alarm = 0, end_alarm = 0;  ///< of `alarm`
 
@@ -36,9 +36,9 @@ struct PiecewiseDensity {
     std::vector<double> series;          ///< [slot][degree]
     std::vector<double> mass;            ///< [slot]
     std::vector<double> later_mass;      ///< [slot]: of a slot and all later ones of its panel
-    std::vector<double> end_series;      ///< [panel][degree]: never detected; empty: nothing is
+    std::vector<double> end_series;      ///< [panel][degree]: undetected; empty: nothing is
     std::vector<double> offset_series;   ///< [panel][degree]: of the offset alone, where there are alarms
-    std::vector<PreContactAlarm> alarm;  ///< a panel's in a row, the farthest first
+    std::vector<PreContactAlarm> alarm;  ///< contiguous by panel, the farthest first
 
     /// Nodes and degrees come in whole blocks, which fill the registers of every instruction set.
     static constexpr int block = 8;

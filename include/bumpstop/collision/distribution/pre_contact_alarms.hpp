@@ -1,5 +1,5 @@
 /// @file
-/// The ticks before contact: the probability that none alarms, and the density of the noise by then.
+/// Alarms before contact: survival probability by tick, and the density of the noise that has not alarmed.
 #pragma once
 
 #include "bumpstop/collision/motion/stopping_curve.hpp"
@@ -7,7 +7,7 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// What may happen at an armed tick without contact, given no alarm before.
+/// Alarm probabilities of an armed tick without contact, given no alarm before.
 struct NoContactTick {
     double alarm = 0, no_alarm = 1, one = 0;  ///< any joint, none, exactly one over its threshold
     std::array<double, max_joints> single{};  ///< by monitored joint
@@ -18,7 +18,7 @@ struct NoContactTick {
         no_alarm *= joint.no_alarm;
         single[std::size_t(w)] = joint.alarm;
     }
-    /// Never from one minus what rounding may have put above one.
+    /// Not of a product that rounding may have made greater than one.
     double log_no_alarm() const { return alarm < 0.5 ? std::log1p(-alarm) : std::log(no_alarm); }
 };
 
@@ -26,12 +26,12 @@ class PreContactAlarms {
   public:
     PreContactAlarms(const CollisionSetup& setup, const GaussianThresholds& detector, int ticks) : detector_(detector) {
         while (unarmed_ <= ticks && !detector.armed(setup.tick_time(unarmed_))) ++unarmed_;
-        for (int w = 0; w < detector.monitored; ++w) white_.add(w, joint_alarm(detector, w, 0.0));
+        for (int w = 0; w < detector.monitored; ++w) white_tick_.add(w, joint_alarm(detector, w, 0.0));
         std::vector<double> log_survival(std::size_t(ticks) + 1, 0.0);
         if (detector.correlation != 0) {
             propagate(log_survival);
         } else {
-            const double log_no_alarm = white_.log_no_alarm();
+            const double log_no_alarm = white_tick_.log_no_alarm();
             for (int k = unarmed_; k < ticks; ++k)
                 log_survival[std::size_t(k) + 1] = log_survival[std::size_t(k)] + log_no_alarm;
         }
@@ -41,7 +41,7 @@ class PreContactAlarms {
         }
     }
 
-    /// The first so many ticks are not armed.
+    /// Number of ticks before the first armed one.
     int unarmed() const { return unarmed_; }
     bool armed(int k) const { return k >= unarmed_; }
 
@@ -53,25 +53,26 @@ class PreContactAlarms {
     const NoContactTick& no_contact(int k) const {
         static constexpr NoContactTick nothing{};
         if (!armed(k)) return nothing;
-        return idle_.empty() ? white_ : idle_[std::min(std::size_t(k), idle_.size() - 1)];
+        return correlated_tick_.empty() ? white_tick_
+                                        : correlated_tick_[std::min(std::size_t(k), correlated_tick_.size() - 1)];
     }
 
-    /// The first tick from which on the noise no longer depends on when it was armed.
+    /// The first tick from which on the noise no longer depends on when the detector was armed.
     int settled() const {
-        if (idle_.empty()) return 0;
-        int k = int(idle_.size()) - 1;
-        const double last = idle_.back().alarm;
-        while (k > 0 && std::fabs(idle_[std::size_t(k) - 1].alarm - last) <= 1e-5 * last) --k;
+        if (correlated_tick_.empty()) return 0;
+        int k = int(correlated_tick_.size()) - 1;
+        const double last = correlated_tick_.back().alarm;
+        while (k > 0 && std::fabs(correlated_tick_[std::size_t(k) - 1].alarm - last) <= 1e-5 * last) --k;
         return k;
     }
 
-    /// The noise of a monitored joint, null where it is not correlated.
-    const CorrelatedNoise* noise(int w) const { return correlated(w) ? &noise_[std::size_t(place_[w])] : nullptr; }
-    bool correlated(int w) const { return !noise_.empty() && place_[w] >= 0; }
+    bool correlated(int w) const { return !noise_.empty() && index_[w] >= 0; }
+    /// The noise of a correlated joint.
+    const CorrelatedNoise& noise(int w) const { return noise_[std::size_t(index_[w])]; }
 
-    /// The noise of a correlated joint after tick k - 1, nothing having alarmed.
+    /// Its density after tick k - 1, given no alarm.
     const SurvivingNoiseDensity<double>& density_before(int w, int k) const {
-        const std::vector<SurvivingNoiseDensity<double>>& row = density_[std::size_t(place_[w])];
+        const std::vector<SurvivingNoiseDensity<double>>& row = density_[std::size_t(index_[w])];
         return row[std::min(std::size_t(k), row.size() - 1)];
     }
 
@@ -82,9 +83,9 @@ class PreContactAlarms {
         const int ticks = int(log_survival.size()) - 1;
         std::vector<double> work;
         for (int w = 0; w < detector_.monitored; ++w) {
-            place_[w] = -1;
+            index_[w] = -1;
             if (!(detector_.sd[w] > 0)) continue;
-            place_[w] = int(noise_.size());
+            index_[w] = int(noise_.size());
             noise_.emplace_back(detector_.threshold[w], detector_.sd[w], detector_.mean[w], detector_.correlation);
         }
         density_.resize(noise_.size());
@@ -93,34 +94,34 @@ class PreContactAlarms {
             now[m].reset(noise_[m]);
             density_[m].push_back(now[m]);
         }
-        idle_.resize(std::size_t(ticks) + 1);
+        correlated_tick_.resize(std::size_t(ticks) + 1);
         bool settled = false;
         for (int k = 0; k < ticks; ++k) {
             allow_interruption();
-            NoContactTick& idle = idle_[std::size_t(k)];
+            NoContactTick& tick = correlated_tick_[std::size_t(k)];
             if (settled) {
-                idle = idle_[std::size_t(k) - 1];
+                tick = correlated_tick_[std::size_t(k) - 1];
             } else if (armed(k)) {
                 for (int w = 0; w < detector_.monitored; ++w) {
-                    const int m = place_[w];
-                    idle.add(w, m < 0 ? joint_alarm(detector_, w, 0.0) : propagate_tick(noise_[m], now[m], 0.0, work));
+                    const int m = index_[w];
+                    tick.add(w, m < 0 ? joint_alarm(detector_, w, 0.0) : propagate_tick(noise_[m], now[m], 0.0, work));
                 }
-                settled = k > 0 && idle.alarm > 0 &&
-                          std::fabs(idle.alarm - idle_[std::size_t(k) - 1].alarm) <= 1e-14 * idle.alarm;
+                settled = k > 0 && tick.alarm > 0 &&
+                          std::fabs(tick.alarm - correlated_tick_[std::size_t(k) - 1].alarm) <= 1e-14 * tick.alarm;
             }
-            // Later ticks share the last density there is.
+            // Later ticks share the last density.
             for (std::size_t m = 0; m < noise_.size() && !settled; ++m) density_[m].push_back(now[m]);
-            log_survival[std::size_t(k) + 1] = log_survival[std::size_t(k)] + idle.log_no_alarm();
+            log_survival[std::size_t(k) + 1] = log_survival[std::size_t(k)] + tick.log_no_alarm();
         }
-        if (ticks > 0) idle_[std::size_t(ticks)] = idle_[std::size_t(ticks) - 1];
+        if (ticks > 0) correlated_tick_[std::size_t(ticks)] = correlated_tick_[std::size_t(ticks) - 1];
     }
 
     const GaussianThresholds& detector_;
     int unarmed_ = 0;
-    NoContactTick white_;
+    NoContactTick white_tick_;
     std::vector<double> survival_, false_alarm_;  ///< by tick: of those before it
-    std::vector<NoContactTick> idle_;             ///< by tick, where the noise is correlated
-    std::array<int, max_joints> place_{};
+    std::vector<NoContactTick> correlated_tick_;  ///< by tick, where the noise is correlated
+    std::array<int, max_joints> index_{};         ///< of a joint in `noise_`; -1: not correlated
     std::vector<CorrelatedNoise> noise_;
     std::vector<std::vector<SurvivingNoiseDensity<double>>> density_;  ///< [correlated joint][tick]
 };

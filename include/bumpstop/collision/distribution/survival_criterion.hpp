@@ -1,5 +1,5 @@
 /// @file
-/// How far a path must be traced: until no body that may be there can have gone undetected.
+/// Criteria that end a line: once every body up to the largest offset has been detected, or touched.
 #pragma once
 
 #include "bumpstop/collision/collision_setup.hpp"
@@ -8,8 +8,8 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Ends a line once even the farthest body would have been detected: once its probability of having gone undetected is
-/// below `negligible_survival`.
+/// Ends a line once even the farthest body is detected with certainty: once its survival probability, that of no alarm
+/// so far, is below `negligible_survival`.
 template <class T>
 class SurvivalCriterion {
   public:
@@ -21,7 +21,7 @@ class SurvivalCriterion {
             ++unarmed_ticks_;
     }
 
-    /// Some moments of the line, one in each lane: distances [m] and contact torques by joint [Nm/N or 1].
+    /// Times of the line, one in each lane: distances [m] and torques per newton by joint [Nm/N or 1].
     void observe(const T& s, const T* torque_per_N) {
         const T force = max(s - largest_offset_, T(0.0)) * stiffness_;
         T torque[max_joints];
@@ -29,7 +29,7 @@ class SurvivalCriterion {
             torque[detector_->joint[std::size_t(w)]] = torque_per_N[detector_->joint[std::size_t(w)]] * force;
         observe_contact(force, torque);
     }
-    /// The same where the residuals by joint, without noise, are known [Nm]; `touched` is above zero once contact has begun.
+    /// The same from residuals by joint, without noise [Nm]; `touched` is above zero once contact has begun.
     void observe_contact(const T& touched, const T* residual) {
         touched_ = touched;
         for (int w = 0; w < detector_->monitored; ++w) residual_[w] = residual[detector_->joint[std::size_t(w)]];
@@ -37,7 +37,7 @@ class SurvivalCriterion {
         if (detector_->filter == 0 && any(touched > T(0.0)))
             no_alarm_ = any_alarm<T>(*detector_, [&](int w) { return residual_[w]; }).no_alarm;
     }
-    /// Called once for each moment that is a tick, in order: whether no further tick is needed.
+    /// Called once for each of these times that is a tick, in order: whether no further tick is needed.
     bool finished(int moment) {
         const bool touched = lane_of(touched_, moment) > 0;
         double no_alarm = lane_of(no_alarm_, moment);
@@ -47,7 +47,7 @@ class SurvivalCriterion {
             if (touched) no_alarm = any_alarm<double>(*detector_, [&](int w) { return filtered_[w]; }).no_alarm;
         }
         if (tick_++ >= unarmed_ticks_ && touched) {
-            // Ticks with common noise do not multiply, but no silence is more probable than that of its loudest tick.
+            // With correlated noise the probabilities do not multiply; survival is at most that of the likeliest alarm.
             survival_ = detector_->correlation != 0 ? min(survival_, no_alarm) : survival_ * no_alarm;
         }
         return survival_ < negligible_survival;
@@ -56,7 +56,7 @@ class SurvivalCriterion {
   private:
     const GaussianThresholds* detector_;
     double stiffness_, largest_offset_;
-    T touched_, no_alarm_, residual_[max_joints];  ///< at the moments observed, residuals without noise [Nm]
+    T touched_, no_alarm_, residual_[max_joints];  ///< at the times observed; residuals without noise [Nm]
     double filtered_[max_joints] = {};             ///< residual after the detector's filter, without noise [Nm]
     int tick_ = 0, unarmed_ticks_ = 0;
     double survival_ = 1;
@@ -66,7 +66,7 @@ class SurvivalCriterion {
 template <class T>
 struct ContactCriterion {
     double largest_offset;  ///< [m]
-    T distance{};           ///< at the moments observed [m]
+    T distance{};           ///< at the times observed [m]
 
     void observe(const T& s, const T*) { distance = s; }
     bool finished(int moment) const { return lane_of(distance, moment) > largest_offset; }

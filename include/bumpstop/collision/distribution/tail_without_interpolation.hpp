@@ -6,12 +6,12 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// A tail less than this is none.
+/// Smaller probabilities count as zero.
 inline constexpr double negligible_tail = 1e-300;
 
 namespace detail {
 
-/// Panels of single ticks, cut where a detection at some tick just exceeds the depth.
+/// Panels cut at the offsets where a detection at some tick just exceeds the depth.
 inline std::vector<OffsetPanel> cut_at_reaches(const std::vector<OffsetPanel>& panels, const std::vector<double>& reach,
                                                double depth) {
     std::vector<OffsetPanel> made;
@@ -45,12 +45,12 @@ double sum_beyond(const StoppingCurve& curve, const Contact& contact, int order,
     for (const OffsetPanel& panel : panels) {
         const double half = 0.5 * (panel.high - panel.low), mid = 0.5 * (panel.low + panel.high);
         const bool fixed = panel.high == panel.low;
-        // At the cut itself rounding decides, but not for a body that is at one place.
+        // At a cut rounding decides; a fixed offset is moved off it.
         const double place = fixed ? mid * (1 + 1e-15) : panel.high;
         const auto exceeds = [&](double reach) { return reach - depth >= place; };
         found.begin(1);
         integrator.find(clamped, panel, order, 0, found);
-        // The same at all nodes: alarms before contact, and the arm that brakes.
+        // The same at all nodes: alarms before contact, and braking at the end of the line.
         double anywhere = panel.tick > ticks && exceeds(braking) ? before.survival_before(ticks) : 0;
         for (int k = before.unarmed(); k < std::min(panel.tick, ticks); ++k)
             if (exceeds(curve.max_distance[std::size_t(k)]))
@@ -70,8 +70,8 @@ double sum_beyond(const StoppingCurve& curve, const Contact& contact, int order,
 
 }  // namespace detail
 
-/// P(peak force > force) of collisions whose force has a bound, by itself: nothing is interpolated and only positive terms
-/// are added, so a probability of 1e-30 has as many digits as one of 0.3. For clamped contact.
+/// P(peak force > force) of collisions whose force has a bound. Nothing is interpolated and only positive terms are
+/// added, so a probability of 1e-30 has as many digits as one of 0.3. For clamped contact.
 template <class T>
 double tail_without_interpolation(const CollisionSetup& setup, const StoppingCurve& curve,
                                   const GaussianThresholds& detector, const Contact& contact, double force) {
