@@ -7,10 +7,10 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Panels of the offset are cut here. A body separates from the arm, while the one beyond it is pushed on, because the
-/// arm speeds up meanwhile: between them is a cut. Where a contact changes the probability of an alarm, `detectable`,
-/// offsets at which the body separates just at a tick are cuts, too, because from then on it is not detected. With
-/// thresholds, for narrow noise, so are those about which a joint's residual passes its threshold at a tick.
+/// Panels of the offset are cut where a body separates from the arm while one a little farther away is pushed on,
+/// because the arm speeds up meanwhile. Where a contact changes the probability of an alarm, `detectable`, they are
+/// also cut where the body separates just at a tick, because from then on it is not detected. With thresholds, for
+/// narrow noise, they are cut about offsets at which a joint's residual passes its threshold at a tick.
 class ContactCuts {
   public:
     ContactCuts(const ContactPaths& paths, const ContactPropagator& by, bool detectable,

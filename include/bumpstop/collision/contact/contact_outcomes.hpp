@@ -12,10 +12,9 @@ struct ContactNodes {
     std::vector<double> peak_force, lasting_force, duration, force_at_detection;  ///< [slot][node] [N, N, s, N]
     /// [panel][node] [N, N, s]
     std::vector<double> undetected_peak_force, undetected_lasting_force, undetected_duration;
-    bool gives_way =
-        false;  ///< the arm is elastic or the body moves: these hold, not the forces of a rigid arm on a spring
-    bool pressed = false;  ///< undetected, a held body is pressed on by an arm that has not come to rest
-    bool kinks = false;    ///< of an elastic arm: from some offset on a later peak is the greatest
+    bool gives_way = false;  ///< dynamic contact: these hold, not the forces of a rigid arm on a spring
+    bool pressed = false;    ///< undetected, a held body is pressed on by an arm that has not come to rest
+    bool kinks = false;      ///< of an elastic arm: from some offset on a later peak is the greatest
 
     static constexpr std::size_t quantities = 4, undetected_quantities = 3;
     std::array<std::vector<double>*, quantities> by_slot() {
@@ -91,7 +90,7 @@ class ContactOutcomes {
 
   private:
     static constexpr int lanes = Scalar<T>::lanes;
-    static constexpr double negligible_survival = 1e-18;  ///< what interpolation leaves of it, and less
+    static constexpr double negligible_survival = 1e-18;  ///< less may be an error of interpolation
     static constexpr std::size_t quantities = ContactNodes::quantities,
                                  undetected_quantities = ContactNodes::undetected_quantities;
     using Outcome = ContactCollision::Outcome;

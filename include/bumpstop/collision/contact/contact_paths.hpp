@@ -155,7 +155,7 @@ inline std::vector<double> min_offset_in_contact(const ContactPaths& paths, cons
                 dynamics.step(state, paths.undisturbed(i), paths.undisturbed(i + 1), offset);
             }
         }
-        // Bodies nearer than this one have been in contact since the tick before.
+        // Bodies nearer than this one were first touched after the tick before.
         for (int k = std::max(0, j - 1 - paths.latency / paths.period); k < ticks && paths.reaction_step(k) <= i; ++k)
             min_offset[std::size_t(k)] = std::min(min_offset[std::size_t(k)], before);
         before = offset;

@@ -97,8 +97,7 @@ class CorrelatedAlarms {
   public:
     static constexpr bool tabulated = false;
     static constexpr double negligible_survival = ExactAlarms<T>::negligible_survival;
-    static constexpr double negligible_residual =
-        -1;  ///< none: also a joint without load alarms less often at later ticks
+    static constexpr double negligible_residual = -1;  ///< also a joint without load alarms less often at later ticks
     static constexpr double interpolation_tolerance = ExactAlarms<T>::interpolation_tolerance;
     static constexpr double max_interpolated_survival = ExactAlarms<T>::max_interpolated_survival;
     static constexpr std::array interpolation_nodes = ExactAlarms<T>::interpolation_nodes;

@@ -15,7 +15,7 @@ struct CollisionDistribution {
     bool rests = false;               ///< the arm comes to rest where its path ends, so that `end_force` has a bound
     double detected = 0;              ///< before contact or after, of clamped contact
     double false_alarm = 0;           ///< detection before contact
-    double zero_force = 0;            ///< no force at all: false alarms in time, and motions that end before contact
+    double zero_force = 0;            ///< no force at all: false alarms in time, and no contact
     double undetected = 0;            ///< contact, and no detection by the end of the motion
     double no_contact = 0;            ///< the motion ends before contact, no alarm
     double multi_joint = 0;           ///< two or more joints over their threshold at the tick of detection

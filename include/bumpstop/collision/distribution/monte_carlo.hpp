@@ -137,7 +137,7 @@ class MonteCarlo {
 
   private:
     static constexpr int lanes = Scalar<T>::lanes;
-    static constexpr int many_ticks = 1024;            ///< after so many an interruption is allowed
+    static constexpr int many_ticks = 1024;            ///< an interruption is allowed after so many
     static constexpr double beyond_four_sd = 3.17e-5;  ///< a little more than P(Z > 4) = 3.167e-5
 
     void simulate(const std::int64_t* index, int used, MonteCarloRuns& out) const {

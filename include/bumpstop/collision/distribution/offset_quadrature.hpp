@@ -127,7 +127,7 @@ class OffsetQuadrature {
         std::fill(result_.trigger, result_.trigger + max_joints, 0.0);
         contact_from_.assign(std::size_t(ticks) + 1, 0.0);
         detection_.assign(std::size_t(ticks), 0.0);
-        // An alarm before contact matters if the arm still reaches the body, which every arm may.
+        // An alarm before contact matters if the arm still reaches the body. That is not known yet: all of them count.
         for (int k = before_.unarmed(); k < ticks; ++k)
             detection_[std::size_t(k)] =
                 before_.survival_before(k) * before_.no_contact(k).alarm * beyond_[std::size_t(k) + 1];

@@ -18,7 +18,7 @@ struct NoContactTick {
         no_alarm *= joint.no_alarm;
         single[std::size_t(w)] = joint.alarm;
     }
-    /// Not of a product that rounding may have made greater than one.
+    /// From `no_alarm` where an alarm is so likely that rounding may make it greater than one.
     double log_no_alarm() const { return alarm < 0.5 ? std::log1p(-alarm) : std::log(no_alarm); }
 };
 
