@@ -269,8 +269,7 @@ BatchResult evaluate_batch(const CollisionSetup& setup, const GaussianThresholds
                            contact.offset.kind != OffsetKind::fixed;
     const int ticks = (setup.timing.steps + setup.timing.period - 1) / setup.timing.period;
     const PreContactAlarms before(setup, detector, tabulated ? ticks : 0);
-    // A lane takes the next pose as soon as its line ends, so long rounds keep lanes busy; short ones keep all threads
-    // busy until the end.
+    // A lane takes the next pose as soon as its line ends, so long rounds keep lanes busy, short ones threads.
     const int share = poses.count / (8 * settings.threads * lanes);
     const int round = lanes * std::clamp(share, 1, detail::max_round_size);
     std::atomic<int> next{0};

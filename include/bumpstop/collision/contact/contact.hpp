@@ -13,8 +13,7 @@ struct Contact {
     ContactBody body{};
     OffsetDistribution offset{};  ///< how far the body is from the contact point when the motion begins
 
-    /// A rigid arm and the body as a linear system; none for a clamped spring, whose force follows from the distance
-    /// alone.
+    /// A rigid arm and the body as a linear system; none for a clamped spring, which needs no state.
     std::optional<ContactSystem> system() const {
         if (body.clamped() && !(body.damping > 0)) return std::nullopt;
         return ContactSystem(ElasticArm{}, body);

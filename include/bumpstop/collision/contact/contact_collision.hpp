@@ -75,8 +75,7 @@ class ContactReactions {
     static constexpr int max_retreat = 1 << 15;  ///< steps; an arm that retreats more slowly counts as standing
 
     /// Simulates until arm and body have separated, or the arm has come to rest. A held body that the arm has left is
-    /// touched again only if the reference comes back to it, because the oscillation of the arm alone makes no greater
-    /// force.
+    /// touched again only if the reference comes back to it, because its oscillation makes no greater force.
     void simulate(ContactState& state, const PathAfter& path, double offset) const {
         const int block = dynamics_.propagator().block_steps, longest = path.length();
         // The reaction itself makes an elastic arm oscillate, also before it touches the body.

@@ -110,8 +110,7 @@ class ContactCuts {
         }
     }
 
-    /// Adds offsets where the residual of a joint passes its threshold at tick k, and those two to eight standard
-    /// deviations about them.
+    /// Adds offsets where a residual passes its threshold at tick k, and those two to eight standard deviations off.
     void add_threshold_cuts(int w, int k, const Probe& low, const Probe& high, std::vector<double>& cuts) const {
         auto residual = [&](const Probe& at) { return at.at_tick(k, w, narrow_->monitored); };
         const double slope = (residual(high) - residual(low)) / (high.offset - low.offset);

@@ -34,8 +34,7 @@ struct ContactState {
         if (elapsed + to >= transient_phase)
             lasting = std::max(lasting, elapsed + from >= transient_phase ? highest : last);
     }
-    /// Whether a step in which the reference comes to `to` need be simulated: the body has been touched, or is touched
-    /// in it.
+    /// Whether a step of the reference to `to` need be simulated: the body has been touched, or is touched in it.
     bool needs_step(double to, double offset) const {
         return !separated && (touched || to > offset - separation_tolerance);
     }
@@ -66,8 +65,7 @@ class ContactDynamics {
     }
 
     /// Advances by up to `most` steps of a reaction, no more than a block has, whose begins and ends are `place`: up to
-    /// the step in which arm and body touch or separate. From step `until` on they cannot touch. Returns how many
-    /// steps.
+    /// the step in which arm and body touch or separate. From step `until` on they cannot touch. Returns the steps.
     int step_block(ContactState& at, const double* place, double offset, int until, int most) const {
         constexpr int points = ContactBlock::points;
         const int steps = by_->block_steps, pieces = by_->pieces;

@@ -317,8 +317,7 @@ class ContactOutcomes {
         }
         return allowed;
     }
-    /// Whether the last two terms of the Legendre series are small in all rows; a kink makes at least one of them
-    /// large.
+    /// Whether the last two terms of the Legendre series are small in all rows; a kink makes one of them large.
     bool smooth(const Values& values, const MaxProbability& probability) const {
         const Values allowed = tolerances(values, probability);
         for (std::size_t row = 0; row < allowed.size(); ++row) {
@@ -363,8 +362,7 @@ class ContactOutcomes {
                 write(quantities * slots_ + q, &(*by_panel[q])[p * order_]);
         }
     }
-    /// Interpolation weights from the nodes on [-1, 1] to those of a part of it, about `middle` and `half` wide to
-    /// either side.
+    /// Interpolation weights from the nodes on [-1, 1] to those on [middle - half, middle + half].
     void set_weights(double middle, double half) {
         weight_.resize(order_ * order_);
         for (std::size_t g = 0; g < order_; g += std::size_t(lanes)) {

@@ -108,8 +108,7 @@ class ContactBlock {
         for (int column = 0; column < columns_; ++column) {
             z.fill(0.0);
             if (column <= states_) z[std::size_t(column)] = 1;
-            // Column states + 1 + i is a unit speed in step i, which is 0 before the block; the last column is a unit
-            // ramp.
+            // Column states + 1 + i is a unit speed in step i, 0 being that before the block; the last is a unit ramp.
             const bool of_ramp = column == columns_ - 1;
             const auto speed_in = [&](int i) { return column == states_ + 1 + i && !of_ramp ? 1.0 : 0.0; };
             for (int point = 0; point < points; ++point) {

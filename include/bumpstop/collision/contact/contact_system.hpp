@@ -13,8 +13,7 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// The body that the arm hits: a spring with damping against the ground or against a mass, which may stand on a spring
-/// itself.
+/// The body that the arm hits: a damped spring against the ground or against a mass, which may stand on a spring.
 ///
 struct ContactBody {
     double stiffness = 0;         ///< K [N/m]
@@ -187,8 +186,7 @@ class ContactSystem {
         }
         return row;
     }
-    /// Jump of the rates when the speed of the reference changes by 1 m/s and the gears already carry the torque for
-    /// it.
+    /// Jump of the rates when the reference's speed changes by 1 m/s and the gears already carry the torque for it.
     Row jump() const {
         const int n = arm_.dof, m = coordinates();
         Row jump{};
@@ -235,8 +233,7 @@ class ContactSystem {
         return 1 / compliance;
     }
 
-    /// Time constant of the slowest servo, D / P: a rotor has then come back to its reference but for a third [s]; 0:
-    /// the arm is rigid.
+    /// Time constant of the slowest servo, D / P: a rotor is then back at its reference but for a third [s]; 0: rigid.
     double servo_lag() const {
         double lag = 0;
         for (int j = 0; j < arm_.dof; ++j)

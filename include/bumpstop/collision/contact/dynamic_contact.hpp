@@ -1,6 +1,5 @@
 /// @file
-/// Contact of an elastic arm, or with a body that moves: its residuals at the nodes of panels, and collisions after
-/// false alarms.
+/// Contact of an elastic arm, or with a body that moves: residuals at the nodes of panels, and false alarms.
 #pragma once
 
 #include "bumpstop/collision/contact/contact_outcomes.hpp"
@@ -9,8 +8,7 @@
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// Collisions after a false alarm whose reaction still reaches the body, or with a body that an elastic arm reaches
-/// only beyond the end of its motion. A piece is a range of offsets for one tick, divided into cells, with the nodes of
-/// a quadrature.
+/// only beyond the end of its motion. A piece is a range of offsets at one tick, with cells and quadrature nodes.
 struct EarlyReactions {
     static constexpr int cells = 16, nodes = 12;
     std::vector<int> tick;                        ///< [piece]; the number of ticks where there is no alarm

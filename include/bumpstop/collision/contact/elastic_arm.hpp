@@ -57,8 +57,7 @@ inline ElasticArm elastic_arm_on_line(const CollisionSetup& setup, const LinePat
     return elastic_arm(setup.chain, *setup.arm, position, torque_per_N, rate);
 }
 
-/// Arm and body of a line, linear about the pose in which the arm reaches the median offset; none for a rigid arm and a
-/// clamped spring.
+/// Arm and body, linear about the pose at the median offset; none for a rigid arm and a clamped spring.
 inline std::optional<ContactSystem> contact_system(const CollisionSetup& setup, const LinePath& path,
                                                    const Contact& contact) {
     if (!setup.arm) return contact.system();

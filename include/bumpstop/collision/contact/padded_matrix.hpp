@@ -13,8 +13,7 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace detail {
 
-/// Adds `registers` registers of rows of M x to y. Where there are few registers, several partial sums of each hide the
-/// latency of an addition.
+/// Adds `registers` registers of rows of M x to y. If they are few, partial sums of each hide the latency of additions.
 template <int registers>
 void multiply_add_registers(const double* column, int stride, int columns, const double* x, double* y) {
     using Native = Lanes<native_lanes>;

@@ -115,8 +115,7 @@ class CellMixture {
         for (std::size_t i = 0; i < mass_.size(); ++i) count += low_[i] < high && high_[i] > low;
         return count;
     }
-    /// A mixture with the same P(value > x) for x from `low` to `high`: cells above are moved to infinity, those below
-    /// left out.
+    /// A mixture with the same P(value > x) for x from `low` to `high`: without cells below, those above at infinity.
     CellMixture between(double low, double high) const {
         CellMixture out;
         const std::size_t count = count_between(low, high);
@@ -156,8 +155,7 @@ struct PhaseShares {
 
 /// Distribution of a quantity: of the peak force over all collisions, with zero where there is no contact; of the
 /// duration over contacts; of the force at detection over detections in contact. `never`: value of undetected
-/// collisions, if it is not that at the end of the motion. `phases`: instead of the peak force the greater of both
-/// phases' weighted forces.
+/// collisions, if not that at the end of the motion. `phases`: not the peak force, but the greater weighted force.
 template <class T>
 CellMixture contact_mixture(const CollisionDistribution& collision, ContactQuantity quantity,
                             std::optional<double> never = std::nullopt,

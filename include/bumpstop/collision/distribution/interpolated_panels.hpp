@@ -48,8 +48,7 @@ class InterpolatedPanels {
     static_assert(Alarms::interpolation_nodes.back() <= DetectionProbabilities::max_nodes);
     static constexpr int lanes = Scalar<T>::lanes;
 
-    /// Whether the `parts` panels from `at` on belong to the next tick, or group of ticks, and are as many as those of
-    /// `head`.
+    /// Whether the `parts` panels from `at` on are those of the next tick, or group of ticks, and as many as at `head`.
     bool alike(const OffsetPanel& head, const OffsetPanel& next, std::size_t parts, std::size_t at) const {
         return next.ticks == head.ticks && next.part == 0 && head.tick > 0 && head.ticks > 0 &&
                next.tick == panels_[at - 1].tick + head.ticks && before_.armed(head.tick) &&

@@ -15,14 +15,12 @@ struct OffsetDistribution {
     OffsetKind kind = OffsetKind::uniform;
     double size = 0;  ///< half-normal: its sd; uniform: its upper end; fixed: the distance [m]
 
-    /// A half-normal beyond seven sd has 2.6e-12 of its probability; the distribution is truncated there and
-    /// normalised.
+    /// Beyond seven sd lies 2.6e-12 of a half-normal distribution, which is truncated there and normalised.
     static constexpr double reach = 7;
     inline static const double beyond_reach = std::erfc(reach * 0.70710678118654752440);
     inline static const double within_reach = std::erf(reach * 0.70710678118654752440);
 
-    /// In metres, of a distribution whose size is in seconds at the approach speed [m/s]; a fixed offset stays as it
-    /// is.
+    /// In metres, of one whose size is in seconds at the approach speed [m/s]; a fixed offset stays as it is.
     OffsetDistribution at_speed(double speed) const { return {kind, kind == OffsetKind::fixed ? size : size * speed}; }
 
     double median() const {

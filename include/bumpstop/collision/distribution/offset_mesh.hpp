@@ -108,8 +108,7 @@ class OffsetMesh {
                alarms_.no_contact(path_->ticks - 1).alarm < rare_alarm;
     }
 
-    /// Contact begins at the first tick whose distance exceeds the offset, so edges follow the greatest distance so
-    /// far.
+    /// Contact begins at the first tick whose distance exceeds the offset: edges are the greatest distances so far.
     void place_edges() {
         const int ticks = path_->ticks;
         edge_.resize(std::size_t(ticks) + 2);
@@ -146,8 +145,7 @@ class OffsetMesh {
 
     /// By the greatest growth of the residual from tick to tick: where it is four standard deviations an order of 16
     /// leaves relative errors of 1e-13 in the mean, 1e-11 in the quantiles and 1e-7 in the far tails, as `refinement`
-    /// shows. Where an elastic arm bounces its forces have kinks of a relative 1e-4 and more: half that order is
-    /// enough.
+    /// shows. Where an elastic arm bounces its forces have kinks of 1e-4 and more: half that order is enough.
     void choose_width() {
         width_ = {PiecewiseDensity::block, 1, 1};
         transitions_ = false;
@@ -156,8 +154,7 @@ class OffsetMesh {
         for (int k = 0; k < path_->ticks; ++k)
             travel = std::max(travel, edge_[std::size_t(k) + 1] - edge_[std::size_t(k)]);
         double growth = gain_ * travel;
-        // In a batch of elastic arms the transitions of many ticks lie anywhere in the panels, and their errors
-        // average.
+        // In a batch of elastic arms the transitions lie anywhere in the panels, and their errors average.
         transitions_ = growth > 4 * wide.residual && !peaks_of_elastic_arm();
         if (settings_->paths != nullptr) growth /= timing_.period;  // panels are cut at every step
         if (groups_) growth = std::max(growth, group_growth);
@@ -239,8 +236,7 @@ class OffsetMesh {
             to.push_back({low + (high - low) * i / parts, low + (high - low) * (i + 1) / parts, tick, ticks, i});
     }
 
-    /// Offsets that the motion reaches only after its last tick: their first tick in contact would have the number
-    /// `ticks`.
+    /// Offsets that the motion reaches only after its last tick: their first tick would have the number `ticks`.
     void add_last_panels() {
         const int ticks = path_->ticks;
         double from = edge_[std::size_t(ticks)];
@@ -255,8 +251,7 @@ class OffsetMesh {
         add_end_panels(from, end, ticks, panels_);
     }
 
-    /// Number of ticks from k on that a panel may hold: that of the last panel, unless it is too wide now, or much
-    /// narrower.
+    /// Number of ticks from k on that a panel may hold: that of the last panel, unless that is too wide now, or narrow.
     int group_at(int k, int last, double width) const {
         const int most = std::min(max_group, path_->ticks - k);
         auto fits = [&](int group) {
@@ -278,8 +273,7 @@ class OffsetMesh {
         std::sort(retreat_.begin(), retreat_.end());
     }
 
-    /// The course of a collision depends on where in a step the body is touched, and on the tick after which it
-    /// separates.
+    /// Where in a step the body is touched, or after which tick it separates, matters at these offsets.
     std::vector<double> abrupt_offsets() const {
         const int ticks = path_->ticks;
         // An elastic arm still oscillates when the body separates.
