@@ -286,10 +286,12 @@ void each_piece(const PiecewiseDensity& density, const LinearQuantity& quantity,
 inline void summarise(const PiecewiseDensity& density, LinearQuantity& quantity) {
     quantity.total = quantity.max_reach = 0;
     quantity.sorted.assign(density.panel.size(), 1);
-    for (std::size_t p = 0; quantity.of_detected && p < density.panel.size(); ++p) {
+    for (std::size_t p = 0; p < density.panel.size(); ++p) {
         const PiecewiseDensity::Panel& panel = density.panel[p];
-        const double* first = panel.slots > 0 ? &quantity.reach[std::size_t(panel.first_tick)] : nullptr;
-        quantity.sorted[p] = std::is_sorted(first, first + panel.slots);
+        if (!quantity.of_detected || !(panel.mass > 0)) continue;
+        const double *first = &quantity.reach[std::size_t(panel.first_tick)], *end = first + panel.slots;
+        quantity.sorted[p] = std::is_sorted(first, end);
+        quantity.max_reach = std::max(quantity.max_reach, *std::max_element(first, end) - quantity.low_of(density, p));
     }
     detail::each_piece(density, quantity, [&](const double*, double, double mass, double reach, double low, double) {
         quantity.total += mass;
