@@ -1,34 +1,34 @@
 /// @file
-/// The changes of an arm's rates at its last moments, which lie unevenly in time.
+/// Adams-Bashforth steps of variable length: past rate changes of an arm, unevenly spaced in time, and their weights.
 #pragma once
 
 #include "bumpstop/model/kinematics.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-inline constexpr int adams_order = 7;  ///< values that an Adams-Bashforth step goes by
+inline constexpr int adams_order = 7;  ///< past values that an Adams-Bashforth step extrapolates from
 
-/// What the sums over the next `count` sub-steps are of the values known, newest first.
+/// Weights of the past values, newest first, in a step over the next `count` sub-steps.
 template <class T>
 struct AdamsWeights {
-    T sum[adams_order];          ///< of the changes: rates gained
-    T sum_of_sums[adams_order];  ///< summed once more: positions gained, in units of the sub-step
-    T predict[adams_order];      ///< the change after them, extrapolated
-    T last[adams_order];         ///< that of the last of them; only where asked for
-    /// What of `sum`, `sum_of_sums` and `last` there is to add for each unit by which the change found after them
-    /// differs from the one extrapolated.
+    T sum[adams_order];          ///< sum of the changes: the rates gained
+    T sum_of_sums[adams_order];  ///< sum of these sums: the positions gained, in units of the sub-step
+    T predict[adams_order];      ///< change after the last sub-step, extrapolated
+    T last[adams_order];         ///< change in the last sub-step; only where asked for
+    /// Corrections of `sum`, `sum_of_sums` and `last` per unit by which the change found after the step differs from the
+    /// predicted one.
     T correct_sum, correct_sum_of_sums, correct_last;
 };
 
-/// The age of moments that never were [sub-steps]. A polynomial through such a moment is, over the sub-steps that
-/// matter, the one without it: a short history is one of lower order.
+/// Age of history entries that are empty [sub-steps]. A value so long ago does not affect the polynomial over the coming
+/// sub-steps, so a short history gives a step of lower order.
 inline constexpr double never_age = 1e12;
 
-/// The changes of the rates at the last moments a lane looked at. The moments lie as far apart as its Adams steps were
-/// long, so no history is lost when a step is made longer or shorter, and lanes need not agree.
+/// Rate changes at the ends of a lane's last Adams steps, with their ages. Keeping the ages makes steps of any length
+/// possible without losing history, different ones in every lane.
 ///
-/// The polynomial through the values is Lagrange's. It is summed over the sub-steps, not integrated, so a step lands
-/// where the controller does.
+/// The Lagrange polynomial through the values is summed over the sub-steps, not integrated, so that a step ends exactly
+/// where the controller's sub-steps would.
 template <class T>
 class AdamsHistory {
   public:
@@ -38,7 +38,7 @@ class AdamsHistory {
             for (T& change : change_[j]) set_lane(change, lane, 0.0);
         }
     }
-    /// Where `taken`, the arm has taken `count` sub-steps and then finds this change.
+    /// Adds the change that lanes in `taken` find after a step of `count` sub-steps.
     void push(const MaskOf<T>& taken, const T& count, const T* change, int free_count) {
         for (int j = adams_order - 1; j > 0; --j) {
             age_[j] = select(taken, age_[j - 1] + count, age_[j]);
@@ -46,18 +46,18 @@ class AdamsHistory {
         }
         for (int f = 0; f < free_count; ++f) change_[0][f] = select(taken, change[f], change_[0][f]);
     }
-    /// Forgets what was before the newest moment.
+    /// Drops all values but the newest.
     void keep_newest(const MaskOf<T>& lane) {
         for (int j = 1; j < adams_order; ++j) {
             age_[j] = select(lane, T(never_age * j), age_[j]);
             for (T& change : change_[j]) change = select(lane, T(0.0), change);
         }
     }
-    /// Of lanes that have just begun.
+    /// The first value of lanes that have just been started.
     void set_first(const MaskOf<T>& lane, const T* change, int free_count) {
         for (int f = 0; f < free_count; ++f) change_[0][f] = select(lane, change[f], change_[0][f]);
     }
-    /// What the error of the change extrapolated over `count` sub-steps grows with, of a history of `known` moments.
+    /// The error of a prediction over `count` sub-steps from `known` values is proportional to this product of distances.
     T error_growth(const T& count, const T& known) const {
         T product = count;
         BUMPSTOP_UNROLL
@@ -71,7 +71,7 @@ class AdamsHistory {
         return total;
     }
 
-    /// One lane's history in all of them.
+    /// The history of one lane, copied to all lanes.
     AdamsHistory broadcast(int lane, int free_count) const {
         AdamsHistory one;
         for (int j = 0; j < adams_order; ++j) {
@@ -81,12 +81,12 @@ class AdamsHistory {
         return one;
     }
 
-    /// Every step but the last division is in whole numbers, which doubles hold exactly where no moment is long ago. A
-    /// negative count goes back.
+    /// Weights of a step over `count` sub-steps; a negative count goes back in time. Everything up to the last division is in
+    /// whole numbers, which doubles hold exactly unless a value is very old.
     template <bool WithLast = false>
     AdamsWeights<T> weights(const T& count) const {
         constexpr int last = adams_order - 1;
-        // With x the sub-steps from now: product of all (x + age) but the newest moment's, whose age is 0.
+        // With x the sub-steps from now: product of (x + age) over all values but the newest, whose age is 0.
         T product[last + 1] = {T(1.0)};
         BUMPSTOP_UNROLL
         for (int j = 1; j <= last; ++j) {
@@ -95,7 +95,7 @@ class AdamsHistory {
             for (int p = j - 1; p > 0; --p) product[p] = product[p] * age_[j] + product[p - 1];
             product[0] = product[0] * age_[j];
         }
-        // Sums of m^p over 0 <= m < count (Faulhaber).
+        // Sums of m^p over 0 <= m < count (Faulhaber's formulas).
         const T n = count, m = n - 1.0, a = 0.5 * m * n, aa = a * a, even = a * (2.0 * n - 1.0) * (1.0 / 3);
         const T power_sum[adams_order + 2] = {
             n,
@@ -109,7 +109,7 @@ class AdamsHistory {
             even * (((40.0 * a - 40.0) * a + 18.0) * a - 3.0) * (1.0 / 15),
         };
         AdamsWeights<T> weights;
-        // Of the polynomial c[0] x^shift + .. + c[degree] x^(shift + degree), over the divisor.
+        // Sums and last value of the polynomial (c[0] x^shift + .. + c[degree] x^(shift + degree)) times `inverse`.
         auto set = [&](const T* c, int shift, int degree, const T& inverse, T& sum_to, T& sum_of_sums, T& last_value) {
             T sum = c[0] * power_sum[shift], weighted = c[0] * power_sum[shift + 1];
             BUMPSTOP_UNROLL
