@@ -1,28 +1,28 @@
 /// @file
-/// What becomes of the acceleration limits in one reaction.
+/// The acceleration limits over the course of one reaction.
 #pragma once
 
 #include "bumpstop/collision/motion/line_motion.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// The acceleration limits while an arm slows down, sub-step by sub-step from the beginning of its reaction.
+/// Acceleration limits while an arm slows down, by sub-step from the beginning of its reaction.
 struct BrakeProfile {
-    std::array<double, max_joints> scale{};  ///< of the limits, by free joint, while the arm slows down
-    double slowing = std::numeric_limits<double>::infinity();  ///< sub-steps after which the limits themselves hold
-    double ramp = 0;                                           ///< sub-steps in which the limits grow from nothing
+    std::array<double, max_joints> scale{};  ///< factor of the limits while the arm slows down, by free joint
+    double slowing = std::numeric_limits<double>::infinity();  ///< sub-steps after which the full limits hold
+    double ramp = 0;                                           ///< sub-steps in which the limits grow from zero
     double stop_time = 0;                                      ///< until the arm stands [s]
 
-    /// The limit of a free joint in a sub-step, counted from 0, in units of its acceleration limit.
+    /// Limit of a free joint in a sub-step, counted from 0, in units of its acceleration limit.
     double of(int f, double substep) const {
         return substep < slowing ? scale[f] * std::min(1.0, ramp > 0 ? (substep + 0.5) / ramp : 1.0) : 1.0;
     }
 };
 
-/// A joint whose stop at its limit is shorter than that of the slowest by so much stands: its rate is rounding.
+/// A joint is at rest where its stopping time at its limit is less than this share of the longest: its rate is rounding.
 inline constexpr double standing = 1e-9;
 
-/// How far the tip is from the axis of joint 1, or from its place where it slides, as a share of `reach` [m].
+/// Distance of the tip from the axis of joint 1, or from the origin of a joint 1 that slides, as a share of `reach` [m].
 inline double extension_at(const Chain& chain, const LinkPoint& tip, const double* q, double reach) {
     JointAngles<double> angle;
     Posture<double> posture;
@@ -36,9 +36,9 @@ inline double extension_at(const Chain& chain, const LinkPoint& tip, const doubl
     return std::sqrt(dot(away, away)) / reach;
 }
 
-/// The law for a reaction that begins at the positions `q` (by joint) with these rates (by free joint). Where the joints
-/// keep their ratios, the one with the longest stop decides for all. An arm that goes back after a stop in a given time does
-/// so at its limits; a ramp goes on growing.
+/// Profile of a reaction that begins at positions `q` (by joint) with rates `rate` (by free joint). Where the rates keep their
+/// ratios, the joint with the longest stopping time decides for all. An arm that `reverses` after a stop in a given time goes
+/// back at its full limits; a ramp continues.
 inline BrakeProfile brake_profile(const Chain& chain, const MotionSettings& motion, const double* q, const double* rate,
                                   bool reverses) {
     const Deceleration& deceleration = motion.deceleration;
@@ -47,8 +47,8 @@ inline BrakeProfile brake_profile(const Chain& chain, const MotionSettings& moti
     const double extended = from_table && deceleration.times.extension.size() > 1
                                 ? extension_at(chain, motion.tip, q, deceleration.times.reach)
                                 : 0.0;
-    std::array<double, max_joints> at_limit{},
-        own{};  // times that the joints would take, at their limits and by the law
+    // Stopping times of the joints at their acceleration limits, and by the law.
+    std::array<double, max_joints> at_limit{}, own{};
     double limit_time = 0, longest = 0;
     for (int f = 0; f < n; ++f) {
         at_limit[f] = std::fabs(rate[f]) / motion.acceleration_limit[motion.free_joint[f]];

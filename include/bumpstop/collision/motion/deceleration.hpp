@@ -1,5 +1,5 @@
 /// @file
-/// How an arm slows down once it reacts: laws of the stop that drives and brakes make.
+/// Deceleration laws: how drives and brakes stop an arm that reacts.
 #pragma once
 
 #include <algorithm>
@@ -13,18 +13,18 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 enum class DecelerationLaw {
     constant,       ///< the joints' acceleration limits hold from the first sub-step on
     constant_time,  ///< rates fall linearly to zero in a time that does not depend on them
-    ramp,           ///< the limits grow linearly from nothing: a brake that bites late
+    ramp,           ///< the limits grow linearly from zero, as of a brake that engages slowly
     table           ///< as constant_time, in a time by joint, rate and extension
 };
 
-/// Times that joints take to stop, rates falling linearly: from a table of stopping distances, at one payload.
+/// Stopping times of the joints, with rates that fall linearly: from a table of stopping distances at one payload.
 struct StoppingTimes {
-    std::vector<double> extension;  ///< levels, rising [1]
-    std::vector<double> rate;       ///< levels, rising [rad/s or m/s]
+    std::vector<double> extension;  ///< grid, increasing [1]
+    std::vector<double> rate;       ///< grid, increasing [rad/s or m/s]
     std::vector<double> time;       ///< [joint][extension][rate], s
-    double reach = 1;               ///< farthest the tip gets from the axis of joint 1 [m]
+    double reach = 1;               ///< greatest distance of the tip from the axis of joint 1 [m]
 
-    /// Of a joint that moves at a rate >= 0, at an extension.
+    /// Stopping time of a joint with a rate >= 0 at an extension [s].
     double at(int joint, double extended, double speed) const {
         std::size_t e = 0;
         double share = 0;
@@ -34,15 +34,15 @@ struct StoppingTimes {
             share = (inside - extension[e]) / (extension[e + 1] - extension[e]);
         }
         const double* row = &time[(std::size_t(joint) * extension.size() + e) * rate.size()];
-        const double near = along(row, speed);
-        return share > 0 ? near + share * (along(row + rate.size(), speed) - near) : near;
+        const double near = at_rate(row, speed);
+        return share > 0 ? near + share * (at_rate(row + rate.size(), speed) - near) : near;
     }
 
   private:
-    /// Linear between rates: exact where distances grow with the rate, its square, or a sum of both. A joint slower than
-    /// the slowest takes as long as that, or longer by what the time grows toward it; one faster than the fastest has its
-    /// deceleration.
-    double along(const double* row, double speed) const {
+    /// Linear interpolation over the rate: exact where the distance is a sum of a linear and a quadratic term. Below the grid
+    /// the time continues with its first slope where it grows toward zero rate, else it stays; above the grid the deceleration
+    /// is that of the fastest rate.
+    double at_rate(const double* row, double speed) const {
         const std::size_t n = rate.size();
         if (n == 1 || speed >= rate.back()) return row[n - 1] * std::max(1.0, speed / rate.back());
         if (speed <= rate.front())
@@ -55,14 +55,14 @@ struct StoppingTimes {
 /// How the arm slows down in its reactions.
 struct Deceleration {
     DecelerationLaw law = DecelerationLaw::constant;
-    double stopping_time = 0;  ///< of constant_time [s]
-    double ramp_time = 0;      ///< of ramp: until the limits are full [s]
-    bool independent = false;  ///< brakes stop every joint by itself: the arm leaves its path
-    StoppingTimes times;       ///< of table
+    double stopping_time = 0;  ///< for constant_time [s]
+    double ramp_time = 0;      ///< for ramp: until the full limits hold [s]
+    bool independent = false;  ///< every joint brakes by itself, so the arm leaves its path
+    StoppingTimes times;       ///< for table
 
     bool constant() const { return law == DecelerationLaw::constant && !independent; }
 
-    /// Until an arm stands whose slowest joint would need `limit_time` at its acceleration limit [s].
+    /// Stopping time of an arm whose slowest joint would need `limit_time` at its acceleration limit [s].
     double time_to_stop(double limit_time) const {
         switch (law) {
             case DecelerationLaw::constant_time:

@@ -1,5 +1,5 @@
 /// @file
-/// The resolved-rate controller of an industrial arm that moves a tool along a straight line.
+/// Resolved-rate controller of an arm that moves its tool along a straight line.
 #pragma once
 
 #include "bumpstop/collision/collision_setup.hpp"
@@ -9,7 +9,7 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// The greatest change of a rate in a controller sub-step, by free joint, upside down [s/rad or s/m].
+/// One over the greatest change of a rate in a controller sub-step, by free joint [s/rad or s/m].
 struct InverseMaxRateChange {
     std::array<double, max_joints> of{};
 
@@ -35,35 +35,35 @@ struct Rates {
     T free[max_columns];  ///< by free joint
     Conditioning<T> conditioning;
     MaskOf<T> velocity_limited;
-    T velocity_saturation;  ///< the largest rate before it was slowed, relative to its limit
+    T velocity_saturation;  ///< the largest ratio of a rate to its velocity limit, before scaling
 };
 
-/// Scales the rates down as a whole where one would pass its velocity limit.
+/// Scales all rates by one factor where one would exceed its velocity limit.
 template <class T>
 void slow_to_velocity_limits(const MotionSettings& motion, Rates<T>& rates) {
-    T over = 0.0;
+    T largest = 0.0;
     for (int f = 0; f < motion.free_count; ++f) {
         const double limit = motion.velocity_limit[motion.free_joint[f]];
-        if (std::isfinite(limit)) over = max(over, abs(rates.free[f]) * (1.0 / limit));
+        if (std::isfinite(limit)) largest = max(largest, abs(rates.free[f]) * (1.0 / limit));
     }
-    rates.velocity_saturation = over;
-    rates.velocity_limited = over > T(1.0);
+    rates.velocity_saturation = largest;
+    rates.velocity_limited = largest > T(1.0);
     if (any(rates.velocity_limited)) {
-        const T scale = 1.0 / max(over, T(1.0));
+        const T scale = 1.0 / max(largest, T(1.0));
         for (int f = 0; f < motion.free_count; ++f) rates.free[f] *= scale;
     }
 }
 
-/// As resolved_rates, without velocity limits. `Rows`: 6 to keep the orientation, 3 to let it go.
+/// As resolved_rates, without velocity limits. `Rows`: 6 holds the orientation, 3 leaves it free.
 template <int Rows, class T>
 Rates<T> least_norm_rates(const Chain& chain, const MotionSettings& motion, const Posture<T>& posture,
                           const Point3<T>& velocity) {
     Rates<T> rates;
     const Point3<T> tip = posture.position(motion.tip);
     const int n = motion.free_count;
-    // Rows count as no shorter than those of their kind are in the quadratic mean: where all joints move the tip in a plane,
-    // or turn it about axes in one, rounding alone says which way the row across it points.
-    T turning = 0.0, moving = 0.0;
+    // For the conditioning a row counts as at least as long as the root mean square of the three rows of its kind. Where all
+    // joints move the tip in one plane, or turn it about axes in one plane, the row across that plane is rounding alone.
+    T rotation = 0.0, translation = 0.0;  // mean squares of the rows
     T row[Rows][max_columns], target[Rows], min_length[Rows];
     const auto put = [](T(*rows)[max_columns], int f, const Point3<T>& v) {
         rows[0][f] = v.x;
@@ -74,27 +74,27 @@ Rates<T> least_norm_rates(const Chain& chain, const MotionSettings& motion, cons
         const int j = motion.free_joint[f];
         const Point3<T> linear = linear_column(chain, posture, tip, j);
         put(row + (Rows - 3), f, linear);
-        moving += dot(linear, linear) * (1.0 / 3);
+        translation += dot(linear, linear) * (1.0 / 3);
         if constexpr (Rows == 6) {
             const bool turns = !chain.joint[j].prismatic;
             put(row, f, turns ? posture.axis[j] : point3<T>({0, 0, 0}));
-            turning += turns ? 1.0 / 3 : 0.0;
+            rotation += turns ? 1.0 / 3 : 0.0;
         }
     }
     const T wanted[3] = {velocity.x, velocity.y, velocity.z};
     for (int c = 0; c < Rows; ++c) {
         const bool moves = c >= Rows - 3;
         target[c] = moves ? wanted[c % 3] : T(0.0);
-        min_length[c] = moves ? moving : turning;
+        min_length[c] = moves ? translation : rotation;
     }
     rates.conditioning = damped_min_norm<Rows>(row, n, target, motion.damping, rates.free, min_length);
-    // Damping bounds the rates, however small it is.
+    // Any damping bounds the rates.
     if (motion.damping > 0) rates.conditioning.singular = T(0.0) > T(1.0);
     return rates;
 }
 
-/// Joint rates that move the tip with `velocity` (base frame, m/s) and no rotation, scaled down as a whole
-/// where one would pass its velocity limit.
+/// Least-norm joint rates that move the tip with `velocity` (base frame, m/s) and without rotation, scaled by one factor
+/// where one would exceed its velocity limit.
 template <class T>
 Rates<T> resolved_rates(const Chain& chain, const MotionSettings& motion, const Posture<T>& posture,
                         const Point3<T>& velocity) {
@@ -104,25 +104,25 @@ Rates<T> resolved_rates(const Chain& chain, const MotionSettings& motion, const 
     return rates;
 }
 
-/// How the rates change in one controller sub-step toward `wanted` (by free joint): one ratio scales all joint
-/// accelerations so that none passes its limit. Returns where the wanted rates are reached. `saturation`: the changes that are
-/// left, in units of the greatest there may be. `tightened`: of the limits by free joint, one over what they are scaled by;
-/// null: nothing. `independent`: every joint has a ratio of its own.
+/// Rate changes in one controller sub-step toward `wanted` (by free joint): one ratio scales all of them so that no joint
+/// exceeds its acceleration limit. Returns where the wanted rates are reached. `saturation`: the changes that remain, in units
+/// of the greatest allowed one. `tightened`: one over the scale of the limits, by free joint; null: full limits.
+/// `independent`: every joint has a ratio of its own.
 template <class T>
 MaskOf<T> limited_change(const MotionSettings& motion, const InverseMaxRateChange& full, const T* wanted,
                          const ArmState<T>& state, T* change, T* saturation, const T* tightened = nullptr,
                          bool independent = false) {
     const int n = motion.free_count;
-    T over = 0.0;
+    T largest = 0.0;
     for (int f = 0; f < n; ++f) {
         change[f] = wanted[f] - state.qd[motion.free_joint[f]];
         saturation[f] = abs(change[f]) * full.of[f];
         if (tightened != nullptr) saturation[f] *= tightened[f];
-        over = max(over, saturation[f]);
+        largest = max(largest, saturation[f]);
     }
-    const auto reached = over <= T(1.0);
+    const auto reached = largest <= T(1.0);
     if (!all(reached)) {
-        const T ratio = 1.0 / max(over, T(1.0));
+        const T ratio = 1.0 / max(largest, T(1.0));
         for (int f = 0; f < n; ++f) change[f] *= independent ? 1.0 / max(saturation[f], T(1.0)) : ratio;
     }
     return reached;
