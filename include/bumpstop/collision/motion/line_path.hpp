@@ -10,7 +10,7 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// The arm stops following the line when ... At a joint limit and a singularity it brakes.
+/// Why the arm stops following the line. At a joint limit and at a singularity it brakes.
 enum class PathEnd { motion_end, joint_limit, singularity, all_detected };
 
 inline const char* name_of(PathEnd end) {
@@ -26,70 +26,70 @@ inline const char* name_of(PathEnd end) {
     }
 }
 
-/// One pose's path, all that the force distribution needs of it.
+/// The path from one pose: all that the force distribution needs of it.
 struct LinePath {
-    /// Ticks before the first, from -1 down, whose reactions would begin after it; that of the earliest begins in step 1.
+    /// Number of ticks before tick 0, numbered from -1 down, whose reactions would begin after tick 0. The reaction to the
+    /// earliest of them begins in step 1.
     static int early_ticks(const Timing& timing) { return (timing.latency + timing.period - 1) / timing.period; }
-    /// The step in which the reaction to a tick begins.
+    /// Step in which the reaction to a tick begins.
     static int reaction_step(int tick, const Timing& timing) {
         return std::max(1, tick * timing.period + 1 + timing.latency);
     }
 
     int dof = 0, free_count = 0;
     int ticks = 0;
-    std::array<double, max_joints> q{};  ///< joint positions it starts in [rad or m]; held joints keep theirs
+    std::array<double, max_joints> q{};  ///< joint positions at the start [rad or m]; held joints keep theirs
     std::vector<double> s;               ///< distance along the normal after step i; s[0] = 0 [m]
     std::vector<double> torque_per_N;    ///< [tick][dof]: J_v' n at the tick
-    std::vector<double> reaction_state;  ///< [tick][free]: q then qd at the step in which the reaction would begin
-    std::vector<double> early_state;     ///< the same, of ticks before the first, with one that begins in step 1
+    std::vector<double> reaction_state;  ///< [tick][free]: q, then qd, where the reaction to the tick would begin
+    std::vector<double> early_state;     ///< the same for the ticks before tick 0, the earliest first
     Vector3 start{}, normal{};  ///< of the contact point [m]; unit vector into the body; both in the base frame
-    Vector3 velocity{};         ///< asked of the tip, base frame [m/s]
-    double approach_speed = 0;  ///< of the point along the normal when the motion has its full speed [m/s]
+    Vector3 velocity{};         ///< wanted velocity of the tip, base frame [m/s]
+    double approach_speed = 0;  ///< of the contact point along the normal at the full speed of the motion [m/s]
     PathEnd end = PathEnd::motion_end;
-    int end_joint = -1;             ///< the joint that would pass its limit, from 0; -1: none would
-    int cut_step = -1;              ///< the step after which the arm brakes, as it cannot follow the line; -1: it can
-    std::vector<double> braking;    ///< distance after each step since then, until the arm stands [m]
+    int end_joint = -1;             ///< the joint that would exceed its position limit, from 0; -1: none
+    int cut_step = -1;              ///< the step after which the arm brakes because it cannot follow the line; -1: none
+    std::vector<double> braking;    ///< distance after each step since `cut_step`, until the arm stands [m]
     bool velocity_limited = false;  ///< a joint-velocity limit slowed the motion somewhere
-    bool met_singularity = false;   ///< of a path traced loosely: one was near somewhere on its way
-    bool singular_start = false;    ///< the rates of the start mean nothing, and so does the path
+    bool met_singularity = false;   ///< a singularity was near somewhere on the path
+    bool singular_start = false;    ///< the start is singular: its rates and the path are not valid
 
-    /// The arm has come to rest where the path ends: an undetected contact presses no harder after that.
+    /// The arm is at rest where the path ends, so that the force of an undetected contact does not grow after it.
     bool rests() const { return end == PathEnd::joint_limit || end == PathEnd::singularity; }
-    /// The farthest that the undisturbed motion gets by step `last`, or by its end, braking included [m].
+    /// Greatest distance of the undisturbed motion up to step `last`, or up to its end with braking [m].
     double max_distance(std::size_t last) const {
         if (ticks == 0) return 0;
         return std::max(*std::max_element(s.begin(), s.begin() + std::ptrdiff_t(std::min(last, s.size() - 1)) + 1),
                         max_braking_distance());
     }
-    /// The first so many ticks have reactions that begin.
+    /// Number of ticks whose reactions begin on the line.
     int known_reactions() const { return std::min(ticks, int(reaction_state.size() / (2 * std::size_t(free_count)))); }
-    /// So many ticks before the first have; the earliest is the first of them.
+    /// The same of the ticks before tick 0, counted from the earliest.
     int known_early_reactions() const { return int(early_state.size() / (2 * std::size_t(free_count))); }
-    /// The last tick up to one whose reaction begins on the line; before the earliest of all if none does.
+    /// The last tick not after `tick` whose reaction begins on the line; one before the earliest if there is none.
     int last_with_reaction(int tick, const Timing& timing) const {
         return tick >= 0 && known_reactions() > 0 ? std::min(tick, known_reactions() - 1)
                                                   : std::min(tick, known_early_reactions() - early_ticks(timing) - 1);
     }
-    /// Distance at tick k, of which there is one every `period` steps [m].
+    /// Distance at tick k; ticks are `period` steps apart [m].
     double at_tick(int k, int period) const { return s[std::size_t(k) * period + 1]; }
-    /// Positions, then rates, of the free joints where the reaction to a tick begins; ticks before the first count from -1 down.
+    /// Positions, then rates, of the free joints where the reaction to a tick begins, ticks before tick 0 included.
     const double* state_at(int tick, const Timing& timing) const {
         const std::size_t n = 2 * std::size_t(free_count);
         return tick >= 0 ? &reaction_state[std::size_t(tick) * n]
                          : &early_state[std::size_t(early_ticks(timing) + tick) * n];
     }
-    /// The step in which a motion ends in which nothing is detected: the line goes on for a latency beyond its end, for
-    /// the reactions. At a joint limit or a singularity the arm then brakes.
+    /// Last step of the undetected motion. The line itself continues for a latency beyond it, where reactions begin.
     std::size_t end_step(const Timing& timing) const { return std::min(s.size() - 1, std::size_t(timing.steps)); }
-    /// Whether that motion ends with the arm braking.
-    bool brakes() const { return !braking.empty() && (end == PathEnd::joint_limit || end == PathEnd::singularity); }
-    /// The farthest it gets while it brakes [m]; where it does not, below every distance.
+    /// The undetected motion ends with the arm braking.
+    bool brakes() const { return !braking.empty() && rests(); }
+    /// Greatest distance while the arm brakes; -infinity where it does not [m].
     double max_braking_distance() const {
         return brakes() ? *std::max_element(braking.begin(), braking.end()) : -std::numeric_limits<double>::infinity();
     }
 };
 
-/// Where lines begin, one in each lane.
+/// The starts of lines, one in each lane.
 template <class T>
 struct LineStart {
     ArmState<T> state;
@@ -99,7 +99,7 @@ struct LineStart {
     Point3<T> point_velocity;  ///< of the contact point at full speed [m/s]
 };
 
-/// Begins the lines, and paths[0..count) with what is known of them.
+/// Computes the starts of lines and resets paths[0..count) to them.
 template <class T>
 LineStart<T> begin_line(const CollisionSetup& setup, const T* q, const Point3<T>& velocity, LinePath* paths,
                         int count) {
@@ -118,15 +118,14 @@ LineStart<T> begin_line(const CollisionSetup& setup, const T* q, const Point3<T>
     T rate[max_joints];
     for (int j = 0; j < chain.dof; ++j) rate[j] = 0.0;
     for (int f = 0; f < motion.free_count; ++f) rate[motion.free_joint[f]] = line.rates.free[f];
-    const Point3<T> drift = point_velocity(chain, line.posture, contact.point.link, line.point, rate);
-    line.point_velocity = drift;
+    line.point_velocity = point_velocity(chain, line.posture, contact.point.link, line.point, rate);
     line.normal = point3<T>(contact.normal);
     if (contact.along_motion) {
-        const T inverse = 1.0 / max(sqrt(dot(drift, drift)), T(1e-200));
-        line.normal = inverse * drift;
+        const T speed = sqrt(dot(line.point_velocity, line.point_velocity));
+        line.normal = (1.0 / max(speed, T(1e-200))) * line.point_velocity;
     }
     if (!setup.timing.from_rest) std::copy_n(rate, chain.dof, line.state.qd);
-    const T approach = dot(drift, line.normal);
+    const T approach = dot(line.point_velocity, line.normal);
     for (int lane = 0; lane < count; ++lane) {
         LinePath& path = paths[lane];
         path.dof = chain.dof;
@@ -154,7 +153,7 @@ LineStart<T> begin_line(const CollisionSetup& setup, const T* q, const Point3<T>
 
 namespace detail {
 
-/// To the nearest limit of a free joint, `q` by joint; negative beyond it.
+/// Distance of the free joints from their nearest position limit, negative beyond it; `q` by joint [rad or m].
 template <class T>
 T min_limit_margin(const MotionSettings& motion, const T* q) {
     T margin = 1.0;
@@ -165,8 +164,8 @@ T min_limit_margin(const MotionSettings& motion, const T* q) {
     return margin;
 }
 
-/// The distances between the last one and that a stride after it, by the cubic through the last three strides and
-/// this one.
+/// Appends the distances between the last one and `next`, which comes a stride after it, from the cubic through `next` and
+/// the ends of the three strides before.
 inline void fill_stride(std::vector<double>& path, int stride, double next) {
     const std::size_t end = path.size() - 1;
     const double y[4] = {path[end - 2 * stride], path[end - stride], path[end], next};

@@ -1,5 +1,5 @@
 /// @file
-/// Paths along lines, each traced with steps of its own length until a criterion ends it.
+/// Traces paths along lines with Adams steps of variable length until a criterion ends them.
 #pragma once
 
 #include <numeric>
@@ -11,7 +11,7 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// A line to follow.
 struct LineRequest {
-    const double* q = nullptr;  ///< joint positions it starts in [rad or m]
+    const double* q = nullptr;  ///< joint positions at the start [rad or m]
     Vector3 velocity{};         ///< of the tool, base frame [m/s]
 
     double speed() const {
@@ -19,7 +19,7 @@ struct LineRequest {
     }
 };
 
-/// Some of them in the lanes of a register; those beyond the last hold it once more.
+/// Requests in the lanes of a register; lanes beyond the last request repeat it.
 template <class T>
 struct LineBatch {
     T q[max_joints];
@@ -34,29 +34,29 @@ struct LineBatch {
     }
 };
 
-/// Ends no line before the motion ends.
+/// The criterion that never ends a line early.
 template <class T>
 struct NoCriterion {
     void observe(const T&, const T*) {}
     bool finished(int) { return false; }
 };
 
-/// How exactly lines are traced: how well changes of the rates must be known while the arm lags behind its line, and the
-/// rates themselves while it has those asked for, relative to the largest.
+/// Tolerances of a traced line: of the rate changes while the arm lags behind its line, and of the rates once it has the
+/// wanted ones, both relative to the largest.
 struct LineTolerance {
     double lag, rate;
 };
-/// For single distributions. Over a second at 1 rad/s the positions stay within 1e-10 rad of those of the controller's
-/// sub-steps.
+/// For single distributions. Over a second at 1 rad/s the positions stay within 1e-10 rad of those that the controller's
+/// sub-steps give.
 inline constexpr LineTolerance exact_line{1e-10, 1e-11};
 inline constexpr LineTolerance batch_line{3e-7, batch_rate_tolerance};
 
-/// Traces lines, one in each lane; a lane takes the next line as soon as it is done with one. Positions inside an Adams
-/// step are read from its polynomial, a register of moments of one lane at a time.
+/// Traces lines, one in each lane; a lane takes the next line as soon as its own is finished. Positions inside an Adams step
+/// come from its polynomial, evaluated for several steps of one lane at a time, one in each lane of a register.
 ///
-/// `Criterion` tells when a line needs no further tick. `observe(s, torque_per_N)` is given moments of the line, one in
-/// each lane, with their distances along the normal [m] and contact torques by joint [Nm/N or 1]. For each of them that
-/// is a tick, in order, `finished(moment)` is called then.
+/// `Criterion` tells when a line needs no further tick. `observe(s, torque_per_N)` gets steps of one line, one in each lane:
+/// distances along the normal [m] and contact torques by joint [Nm/N or 1]. Then `finished(lane)` is called for those of the
+/// steps that are ticks, in order.
 template <class T, class Criterion>
 class LineTracer {
     using Arm = ArmIntegrator<T>;
@@ -76,17 +76,17 @@ class LineTracer {
         begin(requests, paths, count);
         int busy = std::min(lanes, count), next = busy;
         for (int lane = 0; lane < lanes; ++lane) {
-            // Lanes without a line of their own stand where the last one began.
+            // Lanes without a line of their own hold the start of the last one.
             load(lane, requests, criteria, paths, std::min(lane, count - 1));
             if (lane >= count) lane_[lane].path = nullptr;
         }
         T max_step = 0.0, margin = 0.0;
-        auto look = [&] { margin = detail::min_limit_margin(motion_, arm_.state.q); };
+        auto observe = [&] { margin = detail::min_limit_margin(motion_, arm_.state.q); };
         auto rejected = [](const auto&, const T&) { return T(0.0) > T(1.0); };
         while (busy > 0) {
             allow_interruption();
-            for (int lane = 0; lane < lanes; ++lane) set_lane(max_step, lane, double(longest(lane)));
-            const T taken = arm_.step(max_step, look, rejected);
+            for (int lane = 0; lane < lanes; ++lane) set_lane(max_step, lane, double(max_substeps(lane)));
+            const T taken = arm_.step(max_step, observe, rejected);
             for (int lane = 0; lane < lanes; ++lane) {
                 Lane& at = lane_[lane];
                 if (at.path == nullptr || (at.begun && lane_of(taken, lane) == 0)) continue;
@@ -106,23 +106,23 @@ class LineTracer {
     static constexpr int min_smooth_strides = 3;
 
     struct Lane {
-        LinePath* path = nullptr;  ///< null: the lane is done
+        LinePath* path = nullptr;  ///< null: the lane is finished
         Criterion* criterion = nullptr;
-        int taken = 0;  ///< sub-steps
+        int taken = 0;  ///< sub-steps so far
         int last_step = 0;
-        bool begun = false;  ///< the arm has been looked at
+        bool begun = false;  ///< the start has been evaluated
         bool keep_every_step = false;
-        int smooth_from = 0;  ///< since this step the arm has followed its line, if it still does
+        int smooth_from = 0;  ///< since this step the arm has followed its line smoothly
         Point3<T> start, normal;
-        double q[max_joints];                            ///< where held joints stay
+        double q[max_joints];                            ///< start positions by joint: those of held joints stay
         double last_q[max_joints], last_qd[max_joints];  ///< of the free joints at the last step written
-        int next_step = 0;                               ///< none before it is still to be kept
-        int pending = 0;  ///< moments that wait to be written, until they fill a register
-        int step[lanes];  ///< of those
-        T pending_q[max_joints], pending_qd[max_joints];  ///< of the free joints then
+        int next_step = 0;                               ///< the first step that has not been recorded
+        int pending = 0;  ///< recorded steps that are not written yet: at most a register
+        int step[lanes];  ///< their numbers
+        T pending_q[max_joints], pending_qd[max_joints];  ///< of the free joints there
     };
 
-    /// Begins all paths, and keeps the rates they begin with.
+    /// Starts all paths, and stores the rates at their starts.
     void begin(const LineRequest* requests, LinePath* paths, int count) {
         first_rate_.resize(std::size_t(count) * chain_.dof);
         for (int first = 0; first < count; first += lanes) {
@@ -154,25 +154,25 @@ class LineTracer {
         std::copy_n(requests[i].q, chain_.dof, at.q);
     }
 
-    int longest(int lane) const {
+    int max_substeps(int lane) const {
         const Lane& at = lane_[lane];
         if (at.path == nullptr) return 0;
-        // Whether a singularity is met is asked where a step ends.
+        // Singularities are checked at the ends of simulation steps.
         if (lane_of(arm_.near_singular(), lane)) return motion_.substeps - at.taken % motion_.substeps;
         return std::min(max_line_adams_step, at.last_step * motion_.substeps - at.taken);
     }
 
-    /// The next step that a lane keeps, if it is none after `last`: the end of its next stride, where the distances
-    /// before it can be interpolated from it and the ends of the three strides before.
-    int next_kept(const Lane& at, int last) const {
+    /// The next step that a lane records, if it is not after `last`: the end of its next stride, where the distances within
+    /// the stride can be interpolated from the ends of this and the three strides before.
+    int next_recorded(const Lane& at, int last) const {
         const int step = at.next_step;
         if (at.keep_every_step || step <= 1 + 2 * stride_) return step;
-        // What lies in a stride is known while the arm's last Adams step is.
+        // Later the Adams step that covers the stride is lost, so a stride that is not complete is recorded step by step.
         const bool begins = (step - 2) % stride_ == 0, ends = step - 1 + stride_ <= last;
         return begins && ends && step - 1 - 2 * stride_ >= at.smooth_from ? step - 1 + stride_ : step;
     }
 
-    /// Keeps the moments a lane has passed, and writes them as soon as there are enough. False when its path is over.
+    /// Records the steps that a lane has just passed, and writes them once there are enough. False when its path is over.
     bool record_step(int lane, int taken, double margin) {
         Lane& at = lane_[lane];
         LinePath& path = *at.path;
@@ -181,12 +181,13 @@ class LineTracer {
         path.met_singularity = path.met_singularity || lane_of(arm_.near_singular(), lane);
         const bool singular = at.taken % motion_.substeps == 0 && arm_.singular(lane);
         const int last = at.taken / motion_.substeps;
-        // Where it will end is found step by step, and so that no step lies far behind, from well before on.
+        // The step in which the line ends is found step by step; recording every step begins well before it, so that the
+        // step before it is still within the last Adams step.
         at.keep_every_step = at.keep_every_step || lane_of(arm_.near_singular(), lane) || margin < 0.05;
-        // A stride is shorter than an Adams step where a cubic is enough for its inside.
+        // A cubic is accurate enough within a stride only where the Adams steps are several strides long.
         if (!arm_.smooth(lane) || taken < min_smooth_strides * stride_ * motion_.substeps) at.smooth_from = last + 1;
         int wanted[lanes], known = 0;
-        for (int step = next_kept(at, last); step <= last; step = next_kept(at, last)) {
+        for (int step = next_recorded(at, last); step <= last; step = next_recorded(at, last)) {
             wanted[known++] = step;
             at.next_step = step + 1;
             if (at.pending + known == lanes) {
@@ -205,7 +206,7 @@ class LineTracer {
         return at.path != nullptr;
     }
 
-    /// Where a lane was at these steps of its last Adams step, in order.
+    /// Records the states of a lane at these steps of its last Adams step, in order.
     void record(int lane, const int* steps, int count) {
         Lane& at = lane_[lane];
         if (count == 1 && steps[0] * motion_.substeps == at.taken) {
@@ -240,7 +241,7 @@ class LineTracer {
         }
     }
 
-    /// Writes the moments of a lane that wait. False when its path is over.
+    /// Writes the pending steps of a lane. False when its path is over.
     bool flush(int lane) {
         Lane& at = lane_[lane];
         const int count = at.pending, n = motion_.free_count;
@@ -265,8 +266,8 @@ class LineTracer {
             if (lane_of(margin, i) < 0) {
                 for (int f = 0; f < n; ++f) {
                     const int j = motion_.free_joint[f];
-                    const double place = lane_of(q[j], i);
-                    if (place < motion_.lower[j] || place > motion_.upper[j]) at.path->end_joint = j;
+                    const double position = lane_of(q[j], i);
+                    if (position < motion_.lower[j] || position > motion_.upper[j]) at.path->end_joint = j;
                 }
                 cut(lane, PathEnd::joint_limit, at.step[i]);
                 at.path = nullptr;
@@ -280,7 +281,7 @@ class LineTracer {
         return true;
     }
 
-    /// From the last step written on the arm of a lane brakes.
+    /// Ends the path of a lane at its last written step, from where the arm brakes.
     void cut(int lane, PathEnd why, int met_step) {
         const Lane& at = lane_[lane];
         double q[max_joints], qd[max_joints] = {};
@@ -306,7 +307,7 @@ class LineTracer {
         const bool tick = after_first >= 0 && after_first % timing_.period == 0 && after_first < timing_.steps;
         if (tick && path.end != PathEnd::all_detected) {
             ++path.ticks;
-            double* to = added(path.torque_per_N, chain_.dof);
+            double* to = append(path.torque_per_N, chain_.dof);
             for (int j = 0; j < chain_.dof; ++j) to[j] = lane_of(torque[j], i);
             if (at.criterion->finished(i)) {
                 path.end = PathEnd::all_detected;
@@ -316,14 +317,14 @@ class LineTracer {
         const int after_latency = after_first - timing_.latency;
         const bool due = after_first == 0 || (after_first > 0 && after_latency % timing_.period == 0);
         if (due && (after_latency < 0 || int(path.reaction_state.size()) < 2 * n * path.ticks)) {
-            double* to = added(after_latency < 0 ? path.early_state : path.reaction_state, 2 * n);
+            double* to = append(after_latency < 0 ? path.early_state : path.reaction_state, 2 * n);
             for (int f = 0; f < n; ++f) to[f] = at.last_q[f];
             for (int f = 0; f < n; ++f) to[n + f] = at.last_qd[f];
         }
     }
 
-    /// Where so many values more may be written.
-    static double* added(std::vector<double>& values, int count) {
+    /// Appends `count` values, to be written by the caller.
+    static double* append(std::vector<double>& values, int count) {
         values.resize(values.size() + std::size_t(count));
         return &values[values.size() - std::size_t(count)];
     }
@@ -333,7 +334,7 @@ class LineTracer {
     const Chain& chain_;
     const MotionSettings& motion_;
     const Timing& timing_;
-    const int stride_;  ///< steps between the moments a path keeps: ticks, and beginnings of reactions
+    const int stride_;  ///< steps between those a path must have: ticks, and beginnings of reactions
     Arm arm_;
     Lane lane_[lanes];
     std::vector<double> first_rate_;  ///< [line][dof]
