@@ -1,5 +1,5 @@
 /// @file
-/// The path the contact point still travels once the arm reacts.
+/// Simulates the reactions to ticks of a path.
 #pragma once
 
 #include "bumpstop/collision/motion/reaction_batch.hpp"
@@ -8,15 +8,14 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace detail {
 
-/// What the slowest joint needs to stop [s]. Schroeder (2013) counts from the detection on, with the rates the joints
-/// had then.
+/// Stopping time of the slowest joint [s], with the greatest rates between the detection and the beginning of the reaction:
+/// Schroeder (2013) counts from the detection on.
 inline double max_stop_time(const CollisionSetup& setup, const LinePath& path, int tick) {
     const MotionSettings& motion = setup.motion;
     const Timing& timing = setup.timing;
     const int n = motion.free_count;
     double longest = 0;
-    const int before = (timing.latency + timing.period - 1) / timing.period;
-    for (int k = std::max(std::min(tick, 0), tick - before); k <= tick; ++k) {
+    for (int k = std::max(std::min(tick, 0), tick - LinePath::early_ticks(timing)); k <= tick; ++k) {
         const double* rates = path.state_at(k, timing) + n;
         for (int f = 0; f < n; ++f)
             longest = std::max(longest, std::fabs(rates[f]) / motion.acceleration_limit[motion.free_joint[f]]);
@@ -24,7 +23,7 @@ inline double max_stop_time(const CollisionSetup& setup, const LinePath& path, i
     return longest;
 }
 
-/// Rates of the free joints where a job begins [rad/s or m/s]; its positions of all joints go into a lane of `q`.
+/// Writes the start positions of a job, by joint, into a lane of `q`. Returns the rates of its free joints [rad/s or m/s].
 template <class T>
 const double* load_start(const CollisionSetup& setup, const ReactionJob& job, int lane, T* q) {
     const int n = setup.motion.free_count;
@@ -36,8 +35,8 @@ const double* load_start(const CollisionSetup& setup, const ReactionJob& job, in
 
 }  // namespace detail
 
-/// Lets every lane take the next of the jobs as soon as it is done with one. What becomes of a job does not depend on
-/// the others.
+/// Simulates jobs, one in each lane; a lane takes the next job as soon as its own is finished. The result of a job does not
+/// depend on the others.
 template <class T>
 void simulate_reactions(const CollisionSetup& setup, ReactionJob* jobs, int count, ReactionDetail detail) {
     if (count == 0) return;
@@ -71,23 +70,23 @@ void simulate_reactions(const CollisionSetup& setup, ReactionJob* jobs, int coun
     };
     int next = std::min(count, lanes);
     for (int lane = 0; lane < lanes; ++lane) {
-        // Lanes without a job of their own stand where the first one began.
+        // Lanes without a job of their own hold the start of the first one.
         load(lane, jobs[lane < count ? lane : 0]);
         if (lane >= count) running.stop(lane);
     }
     T speed, distance;
-    auto look = [&] {
+    auto observe = [&] {
         const LinkPoint& point = setup.contact.point;
         const Point3<T> p = arm.posture.position(point);
         speed = dot(point_velocity(chain, arm.posture, point.link, p, arm.state.qd), normal);
         distance = dot(p - start, normal);
     };
-    auto rejected = [&](const MaskOf<T>& long_steps, const T& over) {
-        return running.rejected(long_steps, over, speed);
+    auto rejected = [&](const MaskOf<T>& long_steps, const T& count) {
+        return running.rejected(long_steps, count, speed);
     };
     while (!running.all_done()) {
         allow_interruption();
-        const T taken = arm.step(running.max_steps(), look, rejected);
+        const T taken = arm.step(running.max_steps(), observe, rejected);
         const MaskOf<T> finished = running.update({taken, distance, speed, arm.near_singular(), arm.reached()});
         arm.relax(running.relaxed(), ReactionBatch<T>::retreat_tolerance_scale);
         if (!any(finished)) continue;
@@ -104,7 +103,7 @@ void simulate_reactions(const CollisionSetup& setup, ReactionJob* jobs, int coun
     }
 }
 
-/// Follows once more, closely, those of the loose jobs that met a singularity and are `wanted(job)`.
+/// Simulates those jobs again with near_singular_tolerance that met a singularity with a wider one and are `wanted(job)`.
 template <class T, class Wanted>
 void refine_near_singularities(const CollisionSetup& setup, std::vector<ReactionJob>& jobs, ReactionDetail what,
                                Wanted wanted) {
@@ -122,13 +121,13 @@ void refine_near_singularities(const CollisionSetup& setup, std::vector<Reaction
     for (std::size_t i = 0; i < of.size(); ++i) jobs[of[i]] = std::move(again[i]);
 }
 
-/// Distances along the normal after every simulation step of the reactions to ticks of a path [m], each until back behind
-/// its `return_to` [m]. An arm whose reaction never begins is where it brakes at the end of its line.
+/// Distances along the normal after every simulation step of the reactions to ticks of a path [m], each until the point is
+/// behind its `return_to` [m]. Where a reaction does not begin before the line ends, they are those of braking there.
 template <class T>
 std::vector<std::vector<double>> reaction_distances(const CollisionSetup& setup, const LinePath& path,
                                                     const std::vector<int>& ticks,
                                                     const std::vector<double>& return_to) {
-    const int known = int(path.reaction_state.size() / (2 * std::size_t(path.free_count)));
+    const int known = path.known_reactions();
     std::vector<ReactionJob> jobs;
     for (std::size_t i = 0; i < ticks.size(); ++i) {
         if (ticks[i] >= known) continue;

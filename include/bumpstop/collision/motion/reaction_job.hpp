@@ -1,8 +1,7 @@
 /// @file
-/// A reaction to simulate, and what of it is wanted.
+/// A reaction to simulate, and which part of it is needed.
 #pragma once
 
-#include <limits>
 #include <vector>
 
 #include "bumpstop/collision/motion/arm_integrator.hpp"
@@ -10,35 +9,35 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// One reaction to simulate: that of `tick` on `path`. distance[i] is the distance along the normal step[i] simulation
-/// steps into the reaction; step[0] is 0, where it begins.
+/// The reaction to `tick` on `path`. Result: distance[i] is the distance along the normal after step[i] simulation steps of
+/// the reaction; step[0] = 0 is its beginning.
 struct ReactionJob {
     const LinePath* path;
-    int curve;                                                ///< number of the curve that the path belongs to
-    int tick;                                                 ///< that it reacts to; below 0: one before the first
-    std::vector<double> distance;                             ///< result [m]
-    std::vector<int> step;                                    ///< result
-    double tolerance = exact_tolerance;                       ///< as of ArmIntegrator::begin
-    double enough = std::numeric_limits<double>::infinity();  ///< nothing is asked beyond this distance [m]
-    double return_to = 0;          ///< distance [m] behind which a point that reverses is back
-    bool may_rebound = true;       ///< else the first retreat is accepted, whatever is near
-    bool rebounded = false;        ///< result: during its retreat the point came near its farthest again
-    bool met_singularity = false;  ///< result: a singularity was near somewhere on its way
+    int curve;                           ///< index of the curve that the path belongs to
+    int tick;                            ///< may be negative, see LinePath::early_ticks
+    std::vector<double> distance;        ///< result [m]
+    std::vector<int> step;               ///< result
+    double tolerance = exact_tolerance;  ///< as in ArmIntegrator::begin
+    double return_to = 0;                ///< a point that reverses is followed until behind this distance [m]
+    bool may_rebound = true;             ///< false: the first peak is accepted, even near a singularity
+    bool rebounded = false;              ///< result: while retreating the point came near its peak again
+    bool met_singularity = false;        ///< result: a singularity was near somewhere on the way
 };
 
-/// What of a reaction is wanted. `only_peak`: steps far from a farthest point may be missing, and a reaction that
-/// reverses ends once the point retreats for good: on the way back nothing brings it forward again unless a singularity
-/// was near, or the arm did not follow its line and swings on. Such an arm is followed until half again the time has
-/// passed that the slowest joint needs to stop, and 50 ms more: the length of a run after detection in Schroeder
-/// (2013); and to its first retreat, if that is later. `every_step`: all steps; one that reverses is followed for as
-/// long, and until the point is back behind `return_to`. If after that time it gets farther than ever before instead,
-/// it ends before that: no force counts that `only_peak` does not know. A reaction that stops is followed until it has.
+/// Which part of a reaction is needed.
+///
+/// `only_peak`: steps far from the peak may be missing, and a reaction that reverses ends once the point retreats for good.
+/// Nothing brings it forward again unless a singularity was near or the arm did not follow its line and swings on. Such an
+/// arm is followed for 1.5 times the stopping time of its slowest joint plus 50 ms, the length of a run after detection in
+/// Schroeder (2013), and at least to its first retreat.
+/// `every_step`: all steps. A reaction that reverses is followed for as long, and until the point is back behind `return_to`.
+/// If after that time it exceeds its peak instead, it ends before: no force may count that `only_peak` does not find.
+/// In both cases a reaction that stops is followed until the arm stands.
 enum class ReactionDetail { every_step, only_peak };
 
-/// Steps after which a reaction is left where it is: an arm that cannot reverse near a singularity must not run for
-/// ever. Any other is done long before. Its slowest joint stands after `stop_time` [s] and has reversed after twice
-/// that; it then goes back no farther than it came on its way of `path_steps`. `substeps` keeps controller sub-steps
-/// countable.
+/// Steps after which a reaction is ended in any case, because an arm near a singularity may never reverse. All others end
+/// long before: the slowest joint stands after `stop_time` [s], has reversed after twice that, and goes back no farther than
+/// it came in `path_steps`. The limit by `substeps` keeps the count of sub-steps within an int.
 inline int max_reaction_steps(double stop_time, std::size_t path_steps, double step, int substeps) {
     const double needed = std::min(4 * stop_time / step, 2e6) + 2 * double(path_steps);
     return int(std::min(std::max(needed, 20000.0), 2e9 / substeps));
