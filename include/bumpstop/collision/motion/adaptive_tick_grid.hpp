@@ -1,5 +1,5 @@
 /// @file
-/// The overtravels of a range of ticks, from reactions on a grid that is halved where it must be.
+/// The overtravels of a range of ticks, from reactions on a grid that is refined where interpolation is not accurate enough.
 #pragma once
 
 #include "bumpstop/collision/motion/overtravel_tolerance.hpp"
@@ -9,61 +9,59 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace detail {
 
-/// Ticks of one curve whose overtravel is found together.
+/// Ticks of one curve whose overtravels are found together.
 struct TickRange {
     int curve, first, last;
-    bool contains_switch = false;  ///< not to be interpolated
-    std::size_t job = 0;           ///< the first of its jobs
+    bool contains_switch = false;  ///< every tick is simulated
+    std::size_t job = 0;           ///< index of the first of its jobs
 
     int ticks() const { return last - first + 1; }
 };
 
-/// A range too rough for one polynomial: ticks simulated on a grid that is halved wherever the middle of two
-/// of its points is not where the six nearest points say. Nothing simulated is thrown away.
+/// A range that is too rough for one polynomial. Ticks on a grid are simulated, and the spacing is halved wherever the middle
+/// of two grid points differs from what the six nearest points predict. Every simulated tick is used.
 class AdaptiveTickGrid {
   public:
     AdaptiveTickGrid(const TickRange& range, const OvertravelTolerance& tolerance)
         : curve(range.curve), tolerance_(tolerance), first_(range.first), last_(range.last) {
-        known_.assign(std::size_t(range.ticks()), PeakFit{});
-        overtravel_.assign(known_.size(), -1.0);
-        rebounded_.assign(known_.size(), 0);
+        tick_.resize(std::size_t(range.ticks()));
         while (2 * spacing_ < range.ticks() / 5 && spacing_ < 64) spacing_ *= 2;
         for (int k = first_; k < last_; k += spacing_) intervals_.push_back(k);
-        for (int k : intervals_) requested.push_back(k);
+        requested = intervals_;
         requested.push_back(last_);
     }
 
     int curve;
     std::vector<int> requested;  ///< ticks to simulate before the next `take`
-    std::size_t job = 0;         ///< the first of their jobs
+    std::size_t job = 0;         ///< index of the first of their jobs
 
-    /// Takes the jobs of the requested ticks, accepts what is accurate enough and says what is requested next.
+    int first() const { return first_; }
+    int last() const { return last_; }
+    double overtravel_at(int k) const { return tick_[std::size_t(k - first_)].overtravel; }
+
+    /// Takes the results of the requested ticks, accepts intervals that are accurate enough and requests the next ticks.
     void take(const ReactionJob* jobs) {
-        std::vector<int> unsettled = std::move(too_short_);
-        too_short_.clear();
+        std::vector<int> unsettled = std::exchange(too_short_, {});
         for (std::size_t i = 0; i < requested.size(); ++i) {
             const int k = requested[i];
-            known_[std::size_t(k - first_)] = peak_fit(jobs[i]);
-            rebounded_[std::size_t(k - first_)] = jobs[i].rebounded;
-            overtravel_[std::size_t(k - first_)] = -1;  // what the points say without it
-            const double predicted = middles_ ? interpolate(k, 2 * spacing_) : 0;
-            const bool bent = !std::isnan(predicted);
-            const double difference =
-                (bent || !middles_ ? predicted : interpolate_linear(k)) - overtravel(jobs[i].distance);
-            overtravel_[std::size_t(k - first_)] = overtravel(jobs[i].distance);
+            // Predicted from the other ticks: k itself is not known yet.
+            at(k) = {peak_fit(jobs[i]), -1, jobs[i].rebounded};
+            const double from_peaks = middles_ ? interpolate(k, 2 * spacing_) : -1;
+            const bool smooth = from_peaks >= 0;
+            const double predicted = smooth ? from_peaks : middles_ ? interpolate_linear(k) : 0;
+            at(k).overtravel = overtravel(jobs[i].distance);
+            if (!middles_) continue;
+            const double difference = predicted - at(k).overtravel;
             const int low = k - spacing_, high = std::min(k + spacing_, last_);
-            // Where arms come back, which do hangs on little.
-            auto rebounded = [&](int tick) { return rebounded_[std::size_t(tick - first_)] != 0; };
-            const bool ill_conditioned = middles_ && (rebounded(low) || rebounded(k) || rebounded(high));
-            // With half the distance between points the error falls by 2^6, or by 2^2 where a straight line must do.
-            if (middles_ && !(ill_conditioned && tolerance_.matters(low, high)) &&
-                (bent || spacing_ <= tolerance_.max_linear()) &&
-                std::fabs(difference) <= (bent ? 8 : 1) * tolerance_.of(low, high) && accept(low, high, bent))
+            // Whether a reaction rebounds depends on small differences, so interpolation over such ticks is ill-conditioned.
+            const bool ill_conditioned = at(low).rebounded || at(k).rebounded || at(high).rebounded;
+            // At half the spacing the error is smaller by 2^6, and by 2^2 where the interpolation is linear.
+            if (!(ill_conditioned && tolerance_.matters(low, high)) &&
+                (smooth || spacing_ <= tolerance_.max_linear()) &&
+                std::fabs(difference) <= (smooth ? 8 : 1) * tolerance_.of(low, high) && accept(low, high, smooth))
                 continue;
-            if (middles_) {
-                unsettled.push_back(k - spacing_);
-                unsettled.push_back(k);
-            }
+            unsettled.push_back(k - spacing_);
+            unsettled.push_back(k);
         }
         if (!middles_) unsettled = intervals_;
         middles_ = true;
@@ -77,86 +75,85 @@ class AdaptiveTickGrid {
                     too_short_.push_back(k);
                 }
             }
-            if (!requested.empty()) break;
-            unsettled = std::move(too_short_);
-            too_short_.clear();
+            if (requested.empty()) unsettled = std::exchange(too_short_, {});
         }
     }
 
-    /// Fills in what was settled, once every point is known.
+    /// Interpolates the accepted ticks, once all requested ones are known.
     void finish() {
-        std::vector<double> filled = overtravel_;
-        for (const auto& [k, spacing] : settled_) {
-            const double bent = interpolate(k, spacing);
-            filled[std::size_t(k - first_)] = bent >= 0 ? bent : interpolate_linear(k);
+        std::vector<double> filled;
+        for (const auto& [k, spacing] : accepted_) {
+            const double from_peaks = interpolate(k, spacing);
+            filled.push_back(from_peaks >= 0 ? from_peaks : interpolate_linear(k));
         }
-        overtravel_ = filled;
+        for (std::size_t i = 0; i < filled.size(); ++i) at(accepted_[i].first).overtravel = filled[i];
     }
-
-    int first() const { return first_; }
-    const std::vector<double>& overtravels() const { return overtravel_; }
 
   private:
     static constexpr int max_points = 6;
 
-    /// The overtravel at tick k from the six known points nearest to it whose distance is `spacing`, without k.
+    struct Tick {
+        PeakFit peak{};
+        double overtravel = -1;  ///< negative: not known
+        bool rebounded = false;
+
+        bool known() const { return overtravel >= 0; }
+        bool has_peak() const { return peak.time >= 0; }
+    };
+
+    Tick& at(int k) { return tick_[std::size_t(k - first_)]; }
+    const Tick& at(int k) const { return tick_[std::size_t(k - first_)]; }
+
+    /// The overtravel at tick k from the peaks of the six nearest known ticks on the grid of this spacing, without k; negative
+    /// where there is none.
     double interpolate(int k, int spacing) const {
-        const double nan = std::numeric_limits<double>::quiet_NaN();
-        if (!(known_[std::size_t(neighbour(k, -1) - first_)].time >= 0) ||
-            !(known_[std::size_t(neighbour(k, 1) - first_)].time >= 0))
-            return nan;  // beyond the peaks: points on one side would have to be extrapolated
-        std::vector<int> point;
+        // Beyond the ticks with a peak the points on one side would have to be extrapolated.
+        if (!at(neighbour(k, -1)).has_peak() || !at(neighbour(k, 1)).has_peak()) return -1;
+        std::vector<int> ticks;
         const int base = first_ + (k - first_) / spacing * spacing;
-        for (int reach = 0; reach < max_points && int(point.size()) < max_points; ++reach) {
-            for (int at : {base - reach * spacing, base + (reach + 1) * spacing}) {
-                if (at < first_ || at > last_ || at == k || int(point.size()) == max_points) continue;
-                if (overtravel_[std::size_t(at - first_)] >= 0 && known_[std::size_t(at - first_)].time >= 0)
-                    point.push_back(at);
+        for (int reach = 0; reach < max_points && int(ticks.size()) < max_points; ++reach) {
+            for (int near : {base - reach * spacing, base + (reach + 1) * spacing}) {
+                if (near < first_ || near > last_ || near == k || int(ticks.size()) == max_points) continue;
+                if (at(near).known() && at(near).has_peak()) ticks.push_back(near);
             }
         }
-        if (point.size() < 4) return nan;
-        std::sort(point.begin(), point.end());
-        double weight[max_points];
-        Interpolation(point).weights(double(k), weight);
-        PeakFit sum{0, 0, 0, 0};
-        for (std::size_t m = 0; m < point.size(); ++m) sum.add(weight[m], known_[std::size_t(point[m] - first_)]);
-        return sum.time >= 0 ? sum.at_steps() : nan;
+        if (ticks.size() < 4) return -1;
+        std::sort(ticks.begin(), ticks.end());
+        std::vector<PeakFit> peaks;
+        for (int tick : ticks) peaks.push_back(at(tick).peak);
+        return OvertravelInterpolation(std::move(ticks), std::move(peaks)).at(double(k));
     }
 
-    /// The overtravel at tick k on the straight line between its known neighbours: where the point retreats from the
-    /// first, and there is no peak to interpolate.
+    /// The overtravel at tick k on the straight line between its known neighbours. It serves where a reaction retreats from
+    /// its first step on, so that there is no peak to interpolate.
     double interpolate_linear(int k) const {
         const int low = neighbour(k, -1), high = neighbour(k, 1);
-        const double left = overtravel_[std::size_t(low - first_)], right = overtravel_[std::size_t(high - first_)];
+        const double left = overtravel_at(low), right = overtravel_at(high);
         return left + (right - left) * (k - low) / (high - low);
     }
     /// The nearest tick whose overtravel is known, in steps of 1 or -1.
     int neighbour(int k, int step) const {
         do k += step;
-        while (overtravel_[std::size_t(k - first_)] < 0);
+        while (!at(k).known());
         return k;
     }
 
-    /// Leaves the ticks between two points to interpolation, where the same serves them all.
-    bool accept(int low, int high, bool bent) {
-        for (int k = low + 1; bent && k < high; ++k) {
-            if (overtravel_[std::size_t(k - first_)] < 0 && !(interpolate(k, spacing_) >= 0)) return false;
-        }
-        for (int k = low + 1; k < high; ++k) {
-            if (overtravel_[std::size_t(k - first_)] < 0) settled_.push_back({k, spacing_});
-        }
+    /// Leaves the ticks between two points to interpolation, where the same kind is possible at all of them.
+    bool accept(int low, int high, bool smooth) {
+        for (int k = low + 1; smooth && k < high; ++k)
+            if (!at(k).known() && interpolate(k, spacing_) < 0) return false;
+        for (int k = low + 1; k < high; ++k)
+            if (!at(k).known()) accepted_.push_back({k, spacing_});
         return true;
     }
 
     OvertravelTolerance tolerance_;
     int first_, last_, spacing_ = 1;
-    bool middles_ = false;  ///< the first round asks for the grid itself
+    bool middles_ = false;  ///< the requested ticks are middles of intervals; in the first round they are the grid
     std::vector<int> intervals_;
-    std::vector<int> too_short_;  ///< points before the end that have no middle yet, at the spacing there is
-    std::vector<PeakFit> known_;
-    std::vector<double> overtravel_;  ///< negative: not known
-    std::vector<char> rebounded_;     ///< by tick
-    std::vector<std::pair<int, int>> settled_;
+    std::vector<int> too_short_;  ///< last intervals that have no middle at this spacing yet, by their first tick
+    std::vector<Tick> tick_;
+    std::vector<std::pair<int, int>> accepted_;  ///< ticks to interpolate, with the spacing of the grid around them
 };
 
 }  // namespace detail

@@ -1,5 +1,5 @@
 /// @file
-/// How well the farthest points of stopping paths must be known.
+/// How accurately the overtravels of a stopping curve must be known.
 #pragma once
 
 #include <algorithm>
@@ -8,50 +8,49 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Interpolated ticks may be wrong by this much at the ticks that are checked [m]. 1e-9 m is the
-/// accuracy that a force distribution asks for.
+/// Largest error of interpolated overtravels at the ticks that are checked [m]. A force distribution needs 1e-9 m.
 inline constexpr double min_overtravel_tolerance = 5e-10;
-/// Where a distribution says how probable a detection at a tick is at most, this divided by that is enough, if it is
-/// more, and never more than `max_overtravel_tolerance` [m]. `make validate` (batches) tells how accurate distributions
-/// are with it.
+/// Where an upper bound of the detection probability at a tick is known, the tolerance is this divided by that bound, between
+/// the least and the greatest tolerance [m]. `make validate` (batches) shows how accurate distributions are with it.
 inline constexpr double negligible_overtravel = 1e-10;
 inline constexpr double max_overtravel_tolerance = 1e-3;
-/// A tick less probable than this need not be simulated because a switching point is near: the grid finds what matters
-/// of it.
+/// Near a switching point every tick is simulated, unless all are less probable than this: there the adaptive grid suffices.
 inline constexpr double switch_probability = 1e-5;
 
-/// An arm that reacts to a tick less probable than this is not followed to its retreat. A path has some 1000 ticks:
-/// what they could change of an exceedance is 1e-5 at most.
+/// A reaction to a tick less probable than this ends with its first retreat, even where the arm might swing forward again. A
+/// path has some 1000 ticks, so together they change an exceedance probability by 1e-5 at most.
 inline constexpr double negligible_detection_probability = 1e-8;
 
-/// Near a singularity the error of an Adams step grows by orders of magnitude, and a loose one may miss that the arm
-/// swings forward again: so reactions to ticks more probable than this are followed closely there.
+/// Near a singularity the error of an Adams step grows by orders of magnitude, and with a wide tolerance the arm's swing
+/// forward may be missed. So reactions to ticks more probable than this are simulated again with a narrow one.
 inline constexpr double singular_probability = 1e-5;
 
-/// How well the overtravel of every tick must be known. Without probabilities: all equally well.
+/// How accurately the overtravel of every tick must be known. Without probabilities all ticks count equally.
 struct OvertravelTolerance {
-    const double* probability = nullptr;  ///< by tick, at most, of a detection there
+    const double* probability = nullptr;  ///< upper bounds of the detection probability, by tick
 
+    /// Tolerance of the ticks from `first` to `last` [m].
     double of(int first, int last) const {
         if (probability == nullptr) return min_overtravel_tolerance;
         const double most = *std::max_element(probability + first, probability + last + 1);
         return std::clamp(negligible_overtravel / most, min_overtravel_tolerance, max_overtravel_tolerance);
     }
-    /// How well the reactions must be known that it is found from.
+    /// Tolerance of the Adams steps of a simulated reaction.
     double of_reaction(int tick) const {
         return probability == nullptr ? exact_tolerance
                                       : std::clamp(300 * of(tick, tick), batch_tolerance, max_batch_tolerance);
     }
-    /// Whether an arm that may swing forward again near a singularity is followed until it cannot.
+    /// Whether an arm that may swing forward again near a singularity is followed until it no longer can.
     bool follows(int tick) const {
         return probability == nullptr || probability[tick] > negligible_detection_probability;
     }
-    /// Whether a reaction that met a singularity is followed once more, closely. Ticks before the first always are.
+    /// Whether a reaction that met a singularity is simulated again. Those to ticks before tick 0 always are.
     bool refines_near_singular(int tick) const {
         return probability == nullptr || tick < 0 || probability[tick] > singular_probability;
     }
-    /// To either side of a tick without a peak, how far others may lie on straight lines.
+    /// Largest distance of ticks between which overtravels without a peak are interpolated linearly.
     int max_linear() const { return probability == nullptr ? 0 : 8; }
+    /// Whether a detection at one of the ticks from `first` to `last` is likely enough to matter near a switching point.
     bool matters(int first, int last) const {
         return probability == nullptr ||
                *std::max_element(probability + first, probability + last + 1) > switch_probability;

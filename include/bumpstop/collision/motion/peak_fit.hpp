@@ -1,5 +1,5 @@
 /// @file
-/// Where a reaction takes the contact point farthest, as a smooth function of the tick it begins at.
+/// The peaks of reactions, which are smooth functions of the tick they react to, and their interpolation over the ticks.
 #pragma once
 
 #include <algorithm>
@@ -13,18 +13,18 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace detail {
 
-/// Distance still travelled after the reaction began: the greatest at a simulation step.
+/// Distance travelled after the reaction began: the greatest at a simulation step.
 inline double overtravel(const std::vector<double>& distance) {
     return *std::max_element(distance.begin(), distance.end()) - distance[0];
 }
 
-/// The overtravel near its greatest value as a cubic in time, about the peak: value + second/2 d^2 + third/6 d^3, where
-/// d is the time since `time`, both in simulation steps.
+/// The travel of a reaction near its peak as a cubic in time: value + second/2 d^2 + third/6 d^3, where d is the time since
+/// the peak at `time`, both in simulation steps.
 template <class T>
 struct PeakFitOf {
     T time, value, second, third;
 
-    /// Adds the share of another fit.
+    /// Adds `weight` times another fit.
     void add(const T& weight, const PeakFitOf<double>& fit) {
         time += weight * fit.time;
         value += weight * fit.value;
@@ -32,7 +32,7 @@ struct PeakFitOf {
         third += weight * fit.third;
     }
 
-    /// The greatest value at a whole step.
+    /// The greatest travel at a whole step: the overtravel.
     T at_steps() const {
         const T below = max(T(0.0), floor(time));
         return max(T(0.0), max(at(below - time), at(below + 1.0 - time)));
@@ -43,8 +43,7 @@ struct PeakFitOf {
 };
 using PeakFit = PeakFitOf<double>;
 
-/// A fit of the peak of a reaction's travel, from four steps in a row about it; NaN where there is none, because the
-/// travel has no interior maximum.
+/// Fits the peak of a reaction from four consecutive steps around it; NaN where the travel has no interior maximum.
 inline PeakFit peak_fit(const ReactionJob& job) {
     const std::vector<double>& distance = job.distance;
     const double nan = std::numeric_limits<double>::quiet_NaN();
@@ -75,18 +74,14 @@ inline PeakFit peak_fit(const ReactionJob& job) {
     return {job.step[first] + x, value, second, 6.0 * c3};
 }
 
-/// The overtravel at tick k from reactions simulated at a few ticks. Its greatest value over the simulation steps
-/// is not smooth in the tick, as the steps fall differently about the peak; the peak is.
+/// Overtravels between ticks whose reactions are simulated. The peak fits are interpolated, not the overtravels: these are
+/// taken at simulation steps, which lie differently about the peak for every tick, so they are not smooth.
 class OvertravelInterpolation {
   public:
-    /// Through the jobs, whose peaks are given, but number `without`, if it is not below zero.
-    OvertravelInterpolation(const ReactionJob* jobs, const PeakFit* peaks, int count, int without = -1)
-        : interpolation_(ticks_of(jobs, count, without)) {
-        for (int m = 0; m < count; ++m) {
-            if (m != without) peak_.push_back(peaks[m]);
-        }
-    }
-    /// Negative where there is none.
+    OvertravelInterpolation(std::vector<int> ticks, std::vector<PeakFit> peaks)
+        : interpolation_(std::move(ticks)), peak_(std::move(peaks)) {}
+
+    /// The overtravel at tick k; negative where no peak lies after the beginning of the reaction.
     template <class T>
     T at(T k) const {
         T weight[16];
@@ -97,14 +92,6 @@ class OvertravelInterpolation {
     }
 
   private:
-    static std::vector<int> ticks_of(const ReactionJob* jobs, int count, int without) {
-        std::vector<int> ticks;
-        for (int m = 0; m < count; ++m) {
-            if (m != without) ticks.push_back(jobs[m].tick);
-        }
-        return ticks;
-    }
-
     Interpolation interpolation_;
     std::vector<PeakFit> peak_;
 };

@@ -1,6 +1,6 @@
 /// @file
-/// The stopping curve: at every feedback tick, where the contact point is and the farthest it still gets if
-/// the reaction begins there.
+/// The stopping curve: for every feedback tick, where the contact point is, and how far it gets if the arm reacts to that
+/// tick.
 #pragma once
 
 #include "bumpstop/collision/motion/adaptive_tick_grid.hpp"
@@ -10,13 +10,12 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 struct StoppingCurve {
     LinePath path;
-    std::vector<double> max_distance;  ///< by tick: greatest distance along the normal from that tick on [m]
+    std::vector<double> max_distance;  ///< stopping distance by tick: the greatest along the normal from it on [m]
 };
 
 namespace detail {
 
-/// The joint that limits the deceleration at a tick: the one farthest from standstill in units of its own
-/// limit. `inverse_limit`: by free joint.
+/// The joint that limits the deceleration at a tick: the one with the longest stopping time. `inverse_limit`: by free joint.
 inline int limiting_joint(const MotionSettings& motion, const double* inverse_limit, const LinePath& path, int k) {
     const double* qd = &path.reaction_state[(std::size_t(2) * k + 1) * motion.free_count];
     int limiting = 0;
@@ -31,17 +30,17 @@ inline int limiting_joint(const MotionSettings& motion, const double* inverse_li
     return limiting;
 }
 
-/// The farthest that an arm gets which goes on from a step of its line to where it brakes, and brakes.
-inline double max_distance_on_line(const LinePath& path, std::vector<double>::const_iterator from) {
-    const double line = *std::max_element(from, path.s.end());
-    return path.braking.empty() ? line : std::max(line, *std::max_element(path.braking.begin(), path.braking.end()));
+/// Greatest distance from `step` on of an arm that continues on its line and brakes at its end.
+inline double max_distance_on_line(const LinePath& path, int step) {
+    double most = *std::max_element(path.s.begin() + step, path.s.end());
+    for (double distance : path.braking) most = std::max(most, distance);
+    return most;
 }
 
-/// Reactions before that to the first tick that are looked at, of those a latency leaves room for.
+/// Largest number of simulated reactions that begin before that to tick 0.
 inline constexpr int max_early_reactions = 16;
 
-/// The ticks before the first, from -1 down, whose reactions are looked at: a few evenly spaced, the earliest among
-/// them.
+/// The ticks before tick 0 whose reactions are simulated: evenly spaced, the earliest and the latest among them.
 inline std::vector<int> early_ticks(const CollisionSetup& setup, const LinePath& path) {
     const int lead = LinePath::early_ticks(setup.timing);
     const int known = path.known_early_reactions();
@@ -52,11 +51,11 @@ inline std::vector<int> early_ticks(const CollisionSetup& setup, const LinePath&
     return ticks;
 }
 
-/// Farthest points of reactions, by the step they begin in, in order.
+/// Greatest distances of reactions with the steps they begin in, in order.
 using Reach = std::vector<std::pair<int, double>>;
 
-/// Whether arms that react later always get farther, as far as `reach` and the curve say: then what happens between
-/// the steps looked at counts for nothing. Where the line is cut the last reactions are those of its last steps.
+/// Whether a later reaction always gets farther, as far as `reach` and the curve show: then no reaction that begins between
+/// them can get farther than its successor. Where the arm brakes at the end of its line this is not known.
 inline bool grows_with_latency(const Reach& reach, const StoppingCurve& curve) {
     if (!curve.path.braking.empty()) return false;
     const auto known = curve.max_distance.begin() + curve.path.known_reactions();
@@ -66,10 +65,10 @@ inline bool grows_with_latency(const Reach& reach, const StoppingCurve& curve) {
            (reach.empty() || known == curve.max_distance.begin() || reach.back().second <= curve.max_distance.front());
 }
 
-/// A latency is the longest that an arm takes to react: it may begin at any time up to then, and what takes it farthest
-/// counts. Near a singularity that may be to react sooner. So more latency makes no collision less severe. Where the
-/// line ends before the reaction is due, the arm brakes as it does without one. `reach`: of reactions to ticks below 0,
-/// or where `every_step` of those that begin in every step.
+/// The latency is an upper bound: the reaction may begin at any step up to it, and the one that gets farthest counts, which
+/// near a singularity may be an earlier one. So a longer latency never makes a collision less severe. Where the line ends
+/// before the reaction is due, the arm brakes as it does without a detection.
+/// `reach`: of reactions to ticks below 0, or, with `every_step`, of reactions that begin in every step.
 inline void widen_by_latency(const CollisionSetup& setup, Reach reach, bool every_step, StoppingCurve& curve) {
     const Timing& timing = setup.timing;
     if (timing.latency == 0) return;
@@ -77,13 +76,14 @@ inline void widen_by_latency(const CollisionSetup& setup, Reach reach, bool ever
     const int known = path.known_reactions();
     for (int k = 0; k < known && !every_step; ++k)
         reach.emplace_back(LinePath::reaction_step(k, timing), curve.max_distance[std::size_t(k)]);
-    std::size_t first = 0, next = 0;   // of those that begin at the tick or later; of those not looked at
-    std::vector<std::size_t> falling;  // among those looked at, each less far than the one before
-    std::size_t head = 0;              // the first of them that begins at the tick or later
+    // Sliding maximum over the reactions that begin from a tick on, up to the latency after it.
+    std::size_t first = 0, next = 0;   // the first that begins at the tick or later; the first not in the window yet
+    std::vector<std::size_t> falling;  // candidates for the maximum, by falling distance
+    std::size_t head = 0;              // the first candidate that begins at the tick or later
     for (int k = 0; k < path.ticks; ++k) {
         const int step = k * timing.period + 1;
         double& most = curve.max_distance[std::size_t(k)];
-        if (k >= known) most = max_distance_on_line(path, path.s.begin() + step);
+        if (k >= known) most = max_distance_on_line(path, step);
         while (first < reach.size() && reach[first].first < step) ++first;
         for (; next < reach.size() && reach[next].first <= step + timing.latency; ++next) {
             while (falling.size() > head && reach[falling.back()].second <= reach[next].second) falling.pop_back();
@@ -92,20 +92,20 @@ inline void widen_by_latency(const CollisionSetup& setup, Reach reach, bool ever
         while (head < falling.size() && falling[head] < first) ++head;
         if (head < falling.size()) most = std::max(most, reach[falling[head]].second);
         if (first == 0) continue;
-        if (first == reach.size()) {  // between the last of them and the end of the line
+        if (first == reach.size()) {  // after the last reaction
             most = std::max(most, reach.back().second);
             continue;
         }
-        // The reaction at once, between two.
+        // The reaction that begins at the tick itself, interpolated between two.
         const auto &before = reach[first - 1], &after = reach[first];
         const double share = double(step - before.first) / (after.first - before.first);
         most = std::max(most, before.second + share * (after.second - before.second));
     }
 }
 
-/// Where another joint takes over as the limiting one, the overtravel has a switching point. Reactions that begin up to
-/// an overtravel before it cross it on their way. So the ticks are cut there, and those crossing it stand by
-/// themselves.
+/// Where another joint becomes the limiting one, the overtravel has a switching point as a function of the tick. Reactions
+/// that begin up to a stopping time before it cross it on their way. So the ticks are split there, and those whose reactions
+/// cross it form a range of their own, in which every tick is simulated.
 inline void split_at_switches(const CollisionSetup& setup, const LinePath& path, int curve,
                               const OvertravelTolerance& tolerance, std::vector<TickRange>& ranges) {
     const MotionSettings& motion = setup.motion;
@@ -113,7 +113,7 @@ inline void split_at_switches(const CollisionSetup& setup, const LinePath& path,
     const int known = path.known_reactions();
     if (known == 0) return;
     if (motion.deceleration.law == DecelerationLaw::table || motion.deceleration.independent) {
-        // Every level of a table is a switching point, and so is every joint that stops before the others.
+        // Every grid value of a table is a switching point, and so is the stop of every joint.
         ranges.push_back({curve, 0, known - 1, true});
         return;
     }
@@ -140,13 +140,13 @@ inline void split_at_switches(const CollisionSetup& setup, const LinePath& path,
 }
 
 template <class T>
-Reach reach_of_every_step(const CollisionSetup& setup, const LinePath& path);
+Reach reach_of_every_step(const CollisionSetup& setup, const LinePath& path);  // it uses complete_curves
 
 }  // namespace detail
 
-/// Fills `max_distance` of `count` curves whose paths are traced. Reactions are simulated at a few ticks of each range and
-/// interpolated between; a range where the others say something else of one of them is simulated on a grid that is
-/// halved where it must be. `tolerance(i)` tells how well the ticks of curve i must be known.
+/// Computes `max_distance` of `count` curves whose paths are traced. In each range of ticks the reactions to a few are
+/// simulated and interpolated. Where leaving one of them out shows that this is not accurate enough, the range is simulated
+/// on an adaptive grid. `tolerance(i)` is the OvertravelTolerance of curve i.
 template <class T, class Tolerance>
 void complete_curves(const CollisionSetup& setup, StoppingCurve* curves, int count, Tolerance tolerance) {
     const Timing& timing = setup.timing;
@@ -193,14 +193,22 @@ void complete_curves(const CollisionSetup& setup, StoppingCurve* curves, int cou
             continue;
         }
         bool smooth = std::none_of(own, own + nodes, [](const ReactionJob& job) { return job.rebounded; });
-        detail::PeakFit peaks[nodes];
-        std::transform(own, own + nodes, peaks, detail::peak_fit);
+        std::vector<int> ticks;
+        std::vector<detail::PeakFit> peaks;
+        for (int i = 0; i < nodes; ++i) {
+            ticks.push_back(own[i].tick);
+            peaks.push_back(detail::peak_fit(own[i]));
+        }
         for (int i : {1, nodes / 2}) {  // near an end, and in the middle
-            const double difference = detail::OvertravelInterpolation(own, peaks, nodes, i).at(double(own[i].tick)) -
-                                      detail::overtravel(own[i].distance);
+            auto other_ticks = ticks;
+            auto other_peaks = peaks;
+            other_ticks.erase(other_ticks.begin() + i);
+            other_peaks.erase(other_peaks.begin() + i);
+            const detail::OvertravelInterpolation without(std::move(other_ticks), std::move(other_peaks));
+            const double difference = without.at(double(ticks[std::size_t(i)])) - detail::overtravel(own[i].distance);
             smooth = smooth && std::fabs(difference) <= tolerance(range.curve).of(range.first, range.last);
         }
-        const detail::OvertravelInterpolation overtravel(own, peaks, nodes);
+        const detail::OvertravelInterpolation overtravel(std::move(ticks), std::move(peaks));
         for (int first = range.first; smooth && first <= range.last; first += lanes) {
             T k;
             for (int lane = 0; lane < lanes; ++lane) set_lane(k, lane, double(first + lane));
@@ -228,19 +236,19 @@ void complete_curves(const CollisionSetup& setup, StoppingCurve* curves, int cou
     }
     for (detail::AdaptiveTickGrid& grid : rough) {
         grid.finish();
-        for (std::size_t i = 0; i < grid.overtravels().size(); ++i)
-            place(grid.curve, grid.first() + int(i), std::max(0.0, grid.overtravels()[i]));
+        for (int k = grid.first(); k <= grid.last(); ++k) place(grid.curve, k, std::max(0.0, grid.overtravel_at(k)));
     }
     jobs.clear();
     for (int c = 0; c < count; ++c) {
         if (curves[c].path.ticks == 0) continue;
-        // Known as well as the tick among those they may be to that matters most.
+        // A reaction to a tick before tick 0 stands for reactions to the first ticks: it gets the narrowest of their
+        // tolerances.
         const int last = std::min(LinePath::early_ticks(timing), curves[c].path.ticks - 1);
-        int matters = 0;
+        int narrowest = 0;
         for (int k = 1; k <= last; ++k)
-            if (tolerance(c).of(k, k) < tolerance(c).of(matters, matters)) matters = k;
+            if (tolerance(c).of(k, k) < tolerance(c).of(narrowest, narrowest)) narrowest = k;
         for (int k : detail::early_ticks(setup, curves[c].path)) {
-            add(c, matters);
+            add(c, narrowest);
             jobs.back().tick = k;
         }
     }
@@ -262,12 +270,7 @@ void complete_curves(const CollisionSetup& setup, StoppingCurve* curves, int cou
 
 namespace detail {
 
-/// All ticks are known equally well.
-struct EqualTolerance {
-    OvertravelTolerance operator()(int) const { return {}; }
-};
-
-/// Of a path that is traced once more, and looked at in every step.
+/// Traces a path again with a tick in every step and without latency, so that a reaction begins in every step.
 template <class T>
 Reach reach_of_every_step(const CollisionSetup& setup, const LinePath& path) {
     CollisionSetup every = setup;
@@ -276,7 +279,7 @@ Reach reach_of_every_step(const CollisionSetup& setup, const LinePath& path) {
     every.timing.steps = int(path.s.size()) - 1;
     StoppingCurve curve;
     curve.path = trace_line<T>(every, {path.q.data(), path.velocity}, NoCriterion<T>());
-    complete_curves<T>(every, &curve, 1, EqualTolerance{});
+    complete_curves<T>(every, &curve, 1, [](int) { return OvertravelTolerance{}; });
     Reach reach;
     for (int k = 0; k < curve.path.known_reactions(); ++k)
         reach.emplace_back(LinePath::reaction_step(k, every.timing), curve.max_distance[std::size_t(k)]);
