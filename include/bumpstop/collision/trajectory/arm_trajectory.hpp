@@ -1,6 +1,6 @@
 /// @file
-/// Motions given as joint trajectories. The arm follows them whatever it hits; once it reacts it slows down along their
-/// path. Contact may begin at any time on the way.
+/// Motions given as joint trajectories. The arm follows its trajectory whatever it hits; once it reacts it slows down along
+/// the path. Contact may begin at any time.
 #pragma once
 
 #include "bumpstop/collision/contact/contact_paths.hpp"
@@ -11,23 +11,25 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Everything about a trajectory that does not depend on when contact begins.
+/// Everything about a trajectory that does not depend on when contact begins: points, levers and reactions.
 class ArmTrajectory {
   public:
-    /// Of `setup` the line is not used: the motion is the spline, and as long.
+    /// The motion and its duration are those of the spline, not of the line in `setup`.
     ArmTrajectory(const CollisionSetup& setup, JointSpline spline) : setup_(setup), spline_(std::move(spline)) {
         steps_ = std::max(1, int(std::ceil(spline_.duration() / step() - 1e-9)));
         ticks_ = (steps_ - 1) / setup_.timing.period + 1;
         setup_.timing.steps = steps_;
         setup_.timing.from_rest = false;
+        setup_.motion.free_count = dof();  // every joint follows the spline
+        for (int j = 0; j < dof(); ++j) setup_.motion.free_joint[j] = j;
+        ArmState<double> state;
         Posture<double> posture;
-        double q[max_joints], first[max_joints], second[max_joints], stop_time = 0;
+        double second[max_joints], stop_time = 0;
         for (int i = 0; i <= steps_; ++i) {
             allow_interruption();
-            pose(i * step(), posture);
-            spline_.at(i * step(), q, first, second);
-            for (int j = 0; j < setup_.chain.dof; ++j)
-                stop_time = std::max(stop_time, std::fabs(first[j]) / setup_.motion.acceleration_limit[j]);
+            pose(i * step(), state, second, posture);
+            for (int j = 0; j < dof(); ++j)
+                stop_time = std::max(stop_time, std::fabs(state.qd[j]) / setup_.motion.acceleration_limit[j]);
             point_.push_back(posture.position(setup_.contact.point));
             if (i < 1 || (i - 1) % setup_.timing.period != 0) continue;
             for (int j = 0; j < setup_.chain.dof; ++j) {
@@ -36,7 +38,9 @@ class ArmTrajectory {
                                      : linear_column(setup_.chain, posture, point_.back(), j));
             }
         }
-        stop_time = std::max(stop_time, max_stop_time(stop_time));
+        const Deceleration& deceleration = setup_.motion.deceleration;
+        stop_time = std::max(stop_time, deceleration.time_to_stop(stop_time));
+        for (double time : deceleration.times.time) stop_time = std::max(stop_time, 2 * time);
         longest_ = max_reaction_steps(stop_time, point_.size(), step(), setup_.motion.substeps);
         for (int k = 0; k < ticks_; ++k) reaction_.push_back(react(k));
     }
@@ -47,17 +51,19 @@ class ArmTrajectory {
     double step() const { return setup_.motion.step; }
     double acceleration_overload() const { return acceleration_overload_; }
     const CollisionSetup& setup() const { return setup_; }
-    const std::vector<Point3<double>>& points() const { return point_; }
     const PathReaction& reaction(int tick) const { return reaction_[std::size_t(tick)]; }
     int first_step(int tick) const { return tick * setup_.timing.period + 1; }
 
+    /// Contact point at the place u of the path [s].
     Point3<double> point_at(double u) const {
+        ArmState<double> state;
         Posture<double> posture;
-        pose(u, posture);
+        double second[max_joints];
+        pose(u, state, second, posture);
         return posture.position(setup_.contact.point);
     }
 
-    /// The same from the points of four steps about it: to 1e-8 m where the acceleration does not jump.
+    /// The same by cubic interpolation between the simulation steps: within 1e-8 m where the acceleration does not jump.
     Point3<double> point_between(double u) const {
         const int i = int(std::floor(u / step()));
         if (i < 1 || i + 2 > steps_) return point_at(u);
@@ -67,17 +73,15 @@ class ArmTrajectory {
                (x * (1 + x) * (2 - x) / 2) * at[1] + (x * (x * x - 1) / 6) * at[2];
     }
 
-    /// How arm and body go on in every simulation step of a contact that begins at time `begin`; none where all that gives is
-    /// a clamped spring.
+    /// Propagates arm and body over a simulation step of a contact that begins at time `begin`; none where only a clamped
+    /// spring yields.
     std::optional<ContactPropagator> propagator(double begin, const Point3<double>& normal,
                                                 const Contact& contact) const {
         if (!setup_.arm) return propagator_of(contact.system(), step());
         ArmState<double> state;
         Posture<double> posture;
         double second[max_joints], torque_per_N[max_joints] = {}, rate_per_speed[max_joints];
-        spline_.at(begin, state.q, state.qd, second);
-        state.refresh_angles(setup_.chain);
-        forward_kinematics(setup_.chain, state.q, state.angle, posture);
+        pose(begin, state, second, posture);
         const Point3<double> point = posture.position(setup_.contact.point);
         double speed = 0;
         for (int j = 0; j <= setup_.contact.point.link && j < setup_.chain.dof; ++j) {
@@ -90,10 +94,10 @@ class ArmTrajectory {
             step());
     }
 
-    /// The stopping curve of a contact that begins at time `begin` on a plane across `normal`, from the trajectory's start
-    /// on, and for a latency beyond its end. Distances are those along the normal from the place of contact; none is above
-    /// zero before it. With a detector the curve ends where contact has been detected for certain, or a tick after a body of
-    /// a mass above zero [kg] has got away.
+    /// The stopping curve of a contact that begins at time `begin` on a plane across `normal`, from the start of the trajectory
+    /// to a latency beyond its end. Distances are along the normal from the place of contact, and not positive before contact.
+    /// With a detector the curve ends where contact has been detected with certainty, or one tick after a free body has
+    /// separated.
     StoppingCurve curve(double begin, const Point3<double>& normal, const GaussianThresholds* detector,
                         const Contact& contact, const ContactPropagator* by = nullptr) const {
         StoppingCurve curve;
@@ -105,21 +109,21 @@ class ArmTrajectory {
         path.s.reserve(std::size_t(steps_) + 1);
         GaussianThresholds nobody;
         SurvivalCriterion<double> criterion(setup_, detector ? *detector : nobody, contact.at_body());
-        // Where something gives way, only the collision itself says when it is detected, or arm and body part.
+        // Where arm or body yields, the collision is simulated to find when it is detected, or when arm and body separate.
         std::optional<ContactDynamics> dynamics;
         ContactState body;
         if (by != nullptr) dynamics.emplace(*by);
-        bool away = false;  // at the tick before
+        bool separated = false;  // at the tick before
         const std::size_t n = std::size_t(setup_.chain.dof);
         double greatest = 0;  // distance since contact began
         std::vector<double> torque(n);
-        const auto go_on_to = [&](int i, bool touched) {
+        const auto append_step = [&](int i, bool touched) {
             const double s = dot(point_[std::size_t(std::min(i, steps_))] - origin, normal);
             path.s.push_back(touched ? s : std::min(s, not_yet));
         };
         for (int i = 0; i <= steps_; ++i) {
             const bool touched = i * step() > begin;
-            go_on_to(i, touched);
+            append_step(i, touched);
             if (touched) greatest = std::max(greatest, path.s.back());
             if (dynamics && touched && i > 0) dynamics->step(body, path.s[std::size_t(i) - 1], path.s.back(), 0.0);
             if (i < 1 || (i - 1) % setup_.timing.period != 0) continue;
@@ -135,19 +139,19 @@ class ArmTrajectory {
                 criterion.observe(path.s.back(), torque.data());
             }
             const bool decided = criterion.finished(0);
-            if (detector && (by != nullptr && by->gets_away ? away : decided)) {
+            if (detector && (by != nullptr && by->gets_away ? separated : decided)) {
                 path.end = PathEnd::all_detected;
                 break;
             }
-            away = body.separated > 0.5;
+            separated = body.separated > 0.5;
         }
-        // For the reactions.
-        for (int n = 0; n < setup_.timing.latency; ++n) go_on_to(int(path.s.size()), true);
+        // Reactions begin up to a latency after the end.
+        for (int n = 0; n < setup_.timing.latency; ++n) append_step(int(path.s.size()), true);
         return curve;
     }
 
-    /// Distances after every simulation step of the reaction to a tick; one that reverses is followed until the arm is
-    /// back before the place where contact begins.
+    /// Distances after every simulation step of the reaction to a tick. A reaction that reverses is followed until the arm is
+    /// back before the place of contact.
     std::vector<double> reaction_distances(int tick, double begin, const Point3<double>& normal) const {
         const Point3<double> origin = point_at(begin);
         std::vector<double> distance;
@@ -166,7 +170,8 @@ class ArmTrajectory {
         return distance;
     }
 
-    /// What a body that can get away meets on such a curve: the reactions to all ticks whose path arrives, or to one.
+    /// Paths of such a curve for the collision with arm and body that yield: with the reactions to all ticks whose path reaches
+    /// the body, or to one tick.
     ContactPaths contact_paths(const StoppingCurve& curve, double begin, const Point3<double>& normal,
                                int only_tick = -1) const {
         ContactPaths paths(setup_, curve.path);
@@ -175,15 +180,14 @@ class ArmTrajectory {
                 paths.reaction[std::size_t(k)] = reaction_distances(k, begin, normal);
         }
         paths.find_max_distance();
-        // An arm whose reaction does not arrive need not be followed.
+        // Reactions that do not reach the body are left out.
         for (int k = 0; k < curve.path.ticks; ++k) {
             if (!(curve.max_distance[std::size_t(k)] > 0)) paths.max_distance[std::size_t(k)] = -HUGE_VAL;
         }
         return paths;
     }
 
-    /// Greatest distances in the first `first` seconds of contact, and after them, of the contact that is detected at a
-    /// tick.
+    /// Greatest distances in the first `first` seconds of contact and after them, in a collision detected at a tick.
     std::array<double, 2> phases(int tick, double begin, const Point3<double>& normal, double first) const {
         const Point3<double> origin = point_at(begin);
         std::array<double, 2> phase_max{0, 0};
@@ -203,7 +207,7 @@ class ArmTrajectory {
         return phase_max;
     }
 
-    /// From touch until the reversing arm is back where contact began [s]; NaN where it never arrives there.
+    /// Time from touch until the reversing arm is back where contact began [s]; NaN where it never arrives there.
     double contact_duration(int tick, double begin) const {
         const PathReaction& reaction = reaction_[std::size_t(tick)];
         const std::vector<double>& u = reaction.u;
@@ -218,14 +222,14 @@ class ArmTrajectory {
     }
 
   private:
-    /// The greatest distance before contact begins [m]: a path that passes its place earlier does not touch, not even by
-    /// rounding.
+    /// Upper bound of the distances before contact begins [m]: a path that passes the place of contact earlier does not touch,
+    /// not even by rounding.
     static constexpr double not_yet = -2 * separation_tolerance;
 
     double reaction_time(int tick) const { return (first_step(tick) + setup_.timing.latency) * step(); }
 
-    /// When contact begins in the case that is detected at a tick, and whose path arrives [s]: an arm that has slowed
-    /// down before arrives later.
+    /// When contact begins in a collision detected at a tick whose path reaches the body [s]: an arm that has slowed down
+    /// before, after a false alarm, arrives later than `begin`.
     double touch_time(int tick, double begin) const {
         const std::vector<double>& u = reaction_[std::size_t(tick)].u;
         for (std::size_t i = 1; begin > u[0] && i < u.size(); ++i) {
@@ -235,26 +239,34 @@ class ArmTrajectory {
         return begin;
     }
 
-    void pose(double u, Posture<double>& posture) const {
-        ArmState<double> state;
-        double second[max_joints];
+    /// Joint positions, their first two derivatives by u, and the posture at the place u of the path.
+    void pose(double u, ArmState<double>& state, double* second, Posture<double>& posture) const {
         spline_.at(u, state.q, state.qd, second);
         state.refresh_angles(setup_.chain);
         forward_kinematics(setup_.chain, state.q, state.angle, posture);
     }
 
-    /// One acceleration along the path a simulation step; speed and place follow in the controller's sub-steps.
+    /// Simulates a reaction along the path, where v = du/dt: one deceleration per simulation step, integrated in the
+    /// controller's sub-steps.
     PathReaction react(int tick) {
         const MotionSettings& motion = setup_.motion;
+        const Deceleration& deceleration = motion.deceleration;
         const double end = spline_.duration();
-        const double target = setup_.reaction == ReactionKind::reverse ? -1 : 0;
+        const bool reverses = setup_.reaction == ReactionKind::reverse;
+        const double target = reverses ? -1 : 0;
         PathReaction reaction;
         ArmState<double> state;
         Posture<double> posture;
         double second[max_joints];
         double u = std::min((first_step(tick) + setup_.timing.latency) * step(), end), v = 1;
         bool forward = true;
-        const Braking braking = braking_at(u);
+        spline_.at(u, state.q, state.qd, second);
+        const BrakeProfile profile = brake_profile(setup_.chain, motion, state.q, state.qd, reverses);
+        // A law that gives the stopping time gives the deceleration along the path, too. Otherwise the joints' limits do.
+        const bool timed =
+            !deceleration.constant() && deceleration.law != DecelerationLaw::ramp && profile.stop_time > 0;
+        const double slowdown = timed ? 1 / profile.stop_time : 0;                  // of v [1/s]
+        const double slowing = timed ? profile.stop_time / motion.substep() : 0.0;  // sub-steps
         for (int i = 0;; ++i) {
             allow_interruption();
             reaction.u.push_back(u);
@@ -268,64 +280,23 @@ class ArmTrajectory {
             if (v == target || i >= longest_) return reaction;
             forward = v > 0;
             const double substep = double(i) * motion.substeps;
-            double w = 0;
-            // A law that says how long the stop takes asks no joint.
-            if (!(braking.slowdown > 0 && substep + motion.substeps <= braking.slowing)) {
+            double at_limits = 0;
+            if (substep + motion.substeps > slowing) {
                 double acceleration_overload = 1;
-                w = max_deceleration(setup_.chain.dof, state.qd, second, motion.acceleration_limit.data(), v,
-                                     acceleration_overload);
+                at_limits = max_deceleration(dof(), state.qd, second, motion.acceleration_limit.data(), v,
+                                             acceleration_overload);
                 acceleration_overload_ = std::max(acceleration_overload_, acceleration_overload);
             }
             for (int sub = 0; sub < motion.substeps; ++sub) {
-                v = std::max(target, v + motion.substep() * braking.at(substep + sub, w));
+                const double w =
+                    substep + sub < slowing ? -slowdown : at_limits * profile.of(0, substep + sub);  // dv/dt
+                v = std::max(target, v + motion.substep() * w);
                 u = std::clamp(u + motion.substep() * v, 0.0, end);
             }
         }
     }
 
-    /// How the arm slows down along its path in one reaction.
-    struct Braking {
-        double slowing = std::numeric_limits<double>::infinity();  ///< sub-steps after which the limits themselves hold
-        double ramp = 0;      ///< sub-steps in which the acceleration along the path grows from nothing
-        double slowdown = 0;  ///< of u' while it slows down, where the law says it [1/s]
-
-        /// Acceleration of u in a sub-step, where the limits allow `allowed`.
-        double at(double substep, double allowed) const {
-            if (!(substep < slowing)) return allowed;
-            if (slowdown > 0) return -slowdown;
-            return ramp > 0 ? allowed * std::min(1.0, (substep + 0.5) / ramp) : allowed;
-        }
-    };
-
-    Braking braking_at(double u) const {
-        Braking braking;
-        const Deceleration& deceleration = setup_.motion.deceleration;
-        if (deceleration.constant()) return braking;
-        double q[max_joints], rate[max_joints], second[max_joints];
-        spline_.at(u, q, rate, second);
-        MotionSettings motion = setup_.motion;
-        motion.free_count = setup_.chain.dof;
-        for (int j = 0; j < setup_.chain.dof; ++j) motion.free_joint[j] = j;
-        const bool reverses = setup_.reaction == ReactionKind::reverse;
-        const BrakeProfile profile = brake_profile(setup_.chain, motion, q, rate, reverses);
-        braking.slowing = profile.slowing;
-        braking.ramp = profile.ramp;
-        if (deceleration.law != DecelerationLaw::ramp && profile.stop_time > 0) {
-            braking.slowdown = 1 / profile.stop_time;
-            braking.slowing = profile.stop_time / motion.substep();
-        }
-        return braking;
-    }
-
-    /// The longest that a stop may take whose joints would need `limit_time` at their limits [s].
-    double max_stop_time(double limit_time) const {
-        const Deceleration& deceleration = setup_.motion.deceleration;
-        double longest = deceleration.time_to_stop(limit_time);
-        for (double time : deceleration.times.time) longest = std::max(longest, 2 * time);
-        return longest;
-    }
-
-    /// The greatest distance at a step from tick k on. Where the arm reverses it passes all places since contact again.
+    /// The greatest distance at a step from tick k on. An arm that reverses passes all places since contact once more.
     double max_distance(int k, double begin, const Point3<double>& origin, const Point3<double>& normal,
                         double greatest) const {
         const PathReaction& reaction = reaction_[std::size_t(k)];
@@ -342,8 +313,8 @@ class ArmTrajectory {
     CollisionSetup setup_;
     JointSpline spline_;
     int steps_ = 0, ticks_ = 0;
-    int longest_ = 0;                    ///< steps after which a reaction is left where it is
-    double acceleration_overload_ = 1;   ///< of the path's own acceleration over the limits while braking
+    int longest_ = 0;                    ///< steps after which a reaction is ended in any case
+    double acceleration_overload_ = 1;   ///< largest of max_deceleration in the reactions
     std::vector<Point3<double>> point_;  ///< by step
     std::vector<Point3<double>> lever_;  ///< [tick][joint]: linear column of the Jacobian at the contact point
     std::vector<PathReaction> reaction_;

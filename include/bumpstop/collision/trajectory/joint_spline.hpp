@@ -10,8 +10,7 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Joint positions as cubics in time, piece by piece. The parameter of the path, u, is the time at which the undisturbed
-/// arm passes a place.
+/// Joint positions as piecewise cubics in u. The path parameter u is the time at which the undisturbed arm passes a place.
 struct JointSpline {
     int dof = 0;
     std::vector<double> time;         ///< ends of the pieces, from 0 on [s]
@@ -19,7 +18,7 @@ struct JointSpline {
 
     double duration() const { return time.back(); }
 
-    /// Position and its first two derivatives by u (dof each). An arm past the end stands still.
+    /// Positions and their first two derivatives by u (dof each). Past its end the arm stands still.
     void at(double u, double* q, double* first, double* second) const {
         const bool past = u >= duration();
         u = std::clamp(u, 0.0, duration());

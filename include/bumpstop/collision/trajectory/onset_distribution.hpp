@@ -7,30 +7,30 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Distance at tick k of a contact whose first tick is `first`: 0 where the point has fallen back, negative before contact.
+/// Compression of the body at tick k, where `first` is the first tick in contact: 0 where the point has moved back out,
+/// negative before contact [m].
 inline double compression_at(const LinePath& path, int k, int period, int first) {
     return k < first ? -1 : std::max(0.0, path.at_tick(k, period));
 }
 
-/// What happens at which tick to one contact.
+/// Outcomes of one contact by the tick of their detection.
 struct OnsetDistribution {
     struct Detection {
         int tick;
-        double probability, max_distance,
-            distance;  // distance at the tick, 0 behind the contact; negative: a false alarm
-        // Where something gives way [N, N, s, N].
-        double peak = 0, lasting = 0, duration = 0, force = 0;
+        double probability, max_distance;
+        double distance;  ///< compression at the tick; negative: a false alarm [m]
+        double peak = 0, lasting = 0, duration = 0, force = 0;  ///< where arm or body yields [N, N, s, N]
     };
     std::vector<Detection> detection;
     double false_alarm, undetected, no_contact, multi_joint;
-    double zero_force;           ///< false alarms whose stopping path does not arrive, and no contact
-    double undetected_distance;  ///< distance of the undisturbed motion from contact to its end
-    /// Where something gives way [N, N, s].
+    double zero_force;           ///< false alarms whose stopping path does not reach the body, and no contact
+    double undetected_distance;  ///< greatest compression by the undisturbed motion [m]
+    /// Where arm or body yields [N, N, s].
     double undetected_peak = 0, undetected_lasting = 0, undetected_duration = 0;
     std::array<double, max_joints> trigger;
 };
 
-/// When contacts begin, and against what.
+/// When contacts begin, and the normals of the surfaces hit.
 struct Onsets {
     std::size_t count = 0;
     const double* time = nullptr;    ///< [onset], since the start of the trajectory [s]
@@ -39,8 +39,8 @@ struct Onsets {
     Point3<double> normal_of(std::size_t i) const { return {normal[3 * i], normal[3 * i + 1], normal[3 * i + 2]}; }
 };
 
-/// The contact that begins at time `begin` on a plane across `normal`. `by`: what gives way, if
-/// anything does. `before`: the trajectory's ticks without contact.
+/// The outcomes of a contact that begins at time `begin` on a plane across `normal`. `by`: propagator of arm and body, null
+/// where only a clamped spring yields. `before`: false alarms of the trajectory without contact.
 template <class T>
 OnsetDistribution integrate_onset(const ArmTrajectory& trajectory, double begin, const Point3<double>& normal,
                                   const GaussianThresholds& detector, const Contact& contact,
@@ -96,7 +96,7 @@ OnsetDistribution integrate_onset(const ArmTrajectory& trajectory, double begin,
     }
     const EarlyReactions& pieces = found.early_reactions;
     for (std::size_t i = 0; i < pieces.pieces(); ++i) {
-        // All cells of a body at one place are alike.
+        // The body is at one offset, so all cells are equal.
         const ContactReactions::Outcome& edge = pieces.edge[i * (EarlyReactions::cells + 1)];
         out.detection.push_back({pieces.tick[i], pieces.mass[i * EarlyReactions::cells] * EarlyReactions::cells,
                                  curve.max_distance[std::size_t(pieces.tick[i])], -1, edge.peak, edge.lasting,
@@ -105,7 +105,7 @@ OnsetDistribution integrate_onset(const ArmTrajectory& trajectory, double begin,
     return out;
 }
 
-/// All of them, one after another.
+/// The same of all onsets.
 template <class T>
 std::vector<OnsetDistribution> integrate_onsets(const ArmTrajectory& trajectory, const Onsets& onsets,
                                                 const GaussianThresholds& detector, const Contact& contact) {

@@ -7,12 +7,11 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// As the runs of a line, one for each onset; distances are along the normal from the place of contact [m].
+/// Monte Carlo runs, one for each onset; distances are along the normal from the place of contact [m].
 struct OnsetRuns : MonteCarloRuns {
-    std::vector<double> max_distance;  ///< the farthest the arm gets once it reacts; zero when never detected
-    std::vector<double>
-        distance;  ///< at the tick of detection, 0 behind the contact; negative: never, or before contact
-    std::vector<double> undetected_distance;  ///< of the undisturbed motion, from contact to its end
+    std::vector<double> max_distance;         ///< greatest distance once the arm reacts; zero without a detection
+    std::vector<double> distance;             ///< compression at detection; negative: never, or before contact
+    std::vector<double> undetected_distance;  ///< greatest compression by the undisturbed motion
 
     OnsetRuns(const MonteCarloSettings& settings, int dof, bool gives_way)
         : MonteCarloRuns(settings, dof, gives_way),
@@ -21,7 +20,8 @@ struct OnsetRuns : MonteCarloRuns {
           undetected_distance(offset.size()) {}
 };
 
-/// Single collisions of a trajectory: run i begins at onset i. `record`: measured noise instead of Gaussian.
+/// Samples single collisions of a trajectory: in run i contact begins at onset i. `record`: measured residuals, null for
+/// Gaussian noise.
 struct OnsetSampler {
     const ArmTrajectory& trajectory;
     const Onsets& onsets;
@@ -36,10 +36,10 @@ struct OnsetSampler {
         const CollisionSetup& setup = trajectory.setup();
         const auto propagator = trajectory.propagator(begin, normal, contact);
         const ContactPropagator* by = propagator ? &*propagator : nullptr;
-        // Of measured residuals no tick is certain to alarm by what a Gaussian of their spread would do.
+        // With measured residuals no tick is certain to alarm just because it would be with Gaussian noise of their spread.
         const GaussianThresholds* certain = record != nullptr && by == nullptr ? nullptr : &detector;
         const StoppingCurve curve = trajectory.curve(begin, normal, certain, contact, by);
-        // When the body is detected does not depend on the reactions; of these one is needed.
+        // The tick of detection does not depend on the reactions; afterwards only the reaction to it is needed.
         ContactPaths paths;
         if (by != nullptr) paths = trajectory.contact_paths(curve, begin, normal, trajectory.ticks());
         MonteCarlo<double>(setup, curve, detector, contact.at_body(), settings, record,

@@ -1,5 +1,5 @@
 /// @file
-/// Reactions along the path of a trajectory, and how hard an arm brakes on it.
+/// Reactions along the path of a trajectory, and the greatest deceleration on it.
 #pragma once
 
 #include <algorithm>
@@ -10,19 +10,19 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// What the arm does along its path after a tick, by simulation step from the reaction's beginning.
+/// Motion along the path after a tick, by simulation step from the beginning of the reaction.
 struct PathReaction {
-    std::vector<double> u;              ///< until the reaction's final speed is reached [s]
-    std::vector<Point3<double>> point;  ///< of contact, as long as the arm goes forward and one step more [m]
+    std::vector<double> u;              ///< place on the path, until the final speed of the reaction is reached [s]
+    std::vector<Point3<double>> point;  ///< contact point, while the arm moves forward and one step more [m]
     double reach = 0;                   ///< the greatest u
 };
 
-/// Acceleration along the path, du/dt' <= 0, that brakes hardest while no joint passes its limit:
-/// |first_j w + second_j v^2| <= limit_j. Where the path's own curvature passes a limit at this speed, the one that passes
-/// it least; `acceleration_overload` then is by how much (1: not at all).
+/// The acceleration w = dv/dt <= 0 along the path, v = du/dt, that brakes hardest within the joints' limits,
+/// |first_j w + second_j v^2| <= limit_j. Where the curvature of the path alone exceeds a limit at this speed, w makes the
+/// largest ratio of acceleration to limit as small as possible; `acceleration_overload` is that ratio, else 1.
 inline double max_deceleration(int dof, const double* first, const double* second, const double* limit, double v,
                                double& acceleration_overload) {
-    constexpr double at_once = 1e12;  // an arm that stands still needs no time
+    constexpr double at_once = 1e12;  // bounds w where no joint moves
     auto lowest = [&](double level, double& low) {
         double high = 0;
         low = -at_once;
@@ -41,7 +41,7 @@ inline double max_deceleration(int dof, const double* first, const double* secon
     double w;
     acceleration_overload = 1;
     if (lowest(1, w)) return w;
-    // At constant speed the acceleration_overload is that of the curvature alone, so the least lies below.
+    // With w = 0 the ratio is that of the curvature alone: an upper bound of the smallest one, which bisection finds.
     double allowed = 0, below = 1;
     for (int j = 0; j < dof; ++j) allowed = std::max(allowed, std::fabs(second[j]) * v * v / limit[j]);
     allowed *= 1 + 1e-12;
