@@ -1,5 +1,5 @@
 /// @file
-/// The collision detector of a control loop: a sample in, a state out, at every tick.
+/// The collision detector of a control loop: takes a sample and gives a state at every tick.
 ///
 /// Nothing is allocated, nothing throws. Signs: the residual is estimated minus predicted motor torque.
 #pragma once
@@ -18,11 +18,11 @@
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 enum class ResidualKind {
-    direct,    // estimated torque minus Newton-Euler (eq 4.1)
-    observer,  // minus the momentum observer's external torque
+    direct,    // estimated torque minus inverse dynamics (Schroeder 2013, eq 4.1)
+    observer,  // minus the external torque of the momentum observer
 };
 enum class TorqueSource {
-    current,  // the joint model makes torque of motor current
+    current,  // the joint model gives torque from motor current
     torque,   // the signal is joint torque
 };
 
@@ -30,22 +30,22 @@ struct DetectorSettings {
     ResidualKind residual = ResidualKind::direct;
     TorqueSource source = TorqueSource::current;
     double observer_gain = 50;        ///< K [1/s]
-    double window = 0.07;             ///< of the derivatives, from its oldest to its newest sample [s]
-    int degree = 2;                   ///< of the derivatives, see CausalDerivative
+    double window = 0.07;             ///< window of the derivatives, from the oldest to the newest sample [s]
+    int degree = 2;                   ///< degree of the fitted polynomial, see CausalDerivative
     Vector3 gravity{0, 0, -9.80665};  ///< base frame [m/s2]
     SampleLimits samples;
     AlarmSettings alarm;
-    double max_no_data_time = 0;                ///< without data for longer asks for a stop [s]; 0: at once
+    double max_no_data_time = 0;                ///< a longer time without data asks for a stop [s]
     std::uint32_t unknown = 0;                  ///< joint j as bit j: its torque is not known, and its residual is zero
-    std::array<double, max_joints> noise_sd{};  ///< of the residual, to be given: above 0; infinite: not monitored
+    std::array<double, max_joints> noise_sd{};  ///< of the residual; required, above 0; infinite: not monitored
     std::array<double, max_joints> dead_zone{};  ///< torque that friction can hide at standstill [Nm or N]
     LinkPoint contact;                           ///< where the force of an event is given
     Vector3 direction{0, 0, -1};                 ///< unit vector the force is given along, base frame
-    Payload payload;                             ///< declared
+    Payload payload;                             ///< declared payload
     PayloadMonitorSettings payload_monitor;
 };
 
-/// Of one tick. In a tick without data `residual` and `fast` are NaN; `threshold`, `qd` and `qdd` are those of a tick before.
+/// Output of one tick. Without data `residual` and `fast` are NaN, and `threshold`, `qd` and `qdd` keep their last values.
 struct DetectorOutput {
     DetectorState state = DetectorState::no_data;
     SampleFault fault = SampleFault::filling;
@@ -53,31 +53,31 @@ struct DetectorOutput {
     bool late = false;                 ///< samples are missing before this one
     bool masked_while_arming = false;  ///< over a threshold, but the detector is arming
     bool payload_changed = false;
-    double t = 0;                                ///< of the sample [s]
-    std::uint32_t over = 0, over_fast = 0;       ///< joint j as bit j
-    std::array<double, max_joints> residual{};   ///< Nm or N
-    std::array<double, max_joints> fast{};       ///< of the band-pass channel; zero where no joint is monitored there
-    std::array<double, max_joints> threshold{};  ///< of the residual in this tick
-    std::array<double, max_joints> qd{}, qdd{};  ///< as the detector sees them
+    double t = 0;                               ///< time of the sample [s]
+    std::uint32_t over = 0, over_fast = 0;      ///< joints over their thresholds, joint j as bit j
+    std::array<double, max_joints> residual{};  ///< Nm or N
+    std::array<double, max_joints> fast{};      ///< band-pass channel; zero where no joint is monitored there [Nm or N]
+    std::array<double, max_joints> threshold{};  ///< of the residual in this tick [Nm or N]
+    std::array<double, max_joints> qd{}, qdd{};  ///< rates and accelerations that the residual is computed with
 };
 
-/// An event: the tick that raised the alarm, or that passed a threshold again, after a pause, while the alarm was on.
-/// In the units of DetectorOutput.
+/// An event: the tick that raised the alarm, or that exceeded a threshold again after a pause, while the alarm was on. Units
+/// are those of DetectorOutput.
 struct DetectorEvent {
     double t = 0;  ///< s
     std::uint32_t over = 0, over_fast = 0;
     std::array<double, max_joints> residual{}, threshold{}, q{};
     EventSpan span;                           ///< up to the last tick
-    std::array<double, max_joints> hidden{};  ///< torque that friction may have hidden, as the joint was slow [Nm or N]
+    std::array<double, max_joints> hidden{};  ///< torque that friction of slow joints may have hidden [Nm or N]
     ContactEstimate contact;
-    bool payload_changed = false;  ///< a changed payload explains the residuals up to here
+    bool payload_changed = false;  ///< a changed payload explains the residuals so far
     double payload_change = 0;     ///< kg
 };
 
 class Detector {
   public:
-    /// `links`: inertia of every link. `joints` and `errors`: of the joint model, or empty where the signal is torque.
-    /// `fitted`: dynamics that predict the torque in place of `links`; then there is no joint model.
+    /// `links`: inertia of every link. `joints` and `errors`: the joint model, empty where the signal is torque. `fitted`:
+    /// dynamics that predict the torque in place of `links`; there is no joint model then.
     Detector(const Chain& chain, std::span<const LinkInertia> links, std::span<const JointTorqueParameters> joints,
              std::span<const JointTorqueErrors> errors, const DetectorSettings& settings,
              const std::optional<FittedDynamics>& fitted = std::nullopt) noexcept
@@ -89,18 +89,18 @@ class Detector {
           validator_(settings.samples, chain.dof),
           observer_(settings.observer_gain, chain.dof),
           alarm_logic_(settings.alarm, chain.dof),
-          watch_(settings.payload_monitor, chain.dof),
+          payload_monitor_(settings.payload_monitor, chain.dof),
           fitted_(fitted) {
         for (int j = 0; j < chain.dof; ++j) {
             links_[j] = links[j];
-            ours_[j] = 1;
-            known_[j] = settings.unknown >> j & 1 ? 0 : 1;
+            is_joint_[j] = 1;
+            has_torque_[j] = settings.unknown >> j & 1 ? 0 : 1;
         }
         for (int j = 0; j < int(joints.size()); ++j) reflected_[j] = joints[j].inertia;
         set_payload(settings.payload);
     }
 
-    /// Judges a sample. The result stays until the next call.
+    /// Evaluates a sample. The result is valid until the next call.
     [[gnu::flatten]] const DetectorOutput& update(const DetectorSample& sample) noexcept {
         out_.t = sample.t;
         out_.masked_while_arming = false;
@@ -113,22 +113,25 @@ class Detector {
         if (fault != SampleFault::none && fault != SampleFault::gap) return no_data(fault, sample.t);
         const bool full = settings_.samples.measured_rates ? derivative_.update(sample.t, sample.qd.data())
                                                            : derivative_.update(sample.t, validator_.position());
-        // A gap is told once, by the sample after it.
-        if (!full) return no_data(fault == SampleFault::gap && begun_ ? fault : SampleFault::filling, sample.t);
+        // A gap is reported once, with the sample after it.
+        if (!full) return no_data(fault == SampleFault::gap && ready_ ? fault : SampleFault::filling, sample.t);
         if (settings_.samples.measured_rates) out_.qd = sample.qd;
         const double* qd = settings_.samples.measured_rates ? out_.qd.data() : derivative_.rate();
         const double* qdd = settings_.samples.measured_rates ? derivative_.rate() : derivative_.acceleration();
         JointAngles<double>& angle = angle_;
-        // In an order that lets what waits for itself wait beside others.
+        // Interleaved so that the latencies of the logarithms and powers overlap with other work.
         bank_.take_logarithms(qd);
         angle.set_padded(chain_, validator_.position());
         bank_.take_powers(qd);
         if (fitted_) fitted_->advance(chain_.dof, validator_.interval(), qd);
         bool finite = false;
         if (settings_.residual == ResidualKind::direct) {
-            finite = direct_residual(angle, qd, qdd);
+            alignas(64) double tau[max_joints], predicted[max_joints];
+            estimate(qd, qdd, tau);
+            predict(angle, qd, qdd, predicted);
+            finite = store_residual(tau, predicted, qdd);
         } else if (observe(angle, qd, qdd)) {
-            finite = observed_residual(qdd);
+            finite = store_residual(zeros, observer_.estimate(), qdd);
         } else {
             return no_data(SampleFault::filling, sample.t);
         }
@@ -136,41 +139,37 @@ class Detector {
             reset_history();
             return no_data(SampleFault::not_finite, sample.t);
         }
-        begun_ = true;
-        return judged(sample, angle, qd, qdd);
+        ready_ = true;
+        return evaluate(sample, angle, qd, qdd);
     }
 
-    /// No sample has been valid for longer than the longest interval: `update` was not called, or called in vain.
+    /// The last valid sample is older than the longest interval, because `update` was not called or its samples were invalid.
     bool overdue(double now) const noexcept {
         return !(now - validator_.last_time() <= settings_.samples.longest_interval);
     }
-    /// The alarm has been dealt with; the next tick is judged anew.
+    /// Ends the alarm; the next tick may raise another.
     void acknowledge() noexcept { alarm_logic_.acknowledge(); }
-    /// As after construction, but for the payload.
+    /// Restores the state after construction, except for the payload.
     void reset() noexcept {
         validator_.reset();
         bank_.reset();
         alarm_logic_.reset();
-        watch_.reset();
+        payload_monitor_.reset();
         derivative_.reset();
         observer_.reset();
         if (fitted_) fitted_->reset();
-        begun_ = false;
+        ready_ = false;
         no_data_ticks_ = events_ = 0;
-        seen_ = -std::numeric_limits<double>::infinity();
+        last_tick_ = -std::numeric_limits<double>::infinity();
         out_ = {};
     }
-    /// Declares what the arm carries from now on.
+    /// Declares the payload from now on.
     void set_payload(const Payload& payload) noexcept {
-        const int last = chain_.dof - 1;
-        std::array<LinkInertia, max_joints> links = links_;
-        links[last] = with_payload(links_[last], payload);
-        inertias_ = Inertias(chain_, std::span<const LinkInertia>(links.data(), std::size_t(chain_.dof)));
-        payload_point_ = link_point(chain_, last, payload.center);
+        inertias_ = inertias_with_payload(chain_, links_, payload);
+        payload_point_ = link_point(chain_, chain_.dof - 1, payload.center);
         if (fitted_) fitted_->prepare(chain_, payload);
-        watch_.reset();
-        // The momentum was that of another body.
-        observer_.reset();
+        payload_monitor_.reset();
+        observer_.reset();  // its momentum is that of the other payload
     }
 
     const DetectorOutput& output() const noexcept { return out_; }
@@ -178,9 +177,9 @@ class Detector {
     long events() const noexcept { return events_; }
     /// The last event.
     const DetectorEvent& event() const noexcept { return event_; }
-    /// What the residuals of the last seconds say of the payload.
-    const PayloadMonitor& payload() const noexcept { return watch_; }
-    /// The alarm stands.
+    /// Estimate of the payload from the residuals of the last seconds.
+    const PayloadMonitor& payload() const noexcept { return payload_monitor_; }
+    /// An alarm has been raised and not acknowledged.
     bool alarmed() const noexcept { return alarm_logic_.state() == DetectorState::alarm; }
     const DetectorSettings& settings() const noexcept { return settings_; }
     int joints() const noexcept { return chain_.dof; }
@@ -188,17 +187,23 @@ class Detector {
   private:
     using L = Lanes<native_lanes>;
 
-    /// Of the array, what belongs to joints that `mask` has a 1 for; zero else.
-    static L only(const std::array<double, max_joints>& mask, const double* value, int first) noexcept {
+    static constexpr double zeros[max_joints] = {};
+
+    /// The values of joints whose `mask` is 1; zero for the others.
+    static L masked(const std::array<double, max_joints>& mask, const double* value, int first) noexcept {
         return select(load<L>(&mask[first]) > L(0.5), load<L>(value + first), L(0.0));
     }
-    /// Takes the residual of the joints from `first` on, but zero where it is not known. Where that and the acceleration
-    /// are finite.
-    MaskOf<L> taken(int first, L residual, const double* qdd) noexcept {
-        const L known = select(load<L>(&known_[first]) > L(0.5), residual, L(0.0));
-        store(known, &out_.residual[first]);
-        const L size = abs(known) + abs(only(ours_, qdd, first));
-        return size <= L(std::numeric_limits<double>::max());
+    /// Stores the residual, zero where the torque is not known. False where it or an acceleration is not finite.
+    bool store_residual(const double* estimated, const double* predicted, const double* qdd) noexcept {
+        MaskOf<L> finite = L(0.0) <= L(0.0);
+        for (int first = 0; first < chain_.dof; first += native_lanes) {
+            const L difference = load<L>(estimated + first) - load<L>(predicted + first);
+            const L residual = select(load<L>(&has_torque_[first]) > L(0.5), difference, L(0.0));
+            store(residual, &out_.residual[first]);
+            const L size = abs(residual) + abs(masked(is_joint_, qdd, first));
+            finite = finite & (size <= L(std::numeric_limits<double>::max()));
+        }
+        return all(finite);
     }
     [[gnu::noinline, gnu::cold]] void reset_history() noexcept {
         derivative_.reset();
@@ -207,7 +212,8 @@ class Detector {
         alarm_logic_.interrupt();
     }
 
-    /// Torque that the drives give, or, for the observer, give but for reflected inertia.
+    /// Torque of the drives from the signal. With `qdd` zero it includes the torque that accelerates the reflected inertia, as
+    /// the observer needs it.
     void estimate(const double* qd, const double* qdd, double* tau) noexcept {
         const bool mapped = settings_.source == TorqueSource::current && !fitted_;
         errors_ = settings_.alarm.thresholds.model_errors > 0 && mapped;
@@ -220,22 +226,6 @@ class Detector {
                 store(load<L>(validator_.signal() + first), tau + first);
         }
     }
-    /// Fills out_.residual; false where it is not finite, or an acceleration is not.
-    bool direct_residual(const JointAngles<double>& angle, const double* qd, const double* qdd) noexcept {
-        alignas(64) double tau[max_joints], predicted[max_joints];
-        estimate(qd, qdd, tau);
-        predict(angle, qd, qdd, predicted);
-        MaskOf<L> finite = L(0.0) <= L(0.0);
-        for (int first = 0; first < chain_.dof; first += native_lanes)
-            finite = finite & taken(first, load<L>(tau + first) - load<L>(predicted + first), qdd);
-        return all(finite);
-    }
-    bool observed_residual(const double* qdd) noexcept {
-        MaskOf<L> finite = L(0.0) <= L(0.0);
-        for (int first = 0; first < chain_.dof; first += native_lanes)
-            finite = finite & taken(first, -load<L>(observer_.estimate() + first), qdd);
-        return all(finite);
-    }
     void predict(const JointAngles<double>& angle, const double* qd, const double* qdd, double* predicted) noexcept {
         store(L(0.0), predicted + (chain_.dof - 1) / native_lanes * native_lanes);
         const JointMotion<double> motion{validator_.position(), angle, qd, qdd};
@@ -245,13 +235,12 @@ class Detector {
             inverse_dynamics(chain_, inertias_, motion, settings_.gravity, predicted);
         }
     }
-    /// The observer's next estimate; false while it begins. The acceleration only tells how motors are loaded.
+    /// Updates the momentum observer; false at its first sample. The acceleration is only used for the load of the motors.
     [[gnu::noinline, gnu::flatten]] bool observe(const JointAngles<double>& angle, const double* qd,
                                                  const double* qdd) noexcept {
         const int n = chain_.dof;
-        static constexpr double nothing[max_joints] = {};
         alignas(64) double tau[max_joints];
-        estimate(qd, nothing, tau);
+        estimate(qd, zeros, tau);
         MomentumTerms<double> terms;
         if (fitted_) {
             double friction[max_joints];
@@ -267,8 +256,8 @@ class Detector {
         return observer_.update(validator_.interval(), terms.momentum, tau);
     }
 
-    const DetectorOutput& judged(const DetectorSample& sample, const JointAngles<double>& angle, const double* qd,
-                                 const double* qdd) noexcept {
+    const DetectorOutput& evaluate(const DetectorSample& sample, const JointAngles<double>& angle, const double* qd,
+                                   const double* qdd) noexcept {
         const bool begins = alarm_logic_.update(sample.t, validator_.interval(), out_.residual.data(), qd, qdd,
                                                 errors_ ? sd_.data() : nullptr);
         out_.state = alarm_logic_.state();
@@ -276,16 +265,16 @@ class Detector {
         out_.over = alarm_logic_.over();
         out_.over_fast = alarm_logic_.over_fast();
         out_.masked_while_arming = alarm_logic_.masked_while_arming();
-        seen_ = sample.t;
+        last_tick_ = sample.t;
         no_data_ticks_ = 0;
         for (int first = 0; first < chain_.dof; first += native_lanes) {
-            store(only(ours_, alarm_logic_.threshold(), first), &out_.threshold[first]);
-            store(only(ours_, alarm_logic_.fast(), first), &out_.fast[first]);
-            store(only(ours_, qd, first), &out_.qd[first]);
-            store(only(ours_, qdd, first), &out_.qdd[first]);
+            store(masked(is_joint_, alarm_logic_.threshold(), first), &out_.threshold[first]);
+            store(masked(is_joint_, alarm_logic_.fast(), first), &out_.fast[first]);
+            store(masked(is_joint_, qd, first), &out_.qd[first]);
+            store(masked(is_joint_, qdd, first), &out_.qdd[first]);
         }
-        if (watch_.due(sample.t)) weigh(sample, angle);
-        out_.payload_changed = watch_.recognised();
+        if (payload_monitor_.due(sample.t)) update_payload_monitor(sample, angle);
+        out_.payload_changed = payload_monitor_.recognised();
         if (begins) {
             record(sample, angle);
         } else if (alarm_logic_.over_armed()) {
@@ -295,7 +284,8 @@ class Detector {
         return out_;
     }
 
-    [[gnu::noinline, gnu::cold]] void weigh(const DetectorSample& sample, const JointAngles<double>& angle) noexcept {
+    [[gnu::noinline, gnu::cold]] void update_payload_monitor(const DetectorSample& sample,
+                                                             const JointAngles<double>& angle) noexcept {
         Posture<double> posture;
         forward_kinematics(chain_, sample.q.data(), angle, posture);
         const Point3<double> p = posture.position(payload_point_);
@@ -305,7 +295,7 @@ class Detector {
             const Vector3& g = settings_.gravity;
             per_kilogram[j] = -(column.x * g[0] + column.y * g[1] + column.z * g[2]);
         }
-        watch_.look(sample.t, out_.residual.data(), per_kilogram, settings_.noise_sd.data());
+        payload_monitor_.update(sample.t, out_.residual.data(), per_kilogram, settings_.noise_sd.data());
     }
 
     [[gnu::noinline, gnu::cold]] void record(const DetectorSample& sample, const JointAngles<double>& angle) noexcept {
@@ -325,21 +315,21 @@ class Detector {
         event_.contact = estimate_contact(chain_, posture, out_.residual.data(), noise.data(), settings_.contact,
                                           settings_.direction);
         event_.payload_changed = out_.payload_changed;
-        event_.payload_change = watch_.change();
+        event_.payload_change = payload_monitor_.change();
         event_.span.start(sample.t, out_.residual.data(), out_.threshold.data(), chain_.dof);
         ++events_;
     }
 
     [[gnu::noinline, gnu::cold]] const DetectorOutput& no_data(SampleFault fault, double t) noexcept {
-        // An alarm that stands is not hidden by a bad sample, but the bad sample is told.
+        // The state reports the invalid sample; an alarm that has been raised still asks for a stop.
         out_.state = DetectorState::no_data;
         out_.fault = fault;
         alarm_logic_.skip();
-        // Times may stand still or run backwards; ticks do not.
+        // Ticks are counted as well, because invalid time stamps may stand still or run backwards.
         ++no_data_ticks_;
-        const bool patient = t - seen_ <= settings_.max_no_data_time &&
-                             no_data_ticks_ * settings_.samples.period <= settings_.max_no_data_time;
-        out_.stop = alarm_logic_.state() == DetectorState::alarm || !patient;
+        const bool tolerated = t - last_tick_ <= settings_.max_no_data_time &&
+                               no_data_ticks_ * settings_.samples.period <= settings_.max_no_data_time;
+        out_.stop = alarm_logic_.state() == DetectorState::alarm || !tolerated;
         for (int j = 0; j < chain_.dof; ++j) out_.residual[j] = std::numeric_limits<double>::quiet_NaN();
         out_.fast = out_.residual;
         return out_;
@@ -348,22 +338,22 @@ class Detector {
     Chain chain_;
     DetectorSettings settings_;
     std::array<LinkInertia, max_joints> links_{};
-    // 1 for a joint of the chain, and for one whose torque is known; 0 else: arrays may hold anything beyond the last joint.
-    std::array<double, max_joints> ours_{}, known_{};
-    std::array<double, max_joints> reflected_{};  // inertia of the joint model, which the observer's momentum lacks
+    // Masks, 1 or 0: joints of the chain, as arrays may hold anything beyond the last; joints whose torque is known.
+    std::array<double, max_joints> is_joint_{}, has_torque_{};
+    std::array<double, max_joints> reflected_{};  // inertia of the joint model, added to the momentum
     Inertias inertias_;
     JointTorqueBank bank_;
     CausalDerivative<max_joints> derivative_;
     SampleValidator validator_;
     MomentumObserver observer_;
     AlarmLogic alarm_logic_;
-    PayloadMonitor watch_;
+    PayloadMonitor payload_monitor_;
     std::optional<FittedDynamics> fitted_;
     LinkPoint payload_point_;
     JointAngles<double> angle_{};
-    bool begun_ = false, errors_ = false;
+    bool ready_ = false, errors_ = false;
     long no_data_ticks_ = 0, events_ = 0;
-    double seen_ = -std::numeric_limits<double>::infinity();  // when a tick was last judged
+    double last_tick_ = -std::numeric_limits<double>::infinity();  // time of the last tick with data
     std::array<double, max_joints> sd_{};
     DetectorOutput out_;
     DetectorEvent event_;

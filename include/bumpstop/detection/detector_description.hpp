@@ -1,5 +1,5 @@
 /// @file
-/// A detector as a file describes it: robot, joint model, thresholds and settings, as `bumpstop detector` writes them.
+/// Reads a detector from the file that `bumpstop detector` writes: robot, joint model, thresholds and settings.
 #pragma once
 
 #include "bumpstop/detection/detector.hpp"
@@ -8,15 +8,15 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Everything a loop needs. The description allocates; the detector it makes does not.
+/// Everything that a detector is built from. The description allocates; the detector does not.
 struct DetectorDescription {
     RobotDescription robot;
     std::vector<JointTorqueParameters> joints;  ///< empty where the signal is torque
     std::vector<JointTorqueErrors> errors;
     DetectorSettings settings;
-    std::optional<FittedDynamics> fitted;  ///< dynamics that predict the torque; then there is no joint model
+    std::optional<FittedDynamics> fitted;  ///< dynamics that predict the torque; there is no joint model then
 
-    /// `latched`: the first alarm stands for good, so that nothing behind it is another event.
+    /// `latched`: no event follows the first until its alarm is acknowledged.
     Detector detector(bool latched = false) const {
         std::vector<LinkInertia> links;
         for (const RobotDescription::Joint& joint : robot.joints) links.push_back(*joint.inertia);
@@ -34,22 +34,15 @@ namespace detail {
 
 inline bool read_joint_torque(DescriptionText& text, JointTorqueParameters& p) {
     std::string map, friction;
-    double v[15];
-    if (!text.word(map) || !text.word(friction) || !text.numbers(v, 15)) return false;
+    if (!text.word(map) || !text.word(friction)) return false;
     if ((map != "odd" && map != "load_dependent") || (friction != "power" && friction != "stribeck")) return false;
     p.map = map == "odd" ? CurrentMap::odd : CurrentMap::load_dependent;
     p.friction = friction == "power" ? FrictionLaw::power : FrictionLaw::stribeck;
-    double* place[15] = {&p.A,           &p.B,
-                         &p.D,           &p.F,
-                         &p.coulomb,     &p.viscous,
-                         &p.stribeck,    &p.stribeck_speed,
-                         &p.load,        &p.hysteresis,
-                         &p.inertia,     &p.rest_speed,
-                         &p.current_low, &p.current_high,
-                         &p.speed_high};
-    for (int k = 0; k < 15; ++k) *place[k] = v[k];
-    for (int k = 0; k < 12; ++k)
-        if (!std::isfinite(v[k])) return false;  // only a range may be without end
+    for (double* number : {&p.A, &p.B, &p.D, &p.F, &p.coulomb, &p.viscous, &p.stribeck, &p.stribeck_speed, &p.load,
+                           &p.hysteresis, &p.inertia, &p.rest_speed})
+        if (!text.finite_numbers(number, 1)) return false;
+    for (double* limit : {&p.current_low, &p.current_high, &p.speed_high})  // may be infinite
+        if (!text.numbers(limit, 1)) return false;
     return p.rest_speed > 0 && p.stribeck_speed > 0 && p.inertia >= 0 && p.current_low < p.current_high &&
            p.speed_high > 0 && p.F >= 0 && p.F <= 3 && p.load >= 0 && p.load < 1;
 }
@@ -62,7 +55,7 @@ inline bool read_joint_errors(DescriptionText& text, JointTorqueErrors& e) {
 
 }  // namespace detail
 
-/// Reads a detector. Nothing and a message in `error` where the text is none: the message names the line.
+/// Reads a detector. Where the text is not valid the result is empty, and `error` says why and in which line.
 inline std::optional<DetectorDescription> read_detector(std::istream& in, std::string& error) {
     detail::DescriptionText text(in, error);
     std::optional<RobotDescription> robot = detail::read_robot_part(text);
@@ -80,7 +73,7 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
     DetectorSettings& s = out.settings;
     SampleLimits& samples = s.samples;
     AlarmSettings& alarm = s.alarm;
-    ThresholdModel& law = alarm.thresholds;
+    ThresholdModel& thresholds = alarm.thresholds;
     PayloadMonitorSettings& watch = s.payload_monitor;
     constexpr double inf = std::numeric_limits<double>::infinity(), large = std::numeric_limits<double>::max();
     double degree = 0, measured_rates = 0, unknown = 0, unmonitored = 0, endless = 0, contact[4] = {}, payload[4] = {};
@@ -119,13 +112,13 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
         {"payload_least", &watch.min_mass, 1, 0, large},
         {"payload_share", &watch.min_share, 1, 0, 1},
         {"payload_change", &watch.min_change, 1, 0, 1},
-        {"constant", law.constant.data(), n, 1e-300, inf},
-        {"speed", law.speed.data(), n, 0, large},
-        {"acceleration", law.acceleration.data(), n, 0, large},
-        {"rest", law.rest.data(), n, 0, large},
-        {"rest_speed", law.rest_speed.data(), n, 1e-300, large},
-        {"fast", law.fast.data(), n, 1e-300, inf},
-        {"model_errors", &law.model_errors, 1, 0, large},
+        {"constant", thresholds.constant.data(), n, 1e-300, inf},
+        {"speed", thresholds.speed.data(), n, 0, large},
+        {"acceleration", thresholds.acceleration.data(), n, 0, large},
+        {"rest", thresholds.rest.data(), n, 0, large},
+        {"rest_speed", thresholds.rest_speed.data(), n, 1e-300, large},
+        {"fast", thresholds.fast.data(), n, 1e-300, inf},
+        {"model_errors", &thresholds.model_errors, 1, 0, large},
         {"arming_delay", &alarm.arming_delay, 1, 0, large},
         {"rest_time", &alarm.rest_time, 1, 0, large},
         {"low_hz", &alarm.low_hz, 1, 1e-9, large},

@@ -1,5 +1,5 @@
 /// @file
-/// The lines of a detector's file that fitted dynamics have.
+/// Reads the fitted dynamics of a detector's file.
 #pragma once
 
 #include <optional>
@@ -9,8 +9,8 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET::detail {
 
-/// Reads them: the gains, the joints that `all` predicts, links and motors of each set in order, and, behind the motors,
-/// travels over which their friction builds up, which there need not be.
+/// Reads the lines 'fitted_...': the gains, the joints that `all` predicts, links and motors of each set in order, and after
+/// the motors their presliding travels, which are optional.
 class FittedReader {
   public:
     explicit FittedReader(int joints)
@@ -20,7 +20,7 @@ class FittedReader {
                  [this] { return by_all_ == std::floor(by_all_); }},
                 {"fitted_presliding", travel_, 0, 0, DescriptionField::largest, "a travel for each motor before it",
                  [this] { return motors_[0] > 0 && motors_[0] == motors_[1]; }, nullptr, true}} {}
-    FittedReader(const FittedReader&) = delete;  // its fields know where its numbers are
+    FittedReader(const FittedReader&) = delete;  // its fields point to its members
 
     bool read(DescriptionText& text) {
         begun_ = true;
@@ -34,18 +34,18 @@ class FittedReader {
         const bool known = text.word(set) && (set == "all" || set == "essential");
         const int number = set == "all" ? 0 : 1;
         FittedParameters& own = number == 0 ? fitted_.all : fitted_.essential;
-        // Travels are those of the motors before them.
+        // No motor may follow the presliding travels.
         const bool fits = known && (link ? links_[number] < joints_ && read_link(text, own.link[links_[number]++])
                                          : motors_[number] < FittedParameters::max_motors && !travels.seen &&
                                                read_motor(text, own.motor[motors_[number]++]));
         return fits || text.fail(quoted("", text.keyword, " is not as 'bumpstop detector' writes it"));
     }
-    /// Everything or nothing has come.
+    /// Either all lines have been read, or none.
     bool complete() const {
         return !begun_ || (missing(once_) == nullptr && links_[0] == joints_ && links_[1] == joints_ &&
                            motors_[0] == motors_[1] && motors_[0] >= joints_);
     }
-    /// The dynamics, or none where no line has come.
+    /// The dynamics, or none where no line was read.
     std::optional<FittedDynamics> found() {
         if (!begun_) return std::nullopt;
         fitted_.by_all = std::uint32_t(by_all_);

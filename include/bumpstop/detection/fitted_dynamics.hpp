@@ -1,8 +1,8 @@
 /// @file
-/// Joint torques that fitted dynamics predict, sample by sample: base parameters, friction, rotors and offsets.
+/// Joint torques by identified dynamics, sample by sample: base parameters, friction, rotors and offsets.
 ///
-/// Python fits them (identification/dynamics); bumpstop/detection/fitted_dynamics.py writes them for this. Nothing is
-/// allocated, nothing throws.
+/// Python identifies them (identification/dynamics); bumpstop/detection/fitted_dynamics.py writes them to the detector's
+/// file. Nothing is allocated, nothing throws.
 #pragma once
 
 #include <algorithm>
@@ -15,27 +15,27 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// What a motor adds to the torque of the joint it turns, or of the joints that share it.
+/// Torque of a motor's friction, rotor and offset on the joint that it drives, or on the joints that share it.
 ///
-/// With the motor's speed v = sum_j share_j qd_j and its sign s, tanh(v / sign_speed) or built up over a presliding
-/// travel, joint j has share_j times
+/// With the motor's speed v = sum_j share_j qd_j and its smoothed sign s (FrictionSign), joint j gets share_j times
 ///   coulomb s + viscous v + rotor dv/dt + offset + bend s (sqrt(u) - 4/15 - 4 u / 5),  u = min(|v| / top_speed, 1)
-/// and, where it is the joint's own, load s |torque of its inertia|.
+/// and load s |torque of inverse dynamics at the joint|.
 struct FittedMotor {
     std::array<double, max_joints> share{};
     double sign_speed = 1;  ///< above 0 [rad/s or m/s]
     double coulomb = 0, viscous = 0, rotor = 0, offset = 0, bend = 0;
-    double top_speed = std::numeric_limits<double>::infinity();  ///< infinite: friction does not bend
+    double top_speed = std::numeric_limits<double>::infinity();  ///< infinite: there is no bend term
     double load = 0;
-    double presliding = 0;  ///< travel over which the sign turns round after a reversal [rad or m]; 0: by the speed
+    double presliding = 0;  ///< travel over which the sign reverses [rad or m]; 0: the sign follows the speed at once
 };
 
-/// The sign of a motor's friction: tanh(v / sign_speed); or a state z that follows the travel x (Dahl 1968, exponent 1):
+/// The smoothed sign of a motor's friction: tanh(v / sign_speed), or with presliding a state z that follows the travel x
+/// (Dahl 1968, exponent 1):
 ///   dz/dx = (1 - sgn(v) z) / presliding
-/// It begins at tanh(v / sign_speed), and is exact where the speed is a straight line from sample to sample.
+/// z starts at tanh(v / sign_speed). The integration is exact for speeds that are linear between samples.
 class FrictionSign {
   public:
-    /// Takes the speed of a sample `dt` after the last one.
+    /// Updates the sign with the speed of a sample `dt` after the last one.
     void advance(const FittedMotor& motor, double dt, double speed) noexcept {
         if (!(motor.presliding > 0) || !known_) {
             sign_ = std::tanh(speed / motor.sign_speed);
@@ -53,15 +53,16 @@ class FrictionSign {
     double value() const noexcept { return sign_; }
 
   private:
-    void slide(double way) noexcept {
-        const double towards = way < 0 ? -1.0 : 1.0;
-        sign_ = towards + (sign_ - towards) * std::exp(-std::fabs(way));
+    void slide(double travel) noexcept {
+        const double limit = travel < 0 ? -1.0 : 1.0;
+        sign_ = limit + (sign_ - limit) * std::exp(-std::fabs(travel));
     }
     bool known_ = false;
     double last_ = 0, sign_ = 0;
 };
 
-/// One set of parameters. Masses are those of any arm with the same torques; they need not be those of bodies.
+/// One set of parameters. The link inertias are one solution with the identified torques; they need not be physically
+/// consistent.
 struct FittedParameters {
     static constexpr int max_motors = 2 * max_joints;
 
@@ -69,16 +70,16 @@ struct FittedParameters {
     std::array<FittedMotor, max_motors> motor{};
 };
 
-/// Both sets of a fit: all base parameters, and those alone that the recordings can tell from zero.
+/// Both sets of a fit: all base parameters, and only the essential ones, which differ significantly from zero.
 class FittedDynamics {
   public:
     FittedParameters all, essential;
     int motors = 0;
     std::uint32_t by_all = ~std::uint32_t(0);  ///< joint j as bit j: predicted by `all`, else by `essential`
     std::array<double, max_joints> gain{};     ///< torque per unit of the signal
-    std::uint32_t loads = 0;                   ///< joints whose friction grows with the load, filled by prepare()
+    std::uint32_t loads = 0;                   ///< joints whose friction depends on the load, set by prepare()
 
-    /// Takes the parameters and what the arm carries.
+    /// Computes the inertias with a payload; required before anything else.
     void prepare(const Chain& chain, const Payload& payload) noexcept {
         const std::uint32_t every = chain.dof < 32 ? (std::uint32_t(1) << chain.dof) - 1 : ~std::uint32_t(0);
         by_all &= every;
@@ -87,20 +88,20 @@ class FittedDynamics {
         for (int m = 0; m < chain.dof; ++m)
             if (all.motor[m].load != 0 || essential.motor[m].load != 0) loads |= std::uint32_t(1) << m;
         needs_all_ = by_all != 0 || loads != 0;
-        inertias_all_ = carrying(chain, all, payload);
-        inertias_essential_ = carrying(chain, essential, payload);
+        inertias_all_ = inertias_with_payload(chain, all.link, payload);
+        inertias_essential_ = inertias_with_payload(chain, essential.link, payload);
     }
 
-    /// Takes the speeds of a tick `dt` after the last one, before the torques of this tick are asked for.
+    /// Updates the friction signs with the rates of a tick `dt` after the last one; to be called before its torques.
     void advance(int dof, double dt, const double* qd) noexcept {
-        for (int m = 0; m < motors; ++m) sign_[m].advance(all.motor[m], dt, along(all.motor[m], qd, dof));
+        for (int m = 0; m < motors; ++m) sign_[m].advance(all.motor[m], dt, of_motor(all.motor[m], qd, dof));
     }
-    /// What was before is not known.
+    /// Forgets the friction signs.
     void reset() noexcept {
         for (FrictionSign& sign : sign_) sign.reset();
     }
 
-    /// Joint torques of a motion whose speeds were the last to be taken.
+    /// Joint torques of a motion whose rates were given to `advance`.
     void predict(const Chain& chain, const JointMotion<double>& motion, const Vector3& gravity,
                  double* torque) const noexcept {
         double inertial[2][max_joints] = {};
@@ -110,7 +111,7 @@ class FittedDynamics {
         add_motors(chain.dof, motion.qd, motion.qdd, inertial[0], torque);
     }
 
-    /// Momentum and its rates, with rotors; `friction` is what of the motors' torque is no momentum.
+    /// Momentum terms with the rotors; `friction`: torque of the motors without that of their rotors.
     void momentum(const Chain& chain, const JointMotion<double>& motion, const Vector3& gravity,
                   MomentumTerms<double>& terms, double* friction) const noexcept {
         const double *q = motion.q, *qd = motion.qd;
@@ -129,7 +130,7 @@ class FittedDynamics {
         }
         add_motors(chain.dof, qd, nothing, inertial, friction);
         for (int m = 0; m < motors; ++m) {
-            const double v = along(all.motor[m], qd, chain.dof);
+            const double v = of_motor(all.motor[m], qd, chain.dof);
             for (int j = 0; j < chain.dof; ++j) {
                 const FittedMotor& own = (by_all >> j & 1 ? all : essential).motor[m];
                 terms.momentum[j] += own.share[j] * own.rotor * v;
@@ -138,7 +139,8 @@ class FittedDynamics {
     }
 
   private:
-    static double along(const FittedMotor& motor, const double* values, int dof) noexcept {
+    /// Rate or acceleration of a motor from those of the joints.
+    static double of_motor(const FittedMotor& motor, const double* values, int dof) noexcept {
         double sum = 0;
         for (int j = 0; j < dof; ++j) sum += motor.share[j] * values[j];
         return sum;
@@ -146,7 +148,7 @@ class FittedDynamics {
     void add_motors(int dof, const double* qd, const double* qdd, const double* load, double* torque) const noexcept {
         for (int m = 0; m < motors; ++m) {
             const FittedMotor& first = all.motor[m];
-            const double v = along(first, qd, dof), a = along(first, qdd, dof), s = sign_[m].value();
+            const double v = of_motor(first, qd, dof), a = of_motor(first, qdd, dof), s = sign_[m].value();
             const bool bends = first.top_speed < std::numeric_limits<double>::infinity();
             const double u = bends ? std::min(std::fabs(v) / first.top_speed, 1.0) : 0;
             const double bent = bends ? s * (std::sqrt(u) - 4.0 / 15 - 0.8 * u) : 0;
@@ -157,11 +159,6 @@ class FittedDynamics {
                                              own.bend * bent + own.load * s * std::fabs(load[j]));
             }
         }
-    }
-    static Inertias carrying(const Chain& chain, const FittedParameters& given, const Payload& payload) noexcept {
-        std::array<LinkInertia, max_joints> link = given.link;
-        if (payload.mass > 0) link[chain.dof - 1] = with_payload(link[chain.dof - 1], payload);
-        return Inertias(chain, std::span<const LinkInertia>(link.data(), std::size_t(chain.dof)));
     }
 
     std::array<FrictionSign, FittedParameters::max_motors> sign_{};

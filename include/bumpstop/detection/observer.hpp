@@ -1,7 +1,7 @@
 /// @file
-/// Filters of the detector, in discrete time: the momentum observer and the band-pass of the band-pass channel.
+/// Discrete-time filters of the detector: the momentum observer and the band-pass channel.
 ///
-/// Intervals may differ from tick to tick. Nothing is allocated.
+/// Sampling intervals may vary. Nothing is allocated.
 #pragma once
 
 #include <array>
@@ -11,7 +11,7 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// exp(-rate dt), kept while dt stays the same but for the rounding of times.
+/// exp(-rate dt), computed anew only where dt changes by more than the rounding of times.
 class Decay {
   public:
     explicit Decay(double rate = 0) noexcept : rate_(rate) {}
@@ -32,10 +32,10 @@ class Decay {
 ///   y(k) = (p(k) - p(k-1)) / dt - (b(k) + b(k-1)) / 2,    b = tau + dT/dq - g
 ///   e(k) = e(k-1) + (1 - exp(-K dt)) (y(k) - e(k-1))
 ///
-/// y is the mean of tau_ext over the interval, but for the trapezium's error dt^2 b'' / 12. A torque that acts from a
-/// sample on, and that the arm gives way to, is 1 - exp(-K t) of itself at every later sample, whatever the intervals
-/// are. Where the motors hold against it, so that it steps in tau, the interval before the first sample that has it
-/// counts half: k samples after that one e is 1 - a^k (1 + a) / 2 of it, a = exp(-K dt).
+/// y is the mean of tau_ext over the interval, up to the error dt^2 b'' / 12 of the trapezoidal rule. The response to a
+/// torque step that accelerates the arm is 1 - exp(-K t) at every later sample, for any intervals. Where the motors hold
+/// against the step, so that tau steps, too, the trapezoidal rule counts half of the interval before its first sample: k
+/// samples later e is 1 - a^k (1 + a) / 2 of the step, a = exp(-K dt).
 ///
 /// White noise of standard deviation s in tau leaves s sqrt((1 - a) / 2); in p it leaves
 /// s (1 - a) / dt sqrt(2 / (1 + a)).
@@ -44,7 +44,7 @@ class MomentumObserver {
     /// `gain`: K [1/s], above 0.
     MomentumObserver(double gain, int joints) noexcept : decay_(gain), joints_(joints) {}
 
-    /// Momentum and b of a sample `dt` after the last one. False for the first sample, which only begins.
+    /// Takes momentum and b of a sample `dt` after the last one. False for the first sample, which gives no estimate.
     bool update(double dt, const double* momentum, const double* force) noexcept {
         const bool known = known_;
         const double share = known ? 1 - decay_.over(dt) : 0, rate = known ? 1 / dt : 0;
@@ -68,13 +68,13 @@ class MomentumObserver {
     std::array<double, max_joints> momentum_{}, force_{}, estimate_{};
 };
 
-/// The band-pass channel: a first-order low-pass against noise, then what is left over by a second, slower one.
+/// The band-pass channel: a first-order low-pass against noise, minus a second, slower low-pass of its output.
 ///
 ///   u(k) = a u(k-1) + (1 - a) r(k),   w(k) = b w(k-1) + (1 - b) u(k),   band(k) = u(k) - w(k)
 ///
-/// with a = exp(-2 pi f_high dt) and b = exp(-2 pi f_low dt). It begins at its first input, so that neither a constant
-/// error nor the beginning looks like a blow. A step of the input passes with b (a-filtered) and is forgotten in about
-/// 1 / (2 pi f_low); its delay is that of u, dt a / (1 - a). White noise of standard deviation s leaves
+/// with a = exp(-2 pi f_high dt) and b = exp(-2 pi f_low dt). Both low-passes start at the first input, so that neither the
+/// start nor a constant offset gives an output. A step of the input passes with the gain b and the delay of u,
+/// dt a / (1 - a), and decays in about 1 / (2 pi f_low). White noise of standard deviation s leaves
 /// s b (1 - a) sqrt(2 / ((1 + a) (1 + b) (1 - a b))).
 class BandPass {
   public:
@@ -82,17 +82,16 @@ class BandPass {
     BandPass(double low_hz, double high_hz) noexcept
         : low_(6.283185307179586 * low_hz), high_(6.283185307179586 * high_hz) {}
 
-    /// The shares of the past that a tick keeps, `dt` after the last one. Ask once a tick.
+    /// The coefficients a and b of a tick `dt` after the last one. To be called once a tick.
     struct Shares {
         double high, low;
     };
     Shares step(double dt) noexcept {
-        // The first input is its own past.
         const Shares kept = known_ ? Shares{high_.over(dt), low_.over(dt)} : Shares{0, 0};
         known_ = true;
         return kept;
     }
-    /// The band of the joints from `first` on, a register full; the input finite.
+    /// Output for the joints from `first` on, one register of them; the input is finite.
     Lanes<native_lanes> pass(const Shares& kept, int first, Lanes<native_lanes> input) noexcept {
         using L = Lanes<native_lanes>;
         const L smooth = input + kept.high * (load<L>(&smooth_[first]) - input);

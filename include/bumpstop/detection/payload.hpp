@@ -1,5 +1,5 @@
 /// @file
-/// What the arm carries: declared, and recognised when it has changed.
+/// The payload: declared, and estimated from residuals to recognise a change.
 #pragma once
 
 #include <cmath>
@@ -32,29 +32,37 @@ inline LinkInertia with_payload(const LinkInertia& link, const Payload& payload)
     return sum;
 }
 
+/// Inertias of a chain that carries a payload.
+inline Inertias inertias_with_payload(const Chain& chain, std::array<LinkInertia, max_joints> links,
+                                      const Payload& payload) noexcept {
+    LinkInertia& last = links[chain.dof - 1];
+    last = with_payload(last, payload);
+    return Inertias(chain, std::span<const LinkInertia>(links.data(), std::size_t(chain.dof)));
+}
+
 struct PayloadMonitorSettings {
-    double window = 5;          ///< time over which the past fades [s]
-    double interval = 0.02;     ///< between looks [s]
-    double min_mass = 0;        ///< change that counts [kg]; 0: none is looked for
-    double min_share = 0.8;     ///< of the residual's square that the mass must explain
-    double min_change = 0.005;  ///< by how much the mass's torques must have varied: variance over mean square
+    double window = 5;          ///< time constant with which past residuals lose weight [s]
+    double interval = 0.02;     ///< between updates [s]
+    double min_mass = 0;        ///< smallest change that is reported [kg]; 0: the payload is not monitored
+    double min_share = 0.8;     ///< share of the squared residual that the mass must explain
+    double min_change = 0.005;  ///< variance over mean square of the mass's torques, which a varying pose must reach
 };
 
-/// Fits r = g_m(q) m, the torques that one more kilogram at the payload's point asks for, to the residuals of the last
-/// seconds, weighted by `sd`. A mass shows in every pose by another torque; a clamp does not follow the pose. So the
-/// change counts only once the pose has varied.
+/// Weighted least-squares fit of r = g_m(q) m to the residuals of the last seconds, where g_m is the torque for one more
+/// kilogram at the payload's point. The torque of a mass depends on the pose, that of a clamped arm does not: a change is
+/// reported only after the pose has varied.
 class PayloadMonitor {
   public:
     PayloadMonitor(const PayloadMonitorSettings& settings, int joints) noexcept
         : settings_(settings), joints_(joints) {}
 
-    /// A look is due at time t [s].
-    bool due(double t) const noexcept { return settings_.min_mass > 0 && !(t - looked_ < settings_.interval); }
+    /// An update is due at time t [s].
+    bool due(double t) const noexcept { return settings_.min_mass > 0 && !(t - updated_ < settings_.interval); }
 
     /// `per_kilogram`: g_m by joint [Nm/kg or N/kg]; `sd` as for estimate_contact.
-    void look(double t, const double* residual, const double* per_kilogram, const double* sd) noexcept {
-        const double keep = std::exp(-std::fmin(t - looked_, 1e6) / settings_.window);
-        looked_ = t;
+    void update(double t, const double* residual, const double* per_kilogram, const double* sd) noexcept {
+        const double keep = std::exp(-std::fmin(t - updated_, 1e6) / settings_.window);
+        updated_ = t;
         double aa = 0, ar = 0, rr = 0;
         weight_ = keep * weight_ + 1;
         for (int j = 0; j < joints_; ++j) {
@@ -68,11 +76,11 @@ class PayloadMonitor {
         ar_ = keep * ar_ + ar;
         rr_ = keep * rr_ + rr;
     }
-    /// Mass beyond the declared one [kg].
+    /// Estimated mass minus the declared one [kg].
     double change() const noexcept { return aa_ > 0 ? ar_ / aa_ : 0; }
-    /// Of the residual's square that it explains, 0 to 1.
+    /// Share of the squared residual that the change explains, 0 to 1.
     double share() const noexcept { return aa_ > 0 && rr_ > 0 ? ar_ * ar_ / (aa_ * rr_) : 0; }
-    /// The payload has changed, as far as the residuals of different poses tell.
+    /// Residuals in different poses show that the payload has changed.
     bool recognised() const noexcept {
         if (!(settings_.min_mass > 0) || !(std::fabs(change()) >= settings_.min_mass)) return false;
         double squares = 0;
@@ -83,13 +91,13 @@ class PayloadMonitor {
     void reset() noexcept {
         aa_ = ar_ = rr_ = weight_ = 0;
         mean_.fill(0);
-        looked_ = -std::numeric_limits<double>::infinity();
+        updated_ = -std::numeric_limits<double>::infinity();
     }
 
   private:
     PayloadMonitorSettings settings_;
     int joints_;
-    double looked_ = -std::numeric_limits<double>::infinity();
+    double updated_ = -std::numeric_limits<double>::infinity();
     double aa_ = 0, ar_ = 0, rr_ = 0, weight_ = 0;
     std::array<double, max_joints> mean_{};
 };

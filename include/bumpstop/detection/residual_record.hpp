@@ -1,5 +1,5 @@
 /// @file
-/// Measured residuals that sampled runs draw their noise from.
+/// Measured residuals from which Monte Carlo runs draw their noise.
 #pragma once
 
 #include <algorithm>
@@ -10,14 +10,14 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Measured residuals of free motion, resampled in blocks so that their correlation between joints and in time is kept: a
-/// run is made of blocks of consecutive rows, each begun at a random row, the first entered at a random place.
+/// Measured residuals of free motion. A block bootstrap keeps their correlation between joints and in time: a run consists of
+/// blocks of consecutive rows, each from a random row on; the first block is entered at a random place.
 struct ResidualRecord {
     std::vector<double> row;  ///< [row][dof], at the feedback rate [Nm or N]
     std::int64_t rows = 0;
     std::int64_t block = 1;  ///< rows in a block, at most `rows`
 
-    /// The row that plays tick k of a run.
+    /// The row used at tick k of a run.
     std::int64_t row_of(std::uint64_t seed, std::int64_t run, std::int64_t k) const {
         const std::int64_t place = k + number_below(seed, run, 0, block);
         const std::int64_t first = number_below(seed, run, 1 + place / block, rows - block + 1);

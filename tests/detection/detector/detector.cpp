@@ -142,7 +142,7 @@ void a_changed_payload_is_recognised() {
             const double a[2] = {5 * std::cos(0.02 * i), 3 * std::sin(0.02 * i)};
             const double r[2] = {mass ? 2 * a[0] + 0.3 * checks::normal() : 6, mass ? 2 * a[1] : -4};
             CHECK(watch.due(0.025 * i));
-            watch.look(0.025 * i, r, a, sd);
+            watch.update(0.025 * i, r, a, sd);
             CHECK(!watch.due(0.025 * i + 0.01));
             if (i < 3) CHECK(!watch.recognised());  // one pose says nothing
             recognised = recognised || watch.recognised();
