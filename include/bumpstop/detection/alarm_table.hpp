@@ -1,5 +1,5 @@
 /// @file
-/// The probability that a joint alarms, from a table: for many distributions at a time, which need no far tails.
+/// Alarm probabilities of joints from a table, for batches of distributions, which need no far tails.
 #pragma once
 
 #include <vector>
@@ -8,23 +8,23 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// P(|r| > threshold) of every monitored joint for forces that lie close together, as those on a panel of offsets do: all of
-/// them are served by one polynomial in |r + mean|, whose coefficients no lane has to gather. Chebyshev's nodes leave an
-/// error of 2 (reach / 2)^11 / 11! times the eleventh derivative of the normal distribution, which is below 380: 5e-9. Of
-/// probabilities above 1e-6 it is less than 1e-4 of themselves.
+/// P(|r| > threshold) of every monitored joint for forces that lie close together, as those on a panel of offsets do. One
+/// polynomial in |r + mean| serves all of them, so no lane gathers coefficients of its own. Interpolation at Chebyshev nodes
+/// has an error of 2 (reach / 2)^11 / 11! times the eleventh derivative of the normal distribution, which is below 380: 5e-9.
+/// The relative error of probabilities above 1e-6 is below 1e-4.
 class AlarmTable {
   public:
-    /// Residuals for which one polynomial is asked may lie so far apart [standard deviations of the noise].
+    /// Largest range of the residuals that one polynomial serves [standard deviations of the noise].
     static constexpr double widest = 1.75;
 
     explicit AlarmTable(const GaussianThresholds& detector) {
         for (int w = 0; w < detector.monitored; ++w) {
-            sharp_ = sharp_ || !(detector.sd[w] > 0) || detector.threshold[w] > 1e3 * detector.sd[w];
-            if (sharp_) return;
+            is_step_ = is_step_ || !(detector.sd[w] > 0) || detector.threshold[w] > 1e3 * detector.sd[w];
+            if (is_step_) return;
             per_sd_[w] = 1 / detector.sd[w];
             mean_[w] = detector.mean[w] * per_sd_[w];
             first_[w] = piece_.size();
-            // The last piece is 1: ten standard deviations above the threshold an alarm is certain.
+            // The last piece is 1: ten standard deviations above the threshold the alarm is certain.
             const int last = int(std::ceil((detector.threshold[w] / detector.sd[w] + 10) * pieces_per_sd));
             last_[w] = last;
             for (int i = 0; i < last; ++i) {
@@ -33,14 +33,14 @@ class AlarmTable {
             piece_.push_back({{1.0}});
         }
     }
-    /// Without noise, or with hardly any, the probability is a step that no table holds.
-    bool usable() const { return !sharp_; }
+    /// False where there is no noise, or hardly any: then the probability is a step.
+    bool usable() const { return !is_step_; }
 
   private:
-    /// Odd: one of the nodes is the centre, where a joint stays that no force moves, and whose alarms are rare.
+    /// Odd, so that the centre is a node: joints that the force does not load stay there, and their alarms are rare.
     static constexpr int terms = 11;
     static constexpr double pieces_per_sd = 8;
-    /// Of a piece to either side of its centre [standard deviations].
+    /// Half-width of a piece [standard deviations].
     static constexpr double reach = 0.5 * (widest + 1 / pieces_per_sd);
     struct Piece {
         double power[terms];  ///< coefficients, lowest power first
@@ -50,7 +50,7 @@ class AlarmTable {
     /// The joints' probabilities of an alarm for forces near each other.
     class Near {
       public:
-        /// Of monitored joint w.
+        /// Alarm probability of monitored joint w.
         template <class T>
         T alarm(int w, T force) const {
             const Piece& piece = table_.piece_[table_.first_[w] + std::size_t(index_[w])];
@@ -62,14 +62,15 @@ class AlarmTable {
         explicit Near(const AlarmTable& table) : table_(table) {}
 
         const AlarmTable& table_;
-        /// Of the place in the piece, -1 to 1; each a cache line's, so that what is stored as a whole is read one by one at once.
+        /// The place in a joint's piece, from -1 to 1, is force * slope + shift. Arrays are aligned so that a register stored
+        /// here lies in one cache line, which makes reading its elements fast.
         alignas(64) double index_[max_joints];
         alignas(64) double slope_[max_joints];
         alignas(64) double shift_[max_joints];
     };
 
-    /// `torque_per_N`: by monitored joint, its noiseless residual (without the noise mean) divided by the force; readable up to
-    /// a whole number of registers. About that force.
+    /// Polynomials for forces near `force`. `torque_per_N`: noiseless residual (without the noise mean) per newton, by
+    /// monitored joint; padded to a whole number of registers.
     template <class T>
     Near near(int monitored, const double* torque_per_N, double force) const {
         Near near(*this);
@@ -85,10 +86,10 @@ class AlarmTable {
     }
 
   private:
-    /// Chebyshev's nodes on [-1, 1].
+    /// Chebyshev nodes on [-1, 1].
     static double node(int n) { return -std::cos(std::numbers::pi * (n + 0.5) / terms); }
 
-    /// Of the polynomial that takes the alarms' values at the nodes about `centre` [standard deviations].
+    /// The polynomial that interpolates the alarm probability at the nodes about `centre` [standard deviations].
     static Piece powers(const GaussianThresholds& detector, int w, double centre) {
         double d[terms];
         for (int n = 0; n < terms; ++n) {
@@ -108,10 +109,10 @@ class AlarmTable {
         return piece;
     }
 
-    bool sharp_ = false;
+    bool is_step_ = false;
     double mean_[max_joints] = {}, per_sd_[max_joints] = {};  ///< by monitored joint
-    double last_[max_joints] = {};                            ///< a joint's last piece
-    std::size_t first_[max_joints] = {};                      ///< a joint's first piece in `piece_`
+    double last_[max_joints] = {};                            ///< index of a joint's last piece among its own
+    std::size_t first_[max_joints] = {};                      ///< index of a joint's first piece in `piece_`
     std::vector<Piece> piece_;
 };
 

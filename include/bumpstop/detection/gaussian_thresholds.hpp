@@ -7,34 +7,34 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// A tick alarms when any joint has |residual| > threshold. The residual is estimated minus predicted motor
+/// A tick raises an alarm where any joint has |residual| > threshold. The residual is estimated minus predicted motor
 /// torque, so a force -n F on the arm raises it by (J_v' n) F.
 struct GaussianThresholds {
-    int joints = 0;     ///< so many have been added
-    int monitored = 0;  ///< of those, joints with a finite threshold
+    int joints = 0;     ///< number of joints added
+    int monitored = 0;  ///< number of those with a finite threshold
     std::array<int, max_joints> joint{};
     std::array<double, max_joints> threshold{};               ///< Nm or N, by monitored joint
     std::array<double, max_joints> sd{}, mean{};              ///< of the noise, by monitored joint [Nm or N]
     std::array<double, max_joints> scale{};                   ///< 1 / (sqrt 2 sd) [1/Nm or 1/N], large for no noise
     std::array<double, max_joints> noise_sd{}, noise_mean{};  ///< by joint, monitored or not [Nm or N]
     double arming_delay = 0;                                  ///< ticks earlier than this never alarm [s]
-    double correlation = 0;  ///< of the noise from tick to tick; sd stays its stationary value
-    /// The observer's first-order filter: the share of the old residual that a tick keeps; 0: the direct residual.
+    double correlation = 0;  ///< of the noise from tick to tick; sd is the stationary standard deviation
+    /// Coefficient of the observer's first-order filter: the share of the last residual that a tick keeps; 0: no filter.
     double filter = 0;
 
-    /// Whether it is armed at this time since the motion began [s].
+    /// Whether the detector is armed at a time since the beginning of the motion [s].
     bool armed(double time) const { return time >= arming_delay - 1e-12; }
-    /// Ticks are not judged each by itself.
+    /// Residuals of different ticks are correlated.
     bool correlated_noise() const { return correlation != 0 || filter != 0; }
 
-    /// The noiseless residual of a joint whose contact torque is `torque`, from that of the tick before.
+    /// The noiseless residual under the contact torque `torque`, from that of the tick before.
     template <class T>
     T filtered(T before, T torque) const {
         return filter == 0 ? torque : torque + filter * (before - torque);
     }
 
-    /// Adds the next joint, from the base on: its threshold, infinite where it is not monitored, and the standard deviation
-    /// and mean of its noise [Nm or N].
+    /// Adds the next joint, counted from the base: its threshold, infinite where it is not monitored, and the standard
+    /// deviation and mean of its noise [Nm or N].
     void add_joint(double limit, double joint_sd, double joint_mean) {
         const int j = joints++;
         noise_sd[j] = joint_sd;
@@ -44,14 +44,14 @@ struct GaussianThresholds {
         threshold[monitored] = limit;
         sd[monitored] = joint_sd;
         mean[monitored] = joint_mean;
-        // Without noise the error function becomes a step; 1e150 does that and still squares without overflow
-        // after erfc has cut its argument.
+        // Without noise the error function must be a step. 1e150 makes it one, and its square does not overflow, as erfc
+        // clamps its argument.
         scale[monitored] = joint_sd > 0 ? 0.70710678118654752440 / joint_sd : 1e150;
         ++monitored;
     }
 };
 
-/// Probability that one tick alarms, and its complement, neither by subtraction from one where it is small.
+/// Probability of an alarm in one tick, and its complement. Where one of them is small it is not computed by subtraction.
 template <class T>
 struct AlarmProbability {
     T alarm, no_alarm;
@@ -64,8 +64,7 @@ AlarmProbability<T> joint_alarm(const GaussianThresholds& detector, int w, T r) 
     const T centre = abs(r + detector.mean[w]);
     const T distance = threshold - centre;
     const T near = 0.5 * erfc(abs(distance) * scale);
-    // The far tail is exp(-4 threshold centre scale^2) of the near one or less: below e^-40 it cannot be
-    // seen.
+    // The far tail is at most exp(-4 threshold centre scale^2) times the near one: below e^-40 it is less than rounding.
     T far = 0.0;
     if (any(centre * (threshold * scale * scale) < T(10.0))) far = 0.5 * erfc((centre + threshold) * scale);
     const auto inside = distance > T(0.0);

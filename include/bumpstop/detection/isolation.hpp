@@ -1,5 +1,5 @@
 /// @file
-/// From the residual of an alarm to a force and to the links that may have been hit.
+/// Contact isolation and identification: the links that may have been hit and the force, from the residual of an alarm.
 #pragma once
 
 #include <cstdint>
@@ -8,22 +8,22 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// What a residual says of a contact. Residuals are minus the contact's torques, so forces here are those of the arm on
-/// the body: along +n where the arm pushes.
+/// Estimate of a contact from a residual. Residuals are minus the torques of the contact, so the forces are those of the arm
+/// on the body: along +n where the arm pushes.
 struct ContactEstimate {
-    int link = -1;               ///< likeliest, from 0; -1: no joint is monitored
+    int link = -1;               ///< most likely link, from 0; -1: no joint is monitored
     std::uint32_t possible = 0;  ///< link i as bit i: a contact there could explain the residual
-    double force_along = 0;      ///< least squares, along the direction asked for [N]
+    double force_along = 0;      ///< least-squares force along the given direction [N]
     /// Standard deviation of force_along; infinite where the direction loads no joint with a usable residual [N].
     double force_along_sd = std::numeric_limits<double>::infinity();
-    Vector3 force{};                          ///< least squares at the point, shortest [N, base frame]
-    double leftover = 0;                      ///< of that force: largest |r_j - fit_j| / sd_j over monitored joints
+    Vector3 force{};      ///< least-squares force of minimum norm at the given point [N, base frame]
+    double leftover = 0;  ///< largest |r_j - fit_j| / sd_j with that force, over monitored joints
     std::array<double, max_joints> misfit{};  ///< by link: sum ((r_j - fit_j) / sd_j)^2 of the best wrench there
 };
 
 namespace detail {
 
-/// The shortest x with the least squares of row' x - right. `row` has `columns` entries and a unit matrix behind them.
+/// The minimum-norm least-squares solution x of row' x = right. `row` has `columns` entries and a unit matrix behind them.
 inline Vector3 min_norm_solution(double (&row)[3][max_joints + 3], int columns, const double* right) noexcept {
     make_rows_orthogonal<3>(row, columns, 3);
     double square[3] = {}, share[3] = {};
@@ -39,8 +39,8 @@ inline Vector3 min_norm_solution(double (&row)[3][max_joints + 3], int columns, 
     return x;
 }
 
-/// Takes out of `right` what the columns explain (modified Gram-Schmidt, largest column first); gives their rank.
-inline int take_out(double (&column)[6][max_joints], int columns, int rows, double* right) noexcept {
+/// Projects `right` onto the orthogonal complement of the columns (modified Gram-Schmidt with pivoting); returns their rank.
+inline int project_out(double (&column)[6][max_joints], int columns, int rows, double* right) noexcept {
     double first = 0;
     bool used[6] = {};
     for (int rank = 0;; ++rank) {
@@ -69,45 +69,45 @@ inline int take_out(double (&column)[6][max_joints], int columns, int rows, doub
 
 }  // namespace detail
 
-/// The part of a joint's dead zone that its friction can hide at a speed: all of it up to rest_speed, nothing from twice
-/// that on, as ThresholdModel has it [Nm or N].
+/// Torque that friction can hide at a speed: all of the dead zone up to rest_speed, nothing from twice that on, linear between
+/// them, as in ThresholdModel [Nm or N].
 inline double hidden_torque(double dead_zone, double qd, double rest_speed) noexcept {
     return dead_zone * std::max(0.0, std::min(1.0, 2 - std::fabs(qd) / rest_speed));
 }
 
-/// The noise that a contact's estimate takes. A joint that stands still shows of a contact only what its friction does
-/// not hold. Where it shows nothing, and friction hides more than its noise, it says nothing: infinite. Else its
-/// residual is known to within what is hidden.
+/// Standard deviations for the estimate of a contact. A joint at rest shows only the part of the contact torque that its
+/// friction does not hold. Where its residual is within the noise and friction can hide more than that, the joint is not used:
+/// infinite. Otherwise the hidden torque adds to its standard deviation.
 ///
-/// `sd`: noise of the residual by joint; `hidden`: torque that friction may hide by joint.
+/// `sd`: noise of the residual, `hidden`: torque that friction may hide; both by joint.
 inline std::array<double, max_joints> contact_noise(int joints, const double* residual, const double* sd,
                                                     const double* hidden) noexcept {
     std::array<double, max_joints> out{};
-    bool heard = false;
+    bool any_used = false;
     for (int j = 0; j < joints; ++j) {
         const bool hides = hidden[j] > sd[j] && std::fabs(residual[j]) <= 3 * sd[j];
         out[j] = hides ? std::numeric_limits<double>::infinity() : std::hypot(sd[j], hidden[j]);
-        heard = heard || std::isfinite(out[j]);
+        any_used = any_used || std::isfinite(out[j]);
     }
-    // Where friction may hide the torque of every joint their residuals are used as they are.
-    if (!heard)
+    // Where friction may hide the torque of every joint, all are used.
+    if (!any_used)
         for (int j = 0; j < joints; ++j) out[j] = std::hypot(sd[j], hidden[j]);
     return out;
 }
 
-/// `sd`: noise of the residual by joint, above 0; infinite: the joint is not monitored and says nothing. `point` and the
-/// unit vector `direction` (base frame) are where and how a contact is asked for.
+/// Estimates link and force of a contact. `sd`: noise of the residual by joint, above 0; infinite: the joint is not used. The
+/// force is estimated at `point`, and along the unit vector `direction` (base frame).
 ///
-/// A contact on link i cannot load the joints beyond it: their residuals must be noise. What it does to the joints up to
-/// i is the torque of some wrench, fitted by least squares. Link i is possible where no monitored joint is left with more
-/// than three sd; the likeliest has the least misfit plus twice the rank of its fit (Akaike 1974), as an outer link can
-/// always explain more.
+/// A contact on link i does not load the joints beyond it, so their residuals must be noise. The torques of the joints up to i
+/// are those of a wrench, fitted by least squares. Link i is possible where every joint is fitted within three sd. The most
+/// likely link has the smallest misfit plus twice the rank of its fit (Akaike 1974), because an outer link can always explain
+/// more.
 inline ContactEstimate estimate_contact(const Chain& chain, const Posture<double>& posture, const double* residual,
                                         const double* sd, const LinkPoint& point, const Vector3& direction) noexcept {
     ContactEstimate out;
     const int n = chain.dof;
     double weight[max_joints];
-    for (int j = 0; j < n; ++j) weight[j] = 1 / sd[j];  // 0: not monitored
+    for (int j = 0; j < n; ++j) weight[j] = 1 / sd[j];  // 0: not used
 
     const Point3<double> p = posture.position(point);
     const int columns = point.link + 1;
@@ -150,7 +150,7 @@ inline ContactEstimate estimate_contact(const Chain& chain, const Posture<double
                                    z.x * turn,      z.y * turn,      z.z * turn};
             for (int k = 0; k < 6; ++k) column[k][j] = row[k];
         }
-        const int rank = detail::take_out(column, 6, link + 1, left);
+        const int rank = detail::project_out(column, 6, link + 1, left);
         double worst = 0, misfit = 0;
         for (int j = 0; j < n; ++j) {
             worst = std::max(worst, std::fabs(left[j]));
