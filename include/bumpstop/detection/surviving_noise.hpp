@@ -1,5 +1,5 @@
 /// @file
-/// Correlated noise: the density of a residual that has not alarmed yet, carried from tick to tick.
+/// Correlated noise: the density of the residual, given that there was no alarm so far, propagated from tick to tick.
 #pragma once
 
 #include <algorithm>
@@ -11,25 +11,25 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// One joint's first-order noise e(k) = c e(k-1) + s w(k), w white, s = sd sqrt(1 - c^2), so that sd is the stationary
-/// standard deviation and c the correlation from tick to tick. No alarm up to a tick leaves the residual inside its
-/// thresholds; the nodes lie there, within `reach` standard deviations of where the noise is centred. Where a threshold
-/// is nearer, their range is moved, and stays as wide.
+/// First-order noise of one joint, e(k) = c e(k-1) + s w(k) with w white and s = sd sqrt(1 - c^2): sd is the stationary
+/// standard deviation and c the correlation from tick to tick. Without an alarm the residual is between its thresholds. The
+/// quadrature nodes lie there, within `reach` standard deviations of the centre of the noise; where a threshold is nearer,
+/// their range is shifted and keeps its width.
 struct CorrelatedNoise {
     static constexpr double reach = 9;
 
     double threshold = 0, sd = 0, mean = 0;  ///< Nm or N
     double correlation = 0;                  ///< c
     double innovation = 0;                   ///< s, standard deviation of what a tick adds [Nm or N]
-    double half = 0;                         ///< of the range in which the nodes lie [Nm or N]
+    double half = 0;                         ///< half-width of the range of the nodes [Nm or N]
     std::vector<double> node, weight;        ///< on [-1, 1]
-    /// exp(-(a_i - c a_l)^2 / 2) with a_i = node_i half / s, [i][l]: how noise moves where it is centred in the range.
-    std::vector<double> spread;
+    /// Transition kernel exp(-(a_i - c a_l)^2 / 2) with a_i = node_i half / s, [i][l], for noise centred in the range.
+    std::vector<double> kernel;
 
     CorrelatedNoise(double limit, double noise_sd, double noise_mean, double noise_correlation)
         : threshold(limit), sd(noise_sd), mean(noise_mean), correlation(noise_correlation) {
         innovation = sd * std::sqrt((1 - correlation) * (1 + correlation));
-        // The integrand is a product of two bells as narrow as the innovation; nodes this close leave 1e-13 of it.
+        // The integrand is a product of two Gaussians as narrow as the innovation: with nodes this dense the error is 1e-13.
         half = std::min(threshold, reach * sd);
         const int count = std::max(12, int(std::ceil(5.5 * half / innovation)) + 8);
         const int pieces = (count + max_order - 1) / max_order;
@@ -40,28 +40,28 @@ struct CorrelatedNoise {
                 weight.push_back(rule.weight[g] / pieces);
             }
         }
-        if (!(widest() < max_shift)) return;
+        if (!(half_in_innovations() < max_shift)) return;
         for (double to : node) {
             for (double from : node) {
-                const double z = widest() * (to - correlation * from);
-                spread.push_back(std::exp(-0.5 * z * z));
+                const double z = half_in_innovations() * (to - correlation * from);
+                kernel.push_back(std::exp(-0.5 * z * z));
             }
         }
     }
-    /// Half of the range in innovations.
-    double widest() const { return half / innovation; }
-    /// Shifts times widths from here on would cost digits.
+    /// Half-width of the range in units of the innovation.
+    double half_in_innovations() const { return half / innovation; }
+    /// Limit of the product of shift and half-width, above which the factored kernel loses digits.
     static constexpr double max_shift = 300;
     int size() const { return int(node.size()); }
 };
 
-/// Density of the residual given no alarm so far.
+/// Density of the residual, given that there was no alarm so far.
 template <class T>
 struct SurvivingNoiseDensity {
     std::vector<T> value;  ///< at the nodes, per Nm; integrates to one
-    T low, high;           ///< where the nodes lie [Nm or N]
-    T centre;              ///< what the noise is added to: contact torque and noise mean
-    T known = 0.0;         ///< 0: nothing has been monitored yet, so the noise is as it always is; else 1
+    T low, high;           ///< range of the nodes [Nm or N]
+    T centre;              ///< noiseless residual plus noise mean [Nm or N]
+    T known = 0.0;         ///< 0: no tick has been monitored yet, so the noise is stationary; else 1
 
     void reset(const CorrelatedNoise& noise) {
         value.assign(std::size_t(noise.size()), T(0.0));
@@ -74,22 +74,22 @@ struct SurvivingNoiseDensity {
 
 namespace detail {
 
-/// exp(x), x of either sign and within `CorrelatedNoise::max_shift` of zero.
+/// exp(x) for |x| up to `CorrelatedNoise::max_shift`.
 template <class T>
 T exp_either(T x) {
     const T below = exp_minus(abs(x), T(0.0));
     return select(x > T(0.0), 1.0 / below, below);
 }
 
-/// The density at the nodes where their range is as wide before and after the tick. d is how far the range runs ahead of
-/// the noise, in innovations: exp(-(a_i - c a_l + d)^2 / 2) is a constant times exp(-d a_i - d^2 / 2) exp(d c a_l).
+/// The density at the nodes after a tick, where their range keeps its width. With the shift d of the range relative to the
+/// noise, in innovations, the kernel factors: exp(-(a_i - c a_l + d)^2 / 2) is kernel[i][l] exp(-d a_i - d^2 / 2) exp(d c a_l).
 template <class T>
-void spread_as_wide(const CorrelatedNoise& noise, T shift, T* mass, std::vector<T>& value) {
+void propagate_same_width(const CorrelatedNoise& noise, T shift, T* mass, std::vector<T>& value) {
     const int n = noise.size();
-    const T away = shift * noise.widest(), constant = 0.5 * shift * shift;
-    for (int l = 0; l < n; ++l) mass[l] *= exp_either(T(away * (noise.correlation * noise.node[l])));
+    const T scaled = shift * noise.half_in_innovations(), constant = 0.5 * shift * shift;
+    for (int l = 0; l < n; ++l) mass[l] *= exp_either(T(scaled * (noise.correlation * noise.node[l])));
     for (int i = 0; i < n; ++i) {
-        const double* row = &noise.spread[std::size_t(i) * n];
+        const double* row = &noise.kernel[std::size_t(i) * n];
         T sum[4] = {T(0.0), T(0.0), T(0.0), T(0.0)};
         int l = 0;
         for (; l + 4 <= n; l += 4) {
@@ -98,14 +98,14 @@ void spread_as_wide(const CorrelatedNoise& noise, T shift, T* mass, std::vector<
         }
         for (; l < n; ++l) sum[0] += mass[l] * row[l];
         const T all = (sum[0] + sum[1]) + (sum[2] + sum[3]);
-        value[i] = all * exp_either(T(-(away * noise.node[i]) - constant));
+        value[i] = all * exp_either(T(-(scaled * noise.node[i]) - constant));
     }
 }
 
 }  // namespace detail
 
-/// The next tick: noise moves on, the noiseless residual becomes `torque`, alarms are taken out. `work` holds two values
-/// a node.
+/// Propagates the density over a tick: the noise changes, the noiseless residual becomes `torque`, and residuals beyond the
+/// thresholds are removed. `work`: scratch for two values per node.
 template <class T>
 AlarmProbability<T> propagate_tick(const CorrelatedNoise& noise, SurvivingNoiseDensity<T>& density, T torque,
                                    std::vector<T>& work) {
@@ -113,9 +113,9 @@ AlarmProbability<T> propagate_tick(const CorrelatedNoise& noise, SurvivingNoiseD
     const double s = noise.innovation, root_half = 0.70710678118654752440, per_root = 0.39894228040143267794;
     const T centre = torque + noise.mean;
     const double furthest = CorrelatedNoise::reach * noise.sd, inner = noise.threshold - noise.half;
-    // Where the residual lies beyond reach of its thresholds the range shrinks to next to nothing, not to less.
+    // Where the residual is far beyond its thresholds the range between them shrinks to this width, not to zero.
     const double least = 1e-3 * std::min(noise.sd, noise.threshold);
-    // Where the residual is centred well beyond one, what is left lies beside it, too close for nodes of the whole range.
+    // Where the centre is well beyond a threshold, the remaining density is concentrated at it: the whole range is too coarse.
     const auto whole = abs(centre) <= T(noise.threshold + 2 * s);
     const T inside = min(max(centre, T(-inner)), T(inner));
     const T low = select(whole, inside - noise.half,
@@ -145,10 +145,10 @@ AlarmProbability<T> propagate_tick(const CorrelatedNoise& noise, SurvivingNoiseD
     std::vector<T>& value = density.value;
     const T shift = ((middle - centre) - noise.correlation * (old_middle - density.centre)) * (1 / s);
     const T full = (1 - 1e-12) * noise.half;
-    const bool as_wide = any_known && !noise.spread.empty() &&
+    const bool as_wide = any_known && !noise.kernel.empty() &&
                          all((half > full) & (old_half > full) &
-                             (abs(shift) * (noise.widest() + abs(shift)) < T(CorrelatedNoise::max_shift)));
-    if (as_wide) detail::spread_as_wide(noise, shift, mass, value);
+                             (abs(shift) * (noise.half_in_innovations() + abs(shift)) < T(CorrelatedNoise::max_shift)));
+    if (as_wide) detail::propagate_same_width(noise, shift, mass, value);
     for (int i = 0; i < n; ++i) {
         const T x = middle + half * noise.node[i];
         T sum = 0.0;

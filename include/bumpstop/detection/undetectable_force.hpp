@@ -1,5 +1,5 @@
 /// @file
-/// Forces that no threshold detects at a pose, and a watch for poses where they are large.
+/// Forces that no threshold detects at a pose, and a monitor that warns of poses where they are large.
 #pragma once
 
 #include <algorithm>
@@ -9,9 +9,9 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// How far the residual of one joint may stay undetected: from `low` to `high` [Nm or N], low < 0 < high. Both are infinite
-/// for a joint without a threshold. A force f that the arm exerts adds (J_v' f)_j to the residual, so faces are
-/// low = -(threshold + z sd) - mean and high = threshold + z sd - mean.
+/// Undetected residuals of one joint: from `low` to `high` [Nm or N], low < 0 < high, infinite for a joint without a
+/// threshold. A force f that the arm exerts adds (J_v' f)_j to the residual, so low = -(threshold + z sd) - mean and
+/// high = threshold + z sd - mean.
 struct ResidualBand {
     double low = -std::numeric_limits<double>::infinity();
     double high = std::numeric_limits<double>::infinity();
@@ -20,24 +20,24 @@ struct ResidualBand {
 
 /// The forces { f : low_j <= (J_v' f)_j <= high_j for every j } at a pose.
 struct UndetectableForce {
-    /// Of the farthest one [N]; infinite where some direction is not detectable at all; NaN for a Jacobian that is none.
+    /// Magnitude of the largest one [N]; infinite where some direction is not detectable; NaN for a Jacobian that is not finite.
     double largest = std::numeric_limits<double>::infinity();
-    double largest_detectable = 0;  ///< [N] the same among forces without a component in the null space
-    Vector3 largest_vector{};       ///< [N] B; that force
-    Vector3 singular{};             ///< of the monitored columns of J_v, largest first [m or 1]
-    int rank = 0;                   ///< directions that are detectable, 0 to 3
-    /// B; unit vectors, orthogonal. The first `rank` are detectable, best first; the others are the null space.
+    double largest_detectable = 0;  ///< the same among forces without a component in the null space [N]
+    Vector3 largest_vector{};       ///< that force, B [N]
+    Vector3 singular{};             ///< singular values of the monitored columns of J_v, largest first [m or 1]
+    int rank = 0;                   ///< number of detectable directions, 0 to 3
+    /// Orthogonal unit vectors, B. The first `rank` are detectable, best first; the others span the null space.
     Vector3 axis[3]{};
 };
 
-/// A singular value this small beside the largest is zero: joint angles are known to some 1e-16, levers to some 1e-15.
+/// Singular values below this share of the largest count as zero: rounding errors of levers are about 1e-15.
 inline constexpr double rank_tolerance = 1e-12;
 
 namespace detail {
 
-/// The polytope in coordinates in which the faces' normals are the columns of a matrix with orthonormal rows. There
-/// neighbouring faces are as far from parallel as they can be, however near the pose is to a singular one. Across each
-/// coordinate that no joint detects stands a face of its own, through the origin.
+/// The polytope in coordinates in which the normals of the faces are the columns of a matrix with orthonormal rows: this keeps
+/// the faces well-conditioned near a singular pose. For each coordinate that no joint detects, a face through the origin fixes
+/// it at zero.
 struct ForcePolytope {
     int faces = 0;
     Point3<double> normal[max_joints + 3];
@@ -53,11 +53,11 @@ struct ForcePolytope {
         high[faces++] = to;
     }
 
-    /// Offers both ends of what the faces leave of the line foot + t along. `along` is a unit vector, `foot` its
-    /// nearest point to the origin; faces `i` and `j` hold it. Every vertex is the end of such a line, and |f|^2 is
-    /// convex, so the farthest is among them. Where three faces meet in one line rounding could leave nothing of it;
-    /// every bound is therefore taken 1e-12 wider, which moves no vertex farther out than that.
-    void offer_line(const Point3<double>& foot, const Point3<double>& along, int i, int j) noexcept {
+    /// Compares both ends of an edge with the best vertex so far. The edge is the part of the line foot + t along within all
+    /// faces; `along` is a unit vector, `foot` the point of the line nearest to the origin, and the line lies in faces `i` and
+    /// `j`. Every vertex is the end of an edge, and the convex |f|^2 has its maximum at a vertex. Where three faces share a
+    /// line, rounding could make the edge empty, so all bounds are 1e-12 wider.
+    void try_edge(const Point3<double>& foot, const Point3<double>& along, int i, int j) noexcept {
         constexpr double slack = 1e-12;
         double begin = -std::numeric_limits<double>::infinity(), end = -begin;
         const double reach = std::sqrt(dot(foot, foot));
@@ -96,13 +96,13 @@ struct ForcePolytope {
         const Point3<double>&a = normal[i], &b = normal[j];
         const Point3<double> d = cross(a, b);
         const double square = dot(d, d);
-        // Parallel faces share no line; their vertices are ends of other lines.
+        // Parallel faces share no line; their vertices are ends of other edges.
         if (!(square > 1e-24 * dot(a, a) * dot(b, b))) return;
         const Point3<double> u = cross(b, d), v = cross(d, a);
         const double inverse = 1 / square;
         for (const double p : {low[i], high[i]})
             for (const double q : {low[j], high[j]})
-                offer_line((p * inverse) * u + (q * inverse) * v, (1 / std::sqrt(square)) * d, i, j);
+                try_edge((p * inverse) * u + (q * inverse) * v, (1 / std::sqrt(square)) * d, i, j);
     }
 };
 
@@ -110,9 +110,9 @@ struct ForcePolytope {
 
 /// Largest force that no threshold detects, over all directions, from the columns of J_v at the point it acts on.
 ///
-/// Exact but for rounding: the farthest point of a convex polytope is a vertex, and every vertex is the end of an edge,
-/// where the faces of two joints meet. With n joints there are 2 n (n - 1) edges to cut off.
-/// One pose at a time, as poses differ in rank and in which faces meet.
+/// Exact up to rounding: the farthest point of a convex polytope is a vertex, and every vertex is the end of an edge, where the
+/// faces of two joints meet. With n joints there are 2 n (n - 1) lines to clip. Poses are not computed in lanes, because they
+/// differ in rank and in the faces that meet.
 ///
 /// @param column of each joint, B [m or 1].
 inline UndetectableForce undetectable_force(const Point3<double>* column, const ResidualBand* band,
@@ -172,8 +172,8 @@ inline UndetectableForce undetectable_force(const Point3<double>* column, const 
 }
 
 /// Largest force F >= 0 along the unit vector n that no threshold detects: the smallest of high_j / (J_v' n)_j, or of
-/// low_j / (J_v' n)_j where that is negative [N]; infinite where it loads no monitored joint. A lever below 1e-12 of
-/// the longest is none.
+/// low_j / (J_v' n)_j where the lever is negative [N]; infinite where it loads no monitored joint. Levers below 1e-12 of the
+/// longest count as zero.
 inline double undetectable_force_along(const Point3<double>* column, const ResidualBand* band, int joints,
                                        const Point3<double>& n) noexcept {
     double force = std::numeric_limits<double>::infinity(), longest = 0;
@@ -183,22 +183,22 @@ inline double undetectable_force_along(const Point3<double>* column, const Resid
     for (int j = 0; j < joints; ++j) {
         if (!band[j].monitored()) continue;
         const double torque = dot(column[j], n);
-        if (torque != torque) return torque;  // of such a pose nothing is known
+        if (torque != torque) return torque;  // NaN
         if (std::fabs(torque) > none) force = std::min(force, (torque < 0 ? band[j].low : band[j].high) / torque);
     }
     return force;
 }
 
-/// What a UndetectablePoseMonitor says of a pose.
+/// Result of a UndetectablePoseMonitor for a pose.
 struct PoseWarning {
-    double force = 0;      ///< largest undetectable force [N]; infinite or NaN: any, or nobody knows
-    bool warning = false;  ///< more than the limit stays undetected
-    bool entered = false;  ///< and did not at the call before
+    double force = 0;      ///< largest undetectable force [N]; NaN where the pose is not finite
+    bool warning = false;  ///< the force exceeds the limit
+    bool entered = false;  ///< the warning begins with this pose
 };
 
-/// Tells, in the loop, when the arm enters a pose where more than a given force at a point stays undetected. Fixed
-/// memory. A warning ends when the force is 5 % below the limit, so that a pose at the edge does not warn at every
-/// tick. Joint positions that are not finite warn: nothing is known of such a pose.
+/// Warns, in a control loop, when the arm enters a pose where forces above a limit at a point are undetectable. Nothing is
+/// allocated. A warning ends when the force is 5 % below the limit, so that it does not toggle. Joint positions that are not
+/// finite give a warning.
 class UndetectablePoseMonitor {
   public:
     UndetectablePoseMonitor(const Chain& chain, const LinkPoint& point, std::span<const ResidualBand> band,
@@ -216,16 +216,13 @@ class UndetectablePoseMonitor {
         const Point3<double> p = posture.position(point_);
         Point3<double> column[max_joints];
         for (int j = 0; j <= point_.link; ++j) column[j] = linear_column(chain_, posture, p, j);
-        return judge(undetectable_force(column, band_.data(), point_.link + 1).largest);
-    }
-
-  private:
-    PoseWarning judge(double force) noexcept {
+        const double force = undetectable_force(column, band_.data(), point_.link + 1).largest;
         const bool before = warning_;
         warning_ = !(force <= (before ? 0.95 * limit_ : limit_));
         return {force, warning_, warning_ && !before};
     }
 
+  private:
     Chain chain_;
     LinkPoint point_;
     std::array<ResidualBand, max_joints> band_{};
