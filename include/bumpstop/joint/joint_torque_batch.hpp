@@ -1,5 +1,5 @@
 /// @file
-/// The torques of all joints of an arm at once, with what is uncertain about them: joint_torque with a joint in every lane.
+/// The torques of all joints of an arm at once with their standard errors: joint_torque with one joint per lane.
 #pragma once
 
 #include <array>
@@ -10,14 +10,14 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Standard errors of JointTorqueParameters, in their units, of a joint or of one in every lane; 0: unknown, or none.
+/// Standard errors of JointTorqueParameters, in their units; 0: unknown, or none. T: a joint, or lanes with one each.
 template <class T>
 struct JointTorqueErrorsOf {
     T A = 0.0, B = 0.0, D = 0.0, F = 0.0, coulomb = 0.0, viscous = 0.0, stribeck = 0.0, stribeck_speed = 0.0;
     T load = 0.0, hysteresis = 0.0, inertia = 0.0;
     T friction = 0.0;  ///< standard deviation of measured friction about the law [current]
 
-    /// All of them, in the order of files.
+    /// All of them, in the order of the detector's file.
     std::array<T*, 12> all() noexcept {
         return {&A,    &B,          &D,       &F,       &coulomb, &viscous, &stribeck, &stribeck_speed,
                 &load, &hysteresis, &inertia, &friction};
@@ -25,8 +25,8 @@ struct JointTorqueErrorsOf {
 };
 using JointTorqueErrors = JointTorqueErrorsOf<double>;
 
-/// Torque that friction can hide at standstill, each way [Nm or N]: what the motor need not answer while the joint
-/// sticks. Friction at rest_speed under `current`, through the map's slope there, and hysteresis.
+/// Dead zone at standstill [Nm or N]: external torque of either sign that static friction holds, so that the current does not
+/// show it. It is the friction at rest_speed under `current`, times the slope of the map, plus hysteresis.
 inline double dead_zone(const JointTorqueParameters& p, double current) noexcept {
     const double friction = abs(friction_current(p, current, p.rest_speed));
     const double inside = max(p.current_low, min(p.current_high, current));
@@ -34,7 +34,7 @@ inline double dead_zone(const JointTorqueParameters& p, double current) noexcept
     return slope * friction + abs(p.hysteresis);
 }
 
-/// Nothing is allocated. The state of hysteresis is inside.
+/// Joint models of an arm, with their hysteresis states. Nothing is allocated.
 class JointTorqueBank {
   public:
     JointTorqueBank() = default;
@@ -71,17 +71,17 @@ class JointTorqueBank {
         }
     }
 
-    /// Torques [Nm or N] as joint_torque gives them, and, where `sd` is given, their standard errors from those of the
-    /// parameters, taken as independent: sd^2 = sum over parameters of (dtau/dp se_p)^2. Arrays of max_joints numbers;
-    /// those beyond the last joint mean nothing.
+    /// Torques [Nm or N] as joint_torque gives them and, unless `sd` is null, their standard errors, propagated from those of
+    /// the parameters as independent: sd^2 = sum over parameters of (dtau/dp se_p)^2. Arrays of max_joints numbers; those
+    /// beyond the last joint are ignored.
     void torque(const double* current, const double* qd, const double* qdd, double* tau, double* sd) noexcept {
         take_logarithms(qd);
         take_powers(qd);
         map(current, qd, qdd, tau, sd);
     }
 
-    /// `torque` in three parts, to be called one after the other: each waits long for the one before, and a loop has other
-    /// things to do meanwhile.
+    /// The three parts of `torque`, to be called in this order. Each has a long latency that a control loop can overlap with
+    /// other work.
     [[gnu::flatten]] void take_logarithms(const double* qd) noexcept {
         if (!any_power_) return;
         for (int k = 0; k * native_lanes < joints_; ++k) {
@@ -92,7 +92,7 @@ class JointTorqueBank {
     [[gnu::flatten]] void take_powers(const double* qd) noexcept {
         if (any_power_)
             for (int k = 0; k * native_lanes < joints_; ++k)
-                shape_[k] = exp_minus(-(log_speed_[k] * group_[k].F), L(0.0));
+                power_[k] = exp_minus(-(log_speed_[k] * group_[k].F), L(0.0));
         if (any_stribeck_)
             for (int k = 0; k * native_lanes < joints_; ++k) {
                 const L u = reduced_speed(group_[k], load<L>(qd + k * native_lanes));
@@ -107,21 +107,21 @@ class JointTorqueBank {
                                 load<L>(qd + first),
                                 load<L>(qdd + first),
                                 log_speed_[k],
-                                shape_[k],
+                                power_[k],
                                 bell_[k]};
             if (sd != nullptr) {
-                one<true>(group_[k], motion, tau + first, sd + first);
+                torque_of_group<true>(group_[k], motion, tau + first, sd + first);
             } else {
-                one<false>(group_[k], motion, tau + first, nullptr);
+                torque_of_group<false>(group_[k], motion, tau + first, nullptr);
             }
         }
     }
 
-    /// Forgets the last motion of every joint.
+    /// Resets the hysteresis of every joint.
     void reset() noexcept {
         for (Group& g : group_) g.direction = 0.0;
     }
-    /// sgn(qd_H) of joint j; 0: it has not moved yet.
+    /// sgn(qd_H) of joint j; 0: no motion yet.
     double direction(int j) const noexcept { return lane_of(group_[j / native_lanes].direction, j % native_lanes); }
 
   private:
@@ -139,19 +139,19 @@ class JointTorqueBank {
         Errors errors;
     };
 
-    /// Of a group, with the functions of its speed: ln(|qd| / top), its power and its Stribeck bell.
+    /// A sample of a group, with functions of its speed: ln(|qd| / top), (|qd| / top)^F and exp(-(qd / w)^2).
     struct Motion {
-        L current, qd, qdd, log_speed, shape, bell;
+        L current, qd, qdd, log_speed, power, bell;
     };
 
     static L reduced_speed(const Group& g, L qd) noexcept { return min(L(26.0), abs(qd) * g.inverse_stribeck_speed); }
 
     template <bool WithErrors>
-    void one(Group& g, const Motion& motion, double* tau, double* sd) const noexcept {
+    void torque_of_group(Group& g, const Motion& motion, double* tau, double* sd) const noexcept {
         const L zero = 0.0, unit = 1.0, current = motion.current, qd = motion.qd, qdd = motion.qdd;
         const L speed = abs(qd), amount = abs(current);
         const L sign = max(-unit, min(unit, qd * g.inverse_rest));
-        const L power = motion.shape * g.scale, stribeck = motion.bell * g.stribeck + g.coulomb;
+        const L power = motion.power * g.scale, stribeck = motion.bell * g.stribeck + g.coulomb;
         const L magnitude = select(g.power > zero, power, stribeck);
         const L friction = sign * (magnitude + amount * g.load) + qd * g.viscous;
         const L joint_current = current - friction;
@@ -164,9 +164,9 @@ class JointTorqueBank {
         if constexpr (WithErrors) {
             const Errors& e = g.errors;
             const L slope = 2.0 * bend + g.B, through = slope * sign;
-            // With the load-dependent map A comes with -sgn(qd).
+            // In the load-dependent map A has the factor -sgn(qd).
             const L by_A = select(g.odd > zero, abs(inside), -(sign * inside)) * (2.0 * joint_current - inside);
-            const L unit_power = motion.shape * g.unit_scale;
+            const L unit_power = motion.power * g.unit_scale;
             const L log_speed = motion.log_speed + 9.210340371976183;  // ln |qd|
             L variance = square(by_A * e.A) + square(joint_current * e.B) + square(slope * e.friction) +
                          square(slope * qd * e.viscous) + square(through * amount * e.load) +
@@ -189,7 +189,7 @@ class JointTorqueBank {
     int joints_ = 0;
     bool any_power_ = false, any_stribeck_ = false;
     std::array<Group, max_groups> group_{};
-    std::array<L, max_groups> log_speed_{}, shape_{}, bell_{};  // zero where no joint has that law
+    std::array<L, max_groups> log_speed_{}, power_{}, bell_{};  // zero where no joint has that friction law
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -1,7 +1,7 @@
 /// @file
-/// Local polynomials: derivatives of samples at uneven times, by weighted least squares about the time asked for.
+/// Derivatives of unevenly sampled signals by local polynomial regression: a Savitzky-Golay filter for any sampling times.
 ///
-/// Units: t [s], q [rad, or whatever it is], derivatives per s and s2.
+/// Units: t [s], q [rad or any other], derivatives per s and s2.
 #pragma once
 
 #include <cstddef>
@@ -12,34 +12,34 @@
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 inline constexpr int max_fit_degree = 5;
-/// Of the fits in a control loop.
+/// Largest window of the fits in a control loop.
 inline constexpr int max_window_samples = 512;
 
 /// Samples in a window of `time` seconds, one every `period` seconds, from the oldest to the newest: at least one more
 /// than `degree`, which a fit needs, and at most max_window_samples.
 inline int window_samples(double time, double period, int degree) noexcept {
-    // Halves go down, and what is near them: 70 ms at 250 Hz are 17 intervals, whatever a clock makes of 4 ms.
+    // Halves, and values near them, are rounded down: 70 ms at 250 Hz are 17 intervals even if the period is not exactly 4 ms.
     const double intervals = time / period + 0.45;
-    // Written so that what is no number gives the least.
+    // For NaN the condition holds, too: it gives the smallest window.
     if (!(intervals > degree)) return degree + 1;
     return intervals >= max_window_samples ? max_window_samples : int(intervals) + 1;
 }
 
-/// Arrays a fit works in, `n` numbers each: a whole number of registers of T.
+/// Arrays of a fit, `n` numbers each: a whole number of registers of T.
 struct FitArrays {
-    const double* x;       ///< time of a sample less the time asked for [s]
-    const double* weight;  ///< of its squared deviation, not negative; 0: the sample does not count
+    const double* x;       ///< time of a sample minus the time of the estimate [s]
+    const double* weight;  ///< of its squared deviation, not negative; 0: the sample is ignored
     double* before;        ///< scratch
     double* current;       ///< scratch
-    double* out[3];        ///< out[r][k]: share of sample k in derivative r [1/s^r]
+    double* out[3];        ///< out[r][k]: filter coefficient of sample k for derivative r [1/s^r]
     int n;
 };
 
-/// The weights out[r][k] with which sum_k out[r][k] q_k is derivative r = 0, 1, 2, at x = 0, of the polynomial fitted to
-/// q. More than `degree` samples must have a weight above 0 and times of their own.
+/// Filter coefficients out[r][k]: sum_k out[r][k] q_k is derivative r = 0, 1, 2, at x = 0, of the polynomial fitted to q. More
+/// than `degree` samples must have a weight above 0 and distinct times.
 ///
-/// The polynomials orthogonal under the weights come by their three-term recurrence (Forsythe, J. SIAM 5, 1957), so no
-/// ill-conditioned system is solved. A lane is a sample.
+/// The polynomials that are orthogonal under the weights are computed by their three-term recurrence (Forsythe, J. SIAM 5,
+/// 1957), so no ill-conditioned system is solved. One sample per lane.
 template <class T>
 void derivative_weights(const FitArrays& a, int degree) noexcept {
     constexpr int lanes = Scalar<T>::lanes;
@@ -76,13 +76,13 @@ void derivative_weights(const FitArrays& a, int degree) noexcept {
     }
 }
 
-/// Smoothed positions, rates and accelerations of `columns` series at `rows` common times, which increase. q and out are
-/// by rows.
+/// Smoothed positions, rates and accelerations of `columns` series at `rows` common, increasing times. q and out are
+/// row-major.
 ///
-/// About every time a polynomial is fitted to the samples nearer than h, with the weights 1 - (dt / h)^2. They fall to
-/// zero at the edge, so a sample that is late, early or lost enters and leaves without a step. h is half the window.
-/// Towards the ends of the record it grows to the whole of it, and where samples are sparse or lost, until degree + 1 on
-/// either side lie within 0.8 h: with fewer the noise would grow much more than the window does.
+/// At every time a polynomial is fitted to the samples closer than h, with the weights 1 - (dt / h)^2. The weights are zero at
+/// the edge, so samples enter and leave the window without a step. h is half the window. It grows to the whole window towards
+/// the ends of the record and, where samples are sparse, until degree + 1 on either side lie within 0.8 h: with fewer the
+/// variance would grow much.
 inline void local_derivatives(const double* t, const double* q, std::size_t rows, std::size_t columns, double window,
                               int degree, double* const (&out)[3]) {
     using L = Lanes<native_lanes>;
@@ -94,12 +94,12 @@ inline void local_derivatives(const double* t, const double* q, std::size_t rows
 
     const std::size_t side = std::size_t(degree) + 1;
     std::vector<double> scratch;
-    std::size_t begin = 0, end = 0;  // of the window if none is lost; both only ever move on
+    std::size_t begin = 0, end = 0;  // samples closer than h; both only increase
     for (std::size_t i = 0; i < rows; ++i) {
         double h = std::max(0.5 * window, window - std::min(t[i] - t[0], t[rows - 1] - t[i]));
         while (t[i] - t[begin] >= h) ++begin;
         while (end < rows && t[end] - t[i] < h) ++end;
-        // What one side lacks at an end of the record, the other gives.
+        // At an end of the record the other side makes up for the samples that are missing.
         const std::size_t past = i, future = rows - 1 - i;
         const std::size_t back = std::min(past, side + (side - std::min(side, future)));
         const std::size_t ahead = std::min(future, side + (side - std::min(side, past)));
@@ -119,7 +119,7 @@ inline void local_derivatives(const double* t, const double* q, std::size_t rows
             x, weight, s + 2 * padded, s + 3 * padded, {s + 4 * padded, s + 5 * padded, s + 6 * padded}, padded};
         derivative_weights<L>(fit, degree);
         for (std::size_t g = 0; g < groups; ++g) {
-            // Against the sample itself, so that a large constant costs no digits.
+            // Differences to the sample itself avoid cancellation where the signal has a large constant.
             const L reference = value[i * groups + g];
             L sum[3] = {0.0, 0.0, 0.0};
             for (int k = 0; k < count; ++k) {

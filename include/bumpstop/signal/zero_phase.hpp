@@ -1,7 +1,7 @@
 /// @file
-/// A Butterworth low-pass run forward and backward over even samples: no delay at any frequency.
+/// Zero-phase filter: a Butterworth low-pass run forward and backward over equally spaced samples.
 ///
-/// Units: frequencies in Hz; samples in whatever they are.
+/// Frequencies in Hz; samples in any unit.
 #pragma once
 
 #include <array>
@@ -22,19 +22,19 @@ struct FilterSection {
 inline constexpr int max_filter_order = 10;
 inline constexpr int max_filter_sections = max_filter_order / 2;
 
-/// Sections of a filter, the first `count` of them.
+/// A filter as a cascade of second-order sections.
 struct FilterSections {
     std::array<FilterSection, max_filter_sections> section{};
     int count = 0;
 };
 
-/// Butterworth's low-pass of `order` (1 to max_filter_order) by the bilinear transform, warped so that its gain at
-/// `cutoff` is 1 / sqrt(2). `cutoff` is above 0 and below half of `rate`.
+/// Butterworth low-pass of `order` (1 to max_filter_order) by the bilinear transform, pre-warped so that its gain at `cutoff`
+/// is 1 / sqrt(2). `cutoff` is above 0 and below half of `rate`.
 inline FilterSections butterworth(int order, double cutoff, double rate) noexcept {
     const double w = std::tan(std::numbers::pi * cutoff / rate);
     FilterSections found;
     for (int pair = 0; pair < order / 2; ++pair) {
-        // Poles of a pair lie at -sin(angle) +- i cos(angle) of the analogue prototype.
+        // The analogue prototype has a pair of poles at -sin(angle) +- i cos(angle).
         const double damping = 2 * std::sin(std::numbers::pi * (2 * pair + 1) / (2 * order));
         const double scale = 1 / (1 + damping * w + w * w), gain = w * w * scale;
         found.section[found.count++] = {gain, 2 * gain, gain, 2 * (w * w - 1) * scale,
@@ -47,8 +47,8 @@ inline FilterSections butterworth(int order, double cutoff, double rate) noexcep
     return found;
 }
 
-/// Runs sections over samples x[0], x[step], ... (`count` of them) in place, one after the other, each from the state in
-/// which the first sample has stood for ever. A lane is a series.
+/// Filters `count` samples x[0], x[step], ... in place, section after section. Every section starts in the steady state of a
+/// constant input equal to the first sample. One series per lane.
 template <class T>
 void run_filter(const FilterSections& filter, T* x, std::ptrdiff_t step, std::size_t count) noexcept {
     for (int k = 0; k < filter.count; ++k) {
@@ -65,10 +65,9 @@ void run_filter(const FilterSections& filter, T* x, std::ptrdiff_t step, std::si
     }
 }
 
-/// Filters `columns` series of `rows` even samples, x and out by rows, forward and backward.
+/// Filters `columns` series of `rows` equally spaced samples, x and out row-major, forward and backward.
 ///
-/// `padding` samples (fewer than `rows`) go before and after by point reflection about the ends, so that these are not
-/// drawn towards zero.
+/// Each end is padded by `padding` samples (fewer than `rows`), reflected about the end point, against transients at the ends.
 inline void filter_zero_phase(const FilterSections& filter, const double* x, std::size_t rows, std::size_t columns,
                               std::size_t padding, double* out) {
     using L = Lanes<native_lanes>;
