@@ -1,5 +1,5 @@
 /// @file
-/// A serial chain as it is given, and as it is computed with.
+/// A serial chain as specified in the manner of URDF, and in the frames that are used for computing.
 #pragma once
 
 #include <array>
@@ -37,13 +37,12 @@ inline Matrix3 rotation_z(double angle) {
 inline Matrix3 rotation_from_z(const Vector3& axis) {
     const double horizontal = std::hypot(axis[0], axis[1]);
     if (horizontal == 0) return axis[2] > 0 ? Matrix3{1, 0, 0, 0, 1, 0, 0, 0, 1} : Matrix3{1, 0, 0, 0, -1, 0, 0, 0, -1};
-    const double cp = axis[0] / horizontal, sp = axis[1] / horizontal;  // turn about y, then about z
+    const double cp = axis[0] / horizontal, sp = axis[1] / horizontal;  // rotation about y, then about z
     return {cp * axis[2], -sp, axis[0], sp * axis[2], cp, axis[1], -horizontal, 0, axis[2]};
 }
 
-/// One joint and the link it moves, in the manner of URDF: the joint's frame stands at `origin` with
-/// `rotation` in the frame of the link before; the link turns about (revolute) or slides along (prismatic) the
-/// unit vector `axis`.
+/// One joint and the link it moves, in the manner of URDF: `origin` and `rotation` give the joint's frame in the frame
+/// of the previous link; the link turns about (revolute) or slides along (prismatic) the unit vector `axis`.
 struct JointSpec {
     bool prismatic = false;
     Vector3 origin{};  ///< m
@@ -51,35 +50,34 @@ struct JointSpec {
     Vector3 axis{0, 0, 1};
 };
 
-/// The chain with its frames turned so that every joint moves about or along its own z axis and the constant
-/// rotation between two joints is one turn about x. Any rotation is Rz(beta) Rx(alpha) Rz(gamma); the turns
-/// about z join the joint angles before and after. A joint then costs two plane rotations instead of a product
-/// of matrices.
+/// The chain in computing frames: every joint moves about or along its own z axis, and the constant rotation between
+/// two joints is one rotation about x. Any rotation is Rz(beta) Rx(alpha) Rz(gamma); those about z are added to the
+/// joint angles before and after. A joint then costs two plane rotations instead of a product of matrices.
 struct Chain {
     struct Joint {
         bool prismatic = false;
-        double turns = 1;                     // 0 for a prismatic joint: its angle without a branch is q turns + offset
-        double cos_alpha = 1, sin_alpha = 0;  // turn about x before the joint
+        double turns = 1;                     // 1, or 0 for a prismatic joint: the joint's angle is turns * q + offset
+        double cos_alpha = 1, sin_alpha = 0;  // rotation about x before the joint
         double offset = 0;       // added to a revolute joint's angle; a prismatic joint's constant angle [rad]
-        Vector3 displacement{};  // from the frame before to this joint, in the frame before [m]
+        Vector3 displacement{};  // from the previous frame to this joint, in the previous frame [m]
         Matrix3 to_link{};       // orientation of the link's own frame in the computing frame after the joint
     };
     int dof = 0;
-    std::array<double, 2> base_turn{1, 0};  ///< cosine and sine of the turn about z that begins the chain
+    std::array<double, 2> base_turn{1, 0};  ///< cosine and sine of the rotation about z at the base of the chain
     std::array<Joint, max_joints> joint{};
-    /// `turns` and `offset` of the joints once more, side by side; zero beyond the last.
+    /// `turns` and `offset` of the joints as arrays, for loading registers; zero beyond the last.
     std::array<double, max_joints> turns{}, offsets{};
 
     Chain() = default;
     explicit Chain(std::span<const JointSpec> specs) : dof(int(specs.size())) {
-        Matrix3 frame_to_link{1, 0, 0, 0, 1, 0, 0, 0, 1};  // of the link before, as to_link
+        Matrix3 frame_to_link{1, 0, 0, 0, 1, 0, 0, 0, 1};  // `to_link` of the previous link
         for (int i = 0; i < dof; ++i) {
             const JointSpec& spec = specs[i];
             const Matrix3 align = rotation_from_z(spec.axis);
-            // In the computing frame before, whose closing turn about z is still free.
+            // In the previous computing frame, whose rotation about z is still to be chosen.
             const Matrix3 between = frame_to_link * spec.rotation * align;
-            // Nearly parallel axes leave beta to chance. Whatever it is, alpha and gamma are read from what remains once
-            // it is taken off, so that the three turns make up the rotation to the last digit.
+            // For nearly parallel axes beta is determined by rounding alone. alpha and gamma are computed from the rest
+            // after beta, so that the product of the three rotations is exact to rounding for any beta.
             const double beta = std::hypot(between[2], between[5]) > 0 ? std::atan2(between[2], -between[5]) : 0;
             const Matrix3 turn_back = rotation_z(-beta);
             const Matrix3 rest = turn_back * between;

@@ -1,5 +1,5 @@
 /// @file
-/// Text of keywords, one a line, with numbers, words or a name behind each: how files for C++ programs are written.
+/// Reader of the text files for C++ programs: each line has a keyword, then numbers, words or a name.
 #pragma once
 
 #include <cctype>
@@ -27,7 +27,7 @@ inline std::string quoted(const char* before, const std::string& word, const cha
     return text;
 }
 
-/// A keyword that must come once: where its numbers go, and the name behind them.
+/// A keyword that may appear once, and where its numbers and the name after them are stored.
 struct DescriptionField {
     static constexpr double largest = std::numeric_limits<double>::max();
 
@@ -36,19 +36,19 @@ struct DescriptionField {
     int count = 0;
     double low = -largest, high = largest;
     std::string wanted = std::to_string(count) + " numbers in its range, once";
-    std::function<bool()> valid{};  ///< of what has been read; none: all is
+    std::function<bool()> valid{};  ///< further condition on the values read
     std::string* name = nullptr;
     bool may_be_missing = false, seen = false;
 };
 
-/// The first of the fields that must come and has not, or null.
+/// The first required field that is missing, or null.
 inline const char* missing(const std::vector<DescriptionField>& fields) {
     for (const DescriptionField& field : fields)
         if (!field.seen && !field.may_be_missing) return field.key.c_str();
     return nullptr;
 }
 
-/// The lines of a text, one after the other. What is wrong with it is kept in `error`, with the number of the line.
+/// Reads a text line by line. `error` receives what is wrong with it, with the number of the line.
 class DescriptionText {
   public:
     DescriptionText(std::istream& in, std::string& error) : in_(in), error_(error) {}
@@ -65,7 +65,7 @@ class DescriptionText {
         }
         return false;
     }
-    /// False, and says why.
+    /// Sets the error and returns false.
     bool fail(const std::string& what) {
         error_ = "line " + std::to_string(number_) + ": " + what;
         return false;

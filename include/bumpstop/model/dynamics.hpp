@@ -1,7 +1,7 @@
 /// @file
 /// Inverse dynamics (recursive Newton-Euler), mass matrix and effective mass, for a double or for lanes.
 ///
-/// Everything runs in the chain's computing frames, link by link, where a joint costs a turn about x and a turn about z.
+/// All recursions run in the chain's computing frames, where a joint costs a rotation about x and one about z.
 /// Units: m, kg, s, N, Nm; a prismatic joint has m for rad and N for Nm.
 #pragma once
 
@@ -12,7 +12,7 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// What the environment exerts on the robot at a point of a link, in the base frame.
+/// A wrench that the environment exerts on the robot at a point of a link, in the base frame.
 template <class T>
 struct Wrench {
     LinkPoint point;
@@ -29,7 +29,7 @@ struct JointMotion {
     const T* qdd;
 };
 
-/// The rotation of one joint, from the frame after it to the frame before: a turn about x after a turn about z.
+/// The rotation of one joint, from the frame after it to the frame before it: about z, then about x.
 template <class T>
 struct JointTurn {
     double ca, sa;
@@ -68,8 +68,8 @@ void carry_inward(const Chain& chain, const Inertias& inertias, const T* q, cons
 }
 
 /// tau = M(q) qdd + C(q, qd) qd + g(q): the torques the motors must give, positive along the joints. `gravity` is the
-/// acceleration of free fall in the base frame [m/s2]. A rotor adds its inertia times qdd. That it is also carried
-/// around by the links before is neglected.
+/// acceleration of free fall in the base frame [m/s2]. A rotor adds its inertia times qdd; the gyroscopic torque of
+/// rotors on moving links is neglected.
 template <class T>
 void inverse_dynamics(const Chain& chain, const Inertias& inertias, const JointMotion<T>& motion,
                       const Vector3& gravity, T* tau) noexcept {
@@ -77,8 +77,8 @@ void inverse_dynamics(const Chain& chain, const Inertias& inertias, const JointM
     const JointAngles<T>& angle = motion.angle;
     const T zero = 0.0;
     Point3<T> force[max_joints], moment[max_joints];  // on the links, in their frames, about their origins
-    // Of the link: angular velocity, its rate, and the acceleration of its origin against free fall; before its own joint
-    // adds to them.
+    // Angular velocity, its rate, and the acceleration of the origin relative to free fall: of the previous link, then,
+    // with the joint's own motion, of the link.
     Point3<T> w{zero, zero, zero}, wd = w;
     Point3<T> a = into_first_frame(chain, Point3<T>{T(-gravity[0]), T(-gravity[1]), T(-gravity[2])});
     for (int i = 0; i < chain.dof; ++i) {
@@ -94,7 +94,7 @@ void inverse_dynamics(const Chain& chain, const Inertias& inertias, const JointM
             wd = {wd.x + w.y * qd[i], wd.y - w.x * qd[i], wd.z + qdd[i]};
             w.z += qd[i];
         }
-        // A point at r has the acceleration a + U r, with these for U; of its diagonal the negative.
+        // A point at r has the acceleration a + U r. These are the elements of U, the diagonal with the opposite sign.
         const T xx = w.x * w.x, yy = w.y * w.y, zz = w.z * w.z;
         const T xy = w.x * w.y, xz = w.x * w.z, yz = w.y * w.z;
         const T minus_uxx = yy + zz, minus_uyy = zz + xx, minus_uzz = xx + yy;
@@ -103,13 +103,13 @@ void inverse_dynamics(const Chain& chain, const Inertias& inertias, const JointM
         const T uyz = yz - wd.x, uzy = yz + wd.x;
         const double hx = mass.first[0], hy = mass.first[1];
         force[i] = {uxy * hy - minus_uxx * hx, uyx * hx - minus_uyy * hy, uzx * hx + uzy * hy};
-        // First moment times a, and the part of the integral of (r x U r) dm that `zz` has no share in.
+        // First moment times a, and the integral of (r x U r) dm without its terms in `zz`, which is zero here.
         moment[i] = {a.z * hy + uzy * mass.yy + (zz - yy) * mass.yz + uzx * mass.xy - uyx * mass.xz,
                      uxy * mass.yz - uzx * mass.xx + (xx - zz) * mass.xz - uzy * mass.xy - a.z * hx,
                      a.y * hx + uyx * mass.xx - uxy * mass.yy + (yy - xx) * mass.xy +
                          (uyz * mass.xz - uxz * mass.yz - a.x * hy)};
         if (joint.prismatic) [[unlikely]] {
-            // The origin travels, and the joint before could not take over the mass on its axis.
+            // The origin moves, and the mass on the axis was not moved to the previous link.
             const Point3<T> travel{uxz * q[i] + w.y * (2.0 * qd[i]), uyz * q[i] - w.x * (2.0 * qd[i]),
                                    qdd[i] - minus_uzz * q[i]};
             a = a + travel;
@@ -133,7 +133,7 @@ void inverse_dynamics(const Chain& chain, const Inertias& inertias, const JointM
     }
 }
 
-/// J' wrench: the torques it works with, positive along the joints.
+/// J' wrench: its joint torques, positive along the joints.
 template <class T>
 void external_torque(const Chain& chain, const Posture<T>& posture, const Wrench<T>& wrench, T* tau) noexcept {
     const Point3<T> p = posture.position(wrench.point);
@@ -147,7 +147,7 @@ void external_torque(const Chain& chain, const Posture<T>& posture, const Wrench
     }
 }
 
-/// The same with what the environment exerts: tau = M qdd + C qd + g - J' wrench.
+/// The same with an external wrench: tau = M qdd + C qd + g - J' wrench.
 template <class T>
 void inverse_dynamics(const Chain& chain, const Inertias& inertias, const JointMotion<T>& motion,
                       const Vector3& gravity, const Wrench<T>& wrench, T* tau) noexcept {
@@ -159,7 +159,7 @@ void inverse_dynamics(const Chain& chain, const Inertias& inertias, const JointM
     for (int j = 0; j < chain.dof; ++j) tau[j] -= external[j];
 }
 
-/// g(q): what holds the arm still.
+/// g(q): the torques that hold the arm at rest.
 template <class T>
 void gravity_torque(const Chain& chain, const Inertias& inertias, const T* q, const JointAngles<T>& angle,
                     const Vector3& gravity, T* tau) noexcept {
@@ -168,7 +168,7 @@ void gravity_torque(const Chain& chain, const Inertias& inertias, const T* q, co
     inverse_dynamics(chain, inertias, {q, angle, rest, rest}, gravity, tau);
 }
 
-/// C(q, qd) qd: what keeps the rates constant, without gravity.
+/// C(q, qd) qd: the torques that keep the rates constant, without gravity.
 template <class T>
 void coriolis_torque(const Chain& chain, const Inertias& inertias, const T* q, const JointAngles<T>& angle, const T* qd,
                      T* tau) noexcept {
@@ -178,7 +178,7 @@ void coriolis_torque(const Chain& chain, const Inertias& inertias, const T* q, c
 }
 
 /// Joint-space mass matrix M(q) with the rotors on its diagonal [kg m2, kg m or kg]: column j is the torque that a unit
-/// acceleration of joint j asks for.
+/// acceleration of joint j needs.
 template <class T>
 void mass_matrix(const Chain& chain, const Inertias& inertias, const T* q, const JointAngles<T>& angle,
                  T (*m)[max_joints]) noexcept {
@@ -192,8 +192,8 @@ void mass_matrix(const Chain& chain, const Inertias& inertias, const T* q, const
     }
 }
 
-/// Factors a symmetric matrix into L L', L in its lower triangle (Cholesky). False where it is not positive definite to
-/// the accuracy of a double; its factor is of no use there.
+/// Cholesky factorisation L L' of a symmetric matrix, with L in its lower triangle. False where the matrix is not
+/// positive definite to double precision; the factor is not valid there.
 template <class T>
 MaskOf<T> cholesky(T (*m)[max_joints], int n) noexcept {
     MaskOf<T> definite = T(0.0) < T(1.0);
@@ -212,9 +212,8 @@ MaskOf<T> cholesky(T (*m)[max_joints], int n) noexcept {
     return definite;
 }
 
-/// 1 / (n' J M^-1 J' n) [kg]: what the arm, free in its joints, weighs to a push along the unit vector n at a point of a
-/// link. Infinite where no joint moves the point along n by more than a negligible_square, NaN where the mass matrix is
-/// singular.
+/// Effective mass 1 / (n' J M^-1 J' n) along the unit vector n at a point of a link, with all joints free [kg].
+/// Infinite where no joint moves the point along n (see negligible_square), NaN where the mass matrix is singular.
 template <class T>
 T effective_mass(const Chain& chain, const Inertias& inertias, const T* q, const JointAngles<T>& angle,
                  const LinkPoint& point, const Point3<T>& direction) noexcept {

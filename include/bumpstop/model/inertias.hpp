@@ -1,38 +1,38 @@
 /// @file
-/// The inertia of a chain: as it is given, and as it is computed with.
+/// The inertia of a chain: of its links, and regrouped for computing.
 #pragma once
 
 #include "bumpstop/model/chain.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// A link as it is given, in the frame of that link.
+/// Inertia of a link in the frame of that link.
 struct LinkInertia {
     double mass = 0;   ///< kg
-    Vector3 center{};  ///< of mass [m]
+    Vector3 center{};  ///< centre of mass [m]
     Matrix3 tensor{};  ///< about the centre of mass [kg m2]
     double rotor = 0;  ///< inertia of the motor, reflected to the joint [kg m2 or kg]
 };
 
-/// Mass by its moments about the origin of the computing frame after a joint.
+/// Moments of mass about the origin of the computing frame after a joint.
 struct MassMoments {
     double mass = 0;                                        ///< integral of dm [kg]
-    Vector3 first{};                                        ///< of r dm [kg m]
-    double xx = 0, yy = 0, zz = 0, xy = 0, xz = 0, yz = 0;  ///< of r r' dm [kg m2]
+    Vector3 first{};                                        ///< integral of r dm [kg m]
+    double xx = 0, yy = 0, zz = 0, xy = 0, xz = 0, yz = 0;  ///< integral of r r' dm [kg m2]
 };
 
-/// The inertia of a chain, put so that Newton-Euler has little to do. Torques stay the same, and the force inside a joint,
-/// which does not, is not given out.
+/// The inertia of a chain, regrouped so that Newton-Euler needs fewer operations. The joint torques do not change; the
+/// constraint forces in the joints do, and are not computed.
 ///
-/// Mass on the axis of a revolute joint moves alike on either side of it. So `mass`, `first[2]` and `zz` of a link that
-/// turns are given to the link before, and are zero for the rest of the computation. What arrives at the base is at rest.
-/// The origin of a frame may be anywhere on its joint's axis. From the tip on, each is slid to where the displacement to
-/// the next one is across the axis.
+/// Mass on the axis of a revolute joint may belong to either of its links. So `mass`, `first[2]` and `zz` of a link
+/// behind a revolute joint are moved to the previous link, and are zero in all that follows; what reaches the base does
+/// not move. The origin of a frame may be anywhere on its joint's axis: from the tip on, each is slid to where the
+/// displacement to the next one is perpendicular to the axis.
 struct Inertias {
     std::array<MassMoments, max_joints> link{};
     std::array<double, max_joints> rotor{};
     std::array<double, max_joints> slide{};  ///< of the origin along the joint's axis [m]
-    /// x and y between the origins slid, as in Chain::Joint; z is zero.
+    /// x and y of the displacement between the slid origins, see Chain::Joint; z is zero.
     std::array<std::array<double, 2>, max_joints> displacement{};
 
     Inertias() = default;

@@ -24,7 +24,7 @@ Point3<T> cross(const Point3<T>& a, const Point3<T>& b) {
     return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 
-/// A vector that all lanes share, and that of one lane.
+/// A vector in all lanes, and the vector of one lane.
 template <class T>
 Point3<T> point3(const Vector3& v) {
     return {T(v[0]), T(v[1]), T(v[2])};
@@ -40,8 +40,7 @@ void set_lane(Point3<T>& p, int lane, const Vector3& v) {
     set_lane(p.z, lane, v[2]);
 }
 
-/// A point fixed to a link. link -1 is the base; `offset` is given in the computing frame of the link (see
-/// Chain).
+/// A point fixed to a link; link -1 is the base. `offset` is in the computing frame of the link (see Chain).
 struct LinkPoint {
     int link = -1;
     Vector3 offset{};
@@ -52,7 +51,7 @@ inline LinkPoint link_point(const Chain& chain, int link, const Vector3& in_link
     return {link, chain.joint[link].to_link * in_link_frame};
 }
 
-/// Sine and cosine of every joint's angle. Held and prismatic joints keep theirs.
+/// Sine and cosine of every joint's angle, which is constant for a prismatic joint.
 template <class T>
 struct JointAngles {
     T sin[max_joints], cos[max_joints];
@@ -63,7 +62,7 @@ struct JointAngles {
         sin[j] = sc.sin;
         cos[j] = sc.cos;
     }
-    /// Of every joint of a chain of doubles, from an array of max_joints numbers, those beyond the last joint finite.
+    /// Sets all joints, in registers, from an array of max_joints finite numbers.
     void set_padded(const Chain& chain, const double* q) {
         using L = Lanes<native_lanes>;
         for (int first = 0; first < chain.dof; first += native_lanes) {
@@ -73,7 +72,7 @@ struct JointAngles {
             store(sc.cos, &cos[first]);
         }
     }
-    /// Of every joint.
+    /// Sets all joints.
     void set(const Chain& chain, const T* q) {
         if constexpr (Scalar<T>::lanes == 1) {
             double padded[max_joints] = {};
@@ -85,12 +84,12 @@ struct JointAngles {
     }
 };
 
-/// Where every joint axis is, and where the chain ends: all in the base frame.
+/// Joint axes and link frames at a configuration, in the base frame.
 template <class T>
 struct Posture {
     Point3<T> axis[max_joints];    ///< unit vectors
-    Point3<T> origin[max_joints];  ///< m; for a prismatic joint, before its travel
-    /// Columns x, y, z of the computing frame after each joint and its position.
+    Point3<T> origin[max_joints];  ///< m; of a prismatic joint without its travel
+    /// x and y axes of the computing frame after each joint, whose z axis is `axis`, and its position [m].
     Point3<T> frame_x[max_joints], frame_y[max_joints], frame_position[max_joints];
 
     Point3<T> position(const LinkPoint& point) const {
@@ -107,7 +106,7 @@ void forward_kinematics(const Chain& chain, const T* q, const JointAngles<T>& an
     for (int i = 0; i < chain.dof; ++i) {
         const Chain::Joint& joint = chain.joint[i];
         const Vector3& d = joint.displacement;
-        // Most chains have mostly zeros here; the branches depend on the chain alone and predict perfectly.
+        // Most of these numbers are zero in most chains. The branches depend on the chain alone, so they are predicted.
         if (d[0] != 0) p = p + d[0] * x;
         if (d[1] != 0) p = p + d[1] * y;
         if (d[2] != 0) p = p + d[2] * z;
@@ -133,8 +132,8 @@ Point3<T> linear_column(const Chain& chain, const Posture<T>& posture, const Poi
     return cross(posture.axis[j], p - posture.origin[j]);
 }
 
-/// Square of what of column j at p counts for nothing [(m/rad)^2 or 1]: what the rounding of positions, and of a robot's
-/// angles written with ten digits, leaves where the joint does not move the point, or not along some direction.
+/// Square of the length below which column j at p counts as zero [(m/rad)^2 or 1]: rounding of positions, and of angles
+/// written with ten digits in a robot's file, leaves less than this where the joint does not move the point.
 template <class T>
 T negligible_square(const Chain& chain, const Posture<T>& posture, const Point3<T>& p, int j) {
     if (chain.joint[j].prismatic) return T(1e-18);

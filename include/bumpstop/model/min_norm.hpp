@@ -1,5 +1,5 @@
 /// @file
-/// The smallest joint rates that give a wanted velocity.
+/// Minimum-norm solution of a linear system: the least-norm joint rates for a velocity.
 #pragma once
 
 #include "bumpstop/model/chain.hpp"
@@ -9,10 +9,11 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 inline constexpr int max_task_rows = 6;
 inline constexpr int max_columns = max_joints + max_task_rows;
 
-/// The `n` entries of a row: `Columns` of them, where that is known when compiling.
+/// Operations on rows of `n` entries; `Columns` is n where it is known at compile time, else 0.
 template <int Columns, class T>
 struct RowOf {
-    /// Sum of products as a tree: a chain of dependent additions would set the speed of everything below.
+    /// Dot product with three partial sums: one chain of dependent additions would determine the speed of everything
+    /// below.
     static T dot(const T* a, const T* b, int n) {
         T sum[3] = {a[0] * b[0], T(0.0), T(0.0)};
         if (n > 1) sum[1] = a[1] * b[1];
@@ -43,27 +44,25 @@ struct RowOf {
     }
 };
 
-/// How far the rows are from dependent, by the sine of the angle between a row and those before it. The sine
-/// has no unit, so rotations and translations need no common scale. Of a row that all but vanishes, only its direction
-/// would be looked at, which rounding may have chosen: it must be told how long rows of its kind are.
+/// Conditioning of the rows by the sine of the angle between each row and the span of those before it. The sine has no
+/// unit, so rotations and translations need no common scale. The direction of a row that almost vanishes may be
+/// rounding, so its length is compared with the usual one of rows of its kind (`min_length` of min_norm).
 template <class T>
 struct Conditioning {
     MaskOf<T> singular;  ///< some sine is below `singular_sine`
-    T min_sine_squared;  ///< of the sines: the square of the least, 0 where singular
+    T min_sine_squared;  ///< square of the smallest sine, 0 where singular
 };
 inline constexpr double singular_sine = 1e-6;
 
 /// Solves row[c] . x = target[c], c < Rows, for the x of least norm; `Columns` is the number of columns, or 0
 /// to take it from `columns` at run time.
 ///
-/// The rows are made orthogonal (modified Gram-Schmidt without square roots), so nothing depends on a pivot or
-/// on the order of the rows, and square and redundant chains share one text. x is built backward with a
-/// correction by what it already contains, which makes the method backward stable: A. Bjorck, "Numerical
-/// methods for least squares problems", 1996, section 2.4.4.
+/// The rows are orthogonalised (modified Gram-Schmidt without square roots), which needs no pivoting and serves square
+/// and redundant chains alike. x is built from the last row backward, corrected by what it already contains: so the
+/// method is backward stable (A. Bjorck, "Numerical methods for least squares problems", 1996, section 2.4.4).
 ///
-/// `min_length`: by row, the square of the length that a row counts as having at least when sines are taken, so that
-/// the sine of a row that vanishes beside it is zero. Null: rows are as long as they are. `row` and `target` are
-/// overwritten.
+/// `min_length`: squared length, by row, that a row counts as having at least in the sines, so that the sine of a row
+/// that almost vanishes is almost zero. Null: the rows' own lengths. `row` and `target` are overwritten.
 template <int Rows, int Columns, class T>
 Conditioning<T> min_norm(T (*row)[max_columns], int columns, T* target, T* x, const T* min_length = nullptr) {
     using Row = RowOf<Columns, T>;
@@ -79,7 +78,7 @@ Conditioning<T> min_norm(T (*row)[max_columns], int columns, T* target, T* x, co
     BUMPSTOP_UNROLL
     for (int c = 0; c < Rows; ++c) {
         const T* u = row[c];
-        // A row that vanishes would divide by zero; its rate then stays finite and the caller sees the sine.
+        // Avoids division by zero for a row that vanishes; the caller learns of it by the sine.
         const T square = c == 0 ? first : Row::dot(u, u, columns);
         inverse[c] = 1.0 / max(square, T(1e-200));
         singular_margin = min(singular_margin, square - singular_sine * singular_sine * before[c]);
@@ -101,8 +100,8 @@ Conditioning<T> min_norm(T (*row)[max_columns], int columns, T* target, T* x, co
     return {singular, select(singular, T(0.0), least / least_before)};
 }
 
-/// The damped least squares x = R' (R R' + damping^2 I)^-1 target is the same problem with `damping` times the
-/// unit matrix appended to the rows. `damping` 0 is exact. x must hold columns + Rows entries.
+/// Damped least squares, x = R' (R R' + damping^2 I)^-1 target: the same problem with `damping` times the unit matrix
+/// appended to the rows. `damping` 0 is exact. x must hold columns + Rows entries.
 template <int Rows, class T>
 Conditioning<T> damped_min_norm(T (*row)[max_columns], int columns, T* target, double damping, T* x,
                                 const T* min_length = nullptr) {
@@ -112,7 +111,7 @@ Conditioning<T> damped_min_norm(T (*row)[max_columns], int columns, T* target, d
             for (int i = 0; i < Rows; ++i) row[c][columns + i] = i == c ? damping : 0.0;
         return min_norm<Rows, 0>(row, columns + Rows, target, x, min_length);
     }
-    // Arms have six or seven joints; for those the loops unroll.
+    // For arms with six or seven joints the loops are unrolled.
     if (columns == 6) return min_norm<Rows, 6>(row, columns, target, x, min_length);
     if (columns == 7) return min_norm<Rows, 7>(row, columns, target, x, min_length);
     return min_norm<Rows, 0>(row, columns, target, x, min_length);

@@ -1,12 +1,12 @@
 /// @file
-/// Generalised momentum of a chain and the forces that change it, in one pass out and one back.
+/// Generalised momentum of a chain and the forces that change it, in one recursion outward and one inward.
 #pragma once
 
 #include "bumpstop/model/dynamics.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// What a momentum observer needs of a chain. Lagrange: dp/dt = tau + tau_ext + `velocity_force` - `gravity`.
+/// The terms of a momentum observer. By Lagrange, dp/dt = tau + tau_ext + `velocity_force` - `gravity`.
 template <class T>
 struct MomentumTerms {
     T momentum[max_joints];        ///< p = M(q) qd = dT/dqd, rotors included [kg m2/s or kg m/s]
@@ -16,15 +16,15 @@ struct MomentumTerms {
 
 /// `gravity` is the acceleration of free fall in the base frame [m/s2].
 ///
-/// A body behind joint i sees the motion that comes in through the joint turned back by q_i. So dT/dq_i is what that
-/// turn changes: with the twist (w, v) that comes in and the momenta (l, f) of all links from i on, both about the
-/// origin of frame i, dT/dq_i = -(z x w) l - (z x v) f; for a prismatic joint (w x z) f.
+/// In the frame after joint i, the twist (w, v) of the link before it appears rotated by -q_i, which is how q_i enters
+/// the kinetic energy T of the links from i on. With their angular and linear momenta (l, f) about the origin of frame
+/// i, dT/dq_i = -(z x w) l - (z x v) f; for a prismatic joint (w x z) f.
 template <class T>
 void momentum_terms(const Chain& chain, const Inertias& inertias, const T* q, const JointAngles<T>& angle, const T* qd,
                     const Vector3& gravity, MomentumTerms<T>& out) noexcept {
     const T zero = 0.0;
     Point3<T> momentum[max_joints], spin[max_joints], weight[max_joints], moment[max_joints];
-    T wx[max_joints], wy[max_joints], vx[max_joints], vy[max_joints];  // of the twist that comes in
+    T wx[max_joints], wy[max_joints], vx[max_joints], vy[max_joints];  // twist of the previous link
     Point3<T> w{zero, zero, zero}, v = w;
     Point3<T> a = into_first_frame(chain, Point3<T>{T(-gravity[0]), T(-gravity[1]), T(-gravity[2])});
     for (int i = 0; i < chain.dof; ++i) {

@@ -1,5 +1,5 @@
 /// @file
-/// A robot as a file describes it: what `bumpstop robots export` writes and C++ programs read.
+/// Reads a robot from the file that `bumpstop robots export` writes.
 #pragma once
 
 #include <optional>
@@ -42,7 +42,7 @@ struct RobotDescription {
 
 namespace detail {
 
-/// Whether its rows are those of a rotation matrix, as Python asks it of a robot.
+/// Whether m is a rotation matrix, by the same tolerance as in Python.
 inline bool is_rotation(const Matrix3& m) {
     const Matrix3 square = m * transposed(m);
     const double determinant =
@@ -53,7 +53,7 @@ inline bool is_rotation(const Matrix3& m) {
 }
 inline bool is_unit_vector(const Vector3& v) { return std::fabs(std::hypot(v[0], v[1], v[2]) - 1) <= 1e-9; }
 
-/// Reads up to 'end' and leaves what follows it.
+/// Reads a robot up to its line 'end'.
 inline std::optional<RobotDescription> read_robot_part(DescriptionText& text) {
     RobotDescription robot;
     RobotDescription::Joint joint;  // the last one begun
@@ -131,7 +131,7 @@ inline std::optional<RobotDescription> read_robot_part(DescriptionText& text) {
 
 }  // namespace detail
 
-/// Reads a description. Nothing and a message in `error` where the text is none: the message names the line.
+/// Reads a description. Where the text is not valid the result is empty, and `error` says why and in which line.
 inline std::optional<RobotDescription> read_robot(std::istream& in, std::string& error) {
     detail::DescriptionText text(in, error);
     std::optional<RobotDescription> robot = detail::read_robot_part(text);

@@ -1,17 +1,16 @@
 /// @file
-/// How well a point of the arm can be moved: singular values of its Jacobian, for a double or for lanes.
+/// Singular values of the Jacobian at a point of the arm, for a double or for lanes.
 #pragma once
 
 #include "bumpstop/model/kinematics.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Turns `Rows` rows against each other, two at a time, until all are orthogonal (one-sided Jacobi). Every lane goes on
-/// until the last is done. `carried` more columns are turned along and not looked at: a unit matrix there ends as the
-/// rotation.
+/// One-sided Jacobi method: rotates pairs of `Rows` rows until all are orthogonal. All lanes iterate until the last has
+/// converged. `carried` further columns are rotated as well but do not count: a unit matrix there becomes the rotation.
 template <int Rows, int Width, class T>
 void make_rows_orthogonal(T (*row)[Width], int columns, int carried = 0) noexcept {
-    constexpr int sweeps = 20;  // six rows take some eight
+    constexpr int sweeps = 20;  // six rows need about eight
     const auto product = [&](int a, int b) {
         T sum = 0.0;
         for (int j = 0; j < columns; ++j) sum += row[a][j] * row[b][j];
@@ -19,7 +18,7 @@ void make_rows_orthogonal(T (*row)[Width], int columns, int carried = 0) noexcep
     };
     T total = 0.0;
     for (int a = 0; a < Rows; ++a) total += product(a, a);
-    const T rounding = total * 1e-32;  // the square of what is zero beside the largest
+    const T rounding = total * 1e-32;  // squares below this count as zero
     for (int sweep = 0; sweep < sweeps; ++sweep) {
         MaskOf<T> turned = T(1.0) < T(0.0);
         for (int a = 0; a < Rows; ++a) {
@@ -44,7 +43,7 @@ void make_rows_orthogonal(T (*row)[Width], int columns, int carried = 0) noexcep
     }
 }
 
-/// Singular values of a matrix of `Rows` rows, largest first: the lengths of its rows once they are orthogonal. `row` is
+/// Singular values of a matrix of `Rows` rows, largest first: the lengths of its orthogonalised rows. `row` is
 /// overwritten.
 template <int Rows, class T>
 void singular_values_of(T (*row)[max_joints], int columns, T* values) noexcept {
@@ -62,8 +61,8 @@ void singular_values_of(T (*row)[max_joints], int columns, T* values) noexcept {
     for (int a = columns; a < Rows; ++a) values[a] = 0.0;
 }
 
-/// Those of some joints' columns of the Jacobian at a point of a link, largest first: of the linear rows with `Rows` 3
-/// [m/rad], of all with 6, where m/rad and 1 are mixed. Joints behind the link count for nothing.
+/// Singular values of the Jacobian's columns of some joints at a point of a link, largest first: of the linear rows
+/// with `Rows` 3 [m/rad], of all six with 6, where m/rad and 1 are mixed. Joints beyond the link are skipped.
 template <int Rows, class T>
 void singular_values(const Chain& chain, const Posture<T>& posture, const LinkPoint& point, const int* joints,
                      int count, T* values) noexcept {
@@ -89,7 +88,7 @@ void singular_values(const Chain& chain, const Posture<T>& posture, const LinkPo
     singular_values_of<Rows>(row, columns, values);
 }
 
-/// Those of the whole Jacobian.
+/// Singular values of the whole Jacobian.
 template <int Rows, class T>
 void singular_values(const Chain& chain, const Posture<T>& posture, const LinkPoint& point, T* values) noexcept {
     int joints[max_joints];
