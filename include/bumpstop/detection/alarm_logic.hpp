@@ -40,8 +40,8 @@ struct AlarmSettings {
     double arming_delay = 0;            ///< after a motion begins [s]
     double rest_time = 0.1;             ///< the arm rests once all joints were below rest_speed for this long [s]
     double low_hz = 0.5, high_hz = 30;  ///< cut-off frequencies of the band-pass channel
-    /// While an alarm is latched, a residual over its threshold begins another event if all were below for this long [s];
-    /// infinite: never.
+    /// While an alarm is latched, a residual over its threshold begins another event if all were below for this long
+    /// [s]; infinite: never.
     double event_pause = 0.1;
 };
 
@@ -61,9 +61,9 @@ class AlarmLogic {
         }
     }
 
-    /// Takes a tick at time t [s], `dt` after the last one: residuals, rates, accelerations and the standard errors of the
-    /// torque (or null), by joint and finite, in arrays of max_joints numbers. True: an event begins with this tick. It raises
-    /// the alarm, or comes while one is latched.
+    /// Takes a tick at time t [s], `dt` after the last one: residuals, rates, accelerations and the standard errors of
+    /// the torque (or null), by joint and finite, in arrays of max_joints numbers. True: an event begins with this
+    /// tick. It raises the alarm, or comes while one is latched.
     bool update(double t, double dt, const double* residual, const double* qd, const double* qdd,
                 const double* sd) noexcept {
         const ThresholdModel& model = settings_.thresholds;

@@ -8,10 +8,10 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// P(|r| > threshold) of every monitored joint for forces that lie close together, as those on a panel of offsets do. One
-/// polynomial in |r + mean| serves all of them, so no lane gathers coefficients of its own. Interpolation at Chebyshev nodes
-/// has an error of 2 (reach / 2)^11 / 11! times the eleventh derivative of the normal distribution, which is below 380: 5e-9.
-/// The relative error of probabilities above 1e-6 is below 1e-4.
+/// P(|r| > threshold) of every monitored joint for forces that lie close together, as those on a panel of offsets do.
+/// One polynomial in |r + mean| serves all of them, so no lane gathers coefficients of its own. Interpolation at
+/// Chebyshev nodes has an error of 2 (reach / 2)^11 / 11! times the eleventh derivative of the normal distribution,
+/// which is below 380: 5e-9. The relative error of probabilities above 1e-6 is below 1e-4.
 class AlarmTable {
   public:
     /// Largest range of the residuals that one polynomial serves [standard deviations of the noise].
@@ -62,8 +62,8 @@ class AlarmTable {
         explicit Near(const AlarmTable& table) : table_(table) {}
 
         const AlarmTable& table_;
-        /// The place in a joint's piece, from -1 to 1, is force * slope + shift. Arrays are aligned so that a register stored
-        /// here lies in one cache line, which makes reading its elements fast.
+        /// The place in a joint's piece, from -1 to 1, is force * slope + shift. Arrays are aligned so that a register
+        /// stored here lies in one cache line, which makes reading its elements fast.
         alignas(64) double index_[max_joints];
         alignas(64) double slope_[max_joints];
         alignas(64) double shift_[max_joints];

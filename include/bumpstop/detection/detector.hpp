@@ -45,7 +45,7 @@ struct DetectorSettings {
     PayloadMonitorSettings payload_monitor;
 };
 
-/// Output of one tick. Without data `residual` and `fast` are NaN, and `threshold`, `qd` and `qdd` keep their last values.
+/// Output of one tick. Without data `residual` and `fast` are NaN; `threshold`, `qd` and `qdd` are the last ones.
 struct DetectorOutput {
     DetectorState state = DetectorState::no_data;
     SampleFault fault = SampleFault::filling;
@@ -61,8 +61,8 @@ struct DetectorOutput {
     std::array<double, max_joints> qd{}, qdd{};  ///< rates and accelerations that the residual is computed with
 };
 
-/// An event: the tick that raised the alarm, or that exceeded a threshold again after a pause, while the alarm was on. Units
-/// are those of DetectorOutput.
+/// An event: the tick that raised the alarm, or that exceeded a threshold again after a pause, while the alarm was on.
+/// Units are those of DetectorOutput.
 struct DetectorEvent {
     double t = 0;  ///< s
     std::uint32_t over = 0, over_fast = 0;
@@ -76,8 +76,8 @@ struct DetectorEvent {
 
 class Detector {
   public:
-    /// `links`: inertia of every link. `joints` and `errors`: the joint model, empty where the signal is torque. `fitted`:
-    /// dynamics that predict the torque in place of `links`; there is no joint model then.
+    /// `links`: inertia of every link. `joints` and `errors`: the joint model, empty where the signal is torque.
+    /// `fitted`: dynamics that predict the torque in place of `links`; there is no joint model then.
     Detector(const Chain& chain, std::span<const LinkInertia> links, std::span<const JointTorqueParameters> joints,
              std::span<const JointTorqueErrors> errors, const DetectorSettings& settings,
              const std::optional<FittedDynamics>& fitted = std::nullopt) noexcept
@@ -143,7 +143,7 @@ class Detector {
         return evaluate(sample, angle, qd, qdd);
     }
 
-    /// The last valid sample is older than the longest interval, because `update` was not called or its samples were invalid.
+    /// The last valid sample is older than the longest interval: `update` was not called, or samples were invalid.
     bool overdue(double now) const noexcept {
         return !(now - validator_.last_time() <= settings_.samples.longest_interval);
     }
@@ -212,8 +212,8 @@ class Detector {
         alarm_logic_.interrupt();
     }
 
-    /// Torque of the drives from the signal. With `qdd` zero it includes the torque that accelerates the reflected inertia, as
-    /// the observer needs it.
+    /// Torque of the drives from the signal. With `qdd` zero it includes the torque that accelerates the reflected
+    /// inertia, as the observer needs it.
     void estimate(const double* qd, const double* qdd, double* tau) noexcept {
         const bool mapped = settings_.source == TorqueSource::current && !fitted_;
         errors_ = settings_.alarm.thresholds.model_errors > 0 && mapped;
@@ -235,7 +235,7 @@ class Detector {
             inverse_dynamics(chain_, inertias_, motion, settings_.gravity, predicted);
         }
     }
-    /// Updates the momentum observer; false at its first sample. The acceleration is only used for the load of the motors.
+    /// Updates the momentum observer; false at its first sample. `qdd` is only used for the load of the motors.
     [[gnu::noinline, gnu::flatten]] bool observe(const JointAngles<double>& angle, const double* qd,
                                                  const double* qdd) noexcept {
         const int n = chain_.dof;

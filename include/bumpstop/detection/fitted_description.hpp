@@ -9,8 +9,8 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET::detail {
 
-/// Reads the lines 'fitted_...': the gains, the joints that `all` predicts, links and motors of each set in order, and after
-/// the motors their presliding travels, which are optional.
+/// Reads the lines 'fitted_...': the gains, the joints that `all` predicts, links and motors of each set in order, and
+/// after the motors their presliding travels, which are optional.
 class FittedReader {
   public:
     explicit FittedReader(int joints)

@@ -1,8 +1,8 @@
 /// @file
 /// Joint torques by identified dynamics, sample by sample: base parameters, friction, rotors and offsets.
 ///
-/// Python identifies them (identification/dynamics); bumpstop/detection/fitted_dynamics.py writes them to the detector's
-/// file. Nothing is allocated, nothing throws.
+/// Python identifies them (identification/dynamics); bumpstop/detection/fitted_dynamics.py writes them to the
+/// detector's file. Nothing is allocated, nothing throws.
 #pragma once
 
 #include <algorithm>
@@ -29,8 +29,8 @@ struct FittedMotor {
     double presliding = 0;  ///< travel over which the sign reverses [rad or m]; 0: the sign follows the speed at once
 };
 
-/// The smoothed sign of a motor's friction: tanh(v / sign_speed), or with presliding a state z that follows the travel x
-/// (Dahl 1968, exponent 1):
+/// The smoothed sign of a motor's friction: tanh(v / sign_speed), or with presliding a state z that follows the travel
+/// x (Dahl 1968, exponent 1):
 ///   dz/dx = (1 - sgn(v) z) / presliding
 /// z starts at tanh(v / sign_speed). The integration is exact for speeds that are linear between samples.
 class FrictionSign {

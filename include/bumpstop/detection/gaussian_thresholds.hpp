@@ -19,7 +19,7 @@ struct GaussianThresholds {
     std::array<double, max_joints> noise_sd{}, noise_mean{};  ///< by joint, monitored or not [Nm or N]
     double arming_delay = 0;                                  ///< ticks earlier than this never alarm [s]
     double correlation = 0;  ///< of the noise from tick to tick; sd is the stationary standard deviation
-    /// Coefficient of the observer's first-order filter: the share of the last residual that a tick keeps; 0: no filter.
+    /// Coefficient of the observer's first-order filter: share of the last residual that a tick keeps; 0: none.
     double filter = 0;
 
     /// Whether the detector is armed at a time since the beginning of the motion [s].
@@ -44,14 +44,13 @@ struct GaussianThresholds {
         threshold[monitored] = limit;
         sd[monitored] = joint_sd;
         mean[monitored] = joint_mean;
-        // Without noise the error function must be a step. 1e150 makes it one, and its square does not overflow, as erfc
-        // clamps its argument.
+        // Without noise erfc must be a step. 1e150 makes it one; its square cannot overflow, as erfc clamps x.
         scale[monitored] = joint_sd > 0 ? 0.70710678118654752440 / joint_sd : 1e150;
         ++monitored;
     }
 };
 
-/// Probability of an alarm in one tick, and its complement. Where one of them is small it is not computed by subtraction.
+/// Probability of an alarm in one tick, and its complement; where one is small it is not computed by subtraction.
 template <class T>
 struct AlarmProbability {
     T alarm, no_alarm;
@@ -64,7 +63,7 @@ AlarmProbability<T> joint_alarm(const GaussianThresholds& detector, int w, T r) 
     const T centre = abs(r + detector.mean[w]);
     const T distance = threshold - centre;
     const T near = 0.5 * erfc(abs(distance) * scale);
-    // The far tail is at most exp(-4 threshold centre scale^2) times the near one: below e^-40 it is less than rounding.
+    // The far tail is at most exp(-4 threshold centre scale^2) of the near one: e^-40 is below rounding.
     T far = 0.0;
     if (any(centre * (threshold * scale * scale) < T(10.0))) far = 0.5 * erfc((centre + threshold) * scale);
     const auto inside = distance > T(0.0);

@@ -8,8 +8,8 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Estimate of a contact from a residual. Residuals are minus the torques of the contact, so the forces are those of the arm
-/// on the body: along +n where the arm pushes.
+/// Estimate of a contact from a residual. Residuals are minus the torques of the contact, so the forces are those of
+/// the arm on the body: along +n where the arm pushes.
 struct ContactEstimate {
     int link = -1;               ///< most likely link, from 0; -1: no joint is monitored
     std::uint32_t possible = 0;  ///< link i as bit i: a contact there could explain the residual
@@ -23,7 +23,7 @@ struct ContactEstimate {
 
 namespace detail {
 
-/// The minimum-norm least-squares solution x of row' x = right. `row` has `columns` entries and a unit matrix behind them.
+/// Minimum-norm least-squares solution x of row' x = right. Behind its `columns` entries `row` has a unit matrix.
 inline Vector3 min_norm_solution(double (&row)[3][max_joints + 3], int columns, const double* right) noexcept {
     make_rows_orthogonal<3>(row, columns, 3);
     double square[3] = {}, share[3] = {};
@@ -39,7 +39,7 @@ inline Vector3 min_norm_solution(double (&row)[3][max_joints + 3], int columns, 
     return x;
 }
 
-/// Projects `right` onto the orthogonal complement of the columns (modified Gram-Schmidt with pivoting); returns their rank.
+/// Subtracts from `right` its projection on the columns (modified Gram-Schmidt with pivoting); returns their rank.
 inline int project_out(double (&column)[6][max_joints], int columns, int rows, double* right) noexcept {
     double first = 0;
     bool used[6] = {};
@@ -69,15 +69,15 @@ inline int project_out(double (&column)[6][max_joints], int columns, int rows, d
 
 }  // namespace detail
 
-/// Torque that friction can hide at a speed: all of the dead zone up to rest_speed, nothing from twice that on, linear between
-/// them, as in ThresholdModel [Nm or N].
+/// Torque that friction can hide at a speed: all of the dead zone up to rest_speed, nothing from twice that on, linear
+/// between them, as in ThresholdModel [Nm or N].
 inline double hidden_torque(double dead_zone, double qd, double rest_speed) noexcept {
     return dead_zone * std::max(0.0, std::min(1.0, 2 - std::fabs(qd) / rest_speed));
 }
 
-/// Standard deviations for the estimate of a contact. A joint at rest shows only the part of the contact torque that its
-/// friction does not hold. Where its residual is within the noise and friction can hide more than that, the joint is not used:
-/// infinite. Otherwise the hidden torque adds to its standard deviation.
+/// Standard deviations for the estimate of a contact. A joint at rest shows only the part of the contact torque that
+/// its friction does not hold. Where its residual is within the noise and friction can hide more than that, the joint
+/// is not used: infinite. Otherwise the hidden torque adds to its standard deviation.
 ///
 /// `sd`: noise of the residual, `hidden`: torque that friction may hide; both by joint.
 inline std::array<double, max_joints> contact_noise(int joints, const double* residual, const double* sd,
@@ -95,13 +95,13 @@ inline std::array<double, max_joints> contact_noise(int joints, const double* re
     return out;
 }
 
-/// Estimates link and force of a contact. `sd`: noise of the residual by joint, above 0; infinite: the joint is not used. The
-/// force is estimated at `point`, and along the unit vector `direction` (base frame).
+/// Estimates link and force of a contact. `sd`: noise of the residual by joint, above 0; infinite: the joint is not
+/// used. The force is estimated at `point`, and along the unit vector `direction` (base frame).
 ///
-/// A contact on link i does not load the joints beyond it, so their residuals must be noise. The torques of the joints up to i
-/// are those of a wrench, fitted by least squares. Link i is possible where every joint is fitted within three sd. The most
-/// likely link has the smallest misfit plus twice the rank of its fit (Akaike 1974), because an outer link can always explain
-/// more.
+/// A contact on link i does not load the joints beyond it, so their residuals must be noise. The torques of the joints
+/// up to i are those of a wrench, fitted by least squares. Link i is possible where every joint is fitted within three
+/// sd. The most likely link has the smallest misfit plus twice the rank of its fit (Akaike 1974), because an outer link
+/// can always explain more.
 inline ContactEstimate estimate_contact(const Chain& chain, const Posture<double>& posture, const double* residual,
                                         const double* sd, const LinkPoint& point, const Vector3& direction) noexcept {
     ContactEstimate out;

@@ -33,9 +33,9 @@ class Decay {
 ///   e(k) = e(k-1) + (1 - exp(-K dt)) (y(k) - e(k-1))
 ///
 /// y is the mean of tau_ext over the interval, up to the error dt^2 b'' / 12 of the trapezoidal rule. The response to a
-/// torque step that accelerates the arm is 1 - exp(-K t) at every later sample, for any intervals. Where the motors hold
-/// against the step, so that tau steps, too, the trapezoidal rule counts half of the interval before its first sample: k
-/// samples later e is 1 - a^k (1 + a) / 2 of the step, a = exp(-K dt).
+/// torque step that accelerates the arm is 1 - exp(-K t) at every later sample, for any intervals. Where the motors
+/// hold against the step, so that tau steps, too, the trapezoidal rule counts half of the interval before its first
+/// sample: k samples later e is 1 - a^k (1 + a) / 2 of the step, a = exp(-K dt).
 ///
 /// White noise of standard deviation s in tau leaves s sqrt((1 - a) / 2); in p it leaves
 /// s (1 - a) / dt sqrt(2 / (1 + a)).
@@ -72,8 +72,8 @@ class MomentumObserver {
 ///
 ///   u(k) = a u(k-1) + (1 - a) r(k),   w(k) = b w(k-1) + (1 - b) u(k),   band(k) = u(k) - w(k)
 ///
-/// with a = exp(-2 pi f_high dt) and b = exp(-2 pi f_low dt). Both low-passes start at the first input, so that neither the
-/// start nor a constant offset gives an output. A step of the input passes with the gain b and the delay of u,
+/// with a = exp(-2 pi f_high dt) and b = exp(-2 pi f_low dt). Both low-passes start at the first input, so that neither
+/// the start nor a constant offset gives an output. A step of the input passes with the gain b and the delay of u,
 /// dt a / (1 - a), and decays in about 1 / (2 pi f_low). White noise of standard deviation s leaves
 /// s b (1 - a) sqrt(2 / ((1 + a) (1 + b) (1 - a b))).
 class BandPass {

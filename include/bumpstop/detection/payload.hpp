@@ -48,9 +48,9 @@ struct PayloadMonitorSettings {
     double min_change = 0.005;  ///< variance over mean square of the mass's torques, which a varying pose must reach
 };
 
-/// Weighted least-squares fit of r = g_m(q) m to the residuals of the last seconds, where g_m is the torque for one more
-/// kilogram at the payload's point. The torque of a mass depends on the pose, that of a clamped arm does not: a change is
-/// reported only after the pose has varied.
+/// Weighted least-squares fit of r = g_m(q) m to the residuals of the last seconds, where g_m is the torque for one
+/// more kilogram at the payload's point. The torque of a mass depends on the pose, that of a clamped arm does not: a
+/// change is reported only after the pose has varied.
 class PayloadMonitor {
   public:
     PayloadMonitor(const PayloadMonitorSettings& settings, int joints) noexcept

@@ -10,8 +10,8 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Measured residuals of free motion. A block bootstrap keeps their correlation between joints and in time: a run consists of
-/// blocks of consecutive rows, each from a random row on; the first block is entered at a random place.
+/// Measured residuals of free motion. A block bootstrap keeps their correlation between joints and in time: a run
+/// consists of blocks of consecutive rows, each from a random row on; the first block is entered at a random place.
 struct ResidualRecord {
     std::vector<double> row;  ///< [row][dof], at the feedback rate [Nm or N]
     std::int64_t rows = 0;

@@ -50,8 +50,8 @@ struct SampleLimits {
     /// How long all positions and signals may stay the same while the arm rests [s]; infinite: always, even in motion.
     double frozen_time = 0.1;
     std::uint32_t unmonitored = 0;  ///< joint j as bit j: its signal is not checked
-    /// Joint j as bit j: it turns without end. Its position has no limits and may jump by whole turns, as that of an encoder
-    /// with the range -pi to pi does.
+    /// Joint j as bit j: it turns without end. Its position has no limits and may jump by whole turns, as that of an
+    /// encoder with the range -pi to pi does.
     std::uint32_t endless = 0;
 };
 
@@ -78,8 +78,8 @@ class SampleValidator {
         encoder_step_.fill(inf);
     }
 
-    /// `none`: the sample is valid. `gap`: the sample is valid, but the history before it is dropped. Otherwise the sample is
-    /// not valid.
+    /// `none`: the sample is valid. `gap`: the sample is valid, but the history before it is dropped. Otherwise the
+    /// sample is not valid.
     SampleFault check(const DetectorSample& sample, const RecentMotion& motion = {}) noexcept {
         constexpr double largest = std::numeric_limits<double>::max();
         interval_ = 0;
@@ -192,8 +192,8 @@ class SampleValidator {
         constexpr double turn = 6.283185307179586;
         return turn * floor(angle * (1 / turn) + 0.5);
     }
-    /// Positions and signals that have not changed for `held` seconds are frozen: for longer than an arm at rest may show, or
-    /// while the arm moved by more than the resolution of its encoders.
+    /// Positions and signals that have not changed for `held` seconds are frozen: for longer than an arm at rest may
+    /// show, or while the arm moved by more than the resolution of its encoders.
     [[gnu::noinline, gnu::cold]] bool stands_still(double held, const RecentMotion& motion) const noexcept {
         if (!(limits_.frozen_time < std::numeric_limits<double>::infinity())) return false;
         if (held > limits_.frozen_time && repeats_ >= min_repeats) return true;

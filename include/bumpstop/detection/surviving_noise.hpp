@@ -12,9 +12,9 @@
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// First-order noise of one joint, e(k) = c e(k-1) + s w(k) with w white and s = sd sqrt(1 - c^2): sd is the stationary
-/// standard deviation and c the correlation from tick to tick. Without an alarm the residual is between its thresholds. The
-/// quadrature nodes lie there, within `reach` standard deviations of the centre of the noise; where a threshold is nearer,
-/// their range is shifted and keeps its width.
+/// standard deviation and c the correlation from tick to tick. Without an alarm the residual is between its thresholds.
+/// The quadrature nodes lie there, within `reach` standard deviations of the centre of the noise; where a threshold is
+/// nearer, their range is shifted and keeps its width.
 struct CorrelatedNoise {
     static constexpr double reach = 9;
 
@@ -29,7 +29,7 @@ struct CorrelatedNoise {
     CorrelatedNoise(double limit, double noise_sd, double noise_mean, double noise_correlation)
         : threshold(limit), sd(noise_sd), mean(noise_mean), correlation(noise_correlation) {
         innovation = sd * std::sqrt((1 - correlation) * (1 + correlation));
-        // The integrand is a product of two Gaussians as narrow as the innovation: with nodes this dense the error is 1e-13.
+        // The integrand is a product of two Gaussians as narrow as the innovation: the error of these nodes is 1e-13.
         half = std::min(threshold, reach * sd);
         const int count = std::max(12, int(std::ceil(5.5 * half / innovation)) + 8);
         const int pieces = (count + max_order - 1) / max_order;
@@ -81,8 +81,9 @@ T exp_either(T x) {
     return select(x > T(0.0), 1.0 / below, below);
 }
 
-/// The density at the nodes after a tick, where their range keeps its width. With the shift d of the range relative to the
-/// noise, in innovations, the kernel factors: exp(-(a_i - c a_l + d)^2 / 2) is kernel[i][l] exp(-d a_i - d^2 / 2) exp(d c a_l).
+/// The density at the nodes after a tick, where their range keeps its width. With the shift d of the range relative to
+/// the noise, in innovations, the kernel factors: exp(-(a_i - c a_l + d)^2 / 2) is kernel[i][l] exp(-d a_i - d^2 / 2)
+/// exp(d c a_l).
 template <class T>
 void propagate_same_width(const CorrelatedNoise& noise, T shift, T* mass, std::vector<T>& value) {
     const int n = noise.size();
@@ -104,8 +105,8 @@ void propagate_same_width(const CorrelatedNoise& noise, T shift, T* mass, std::v
 
 }  // namespace detail
 
-/// Propagates the density over a tick: the noise changes, the noiseless residual becomes `torque`, and residuals beyond the
-/// thresholds are removed. `work`: scratch for two values per node.
+/// Propagates the density over a tick: the noise changes, the noiseless residual becomes `torque`, and residuals beyond
+/// the thresholds are removed. `work`: scratch for two values per node.
 template <class T>
 AlarmProbability<T> propagate_tick(const CorrelatedNoise& noise, SurvivingNoiseDensity<T>& density, T torque,
                                    std::vector<T>& work) {
@@ -115,7 +116,7 @@ AlarmProbability<T> propagate_tick(const CorrelatedNoise& noise, SurvivingNoiseD
     const double furthest = CorrelatedNoise::reach * noise.sd, inner = noise.threshold - noise.half;
     // Where the residual is far beyond its thresholds the range between them shrinks to this width, not to zero.
     const double least = 1e-3 * std::min(noise.sd, noise.threshold);
-    // Where the centre is well beyond a threshold, the remaining density is concentrated at it: the whole range is too coarse.
+    // Well beyond a threshold the remaining density is concentrated at it, and the whole range would be too coarse.
     const auto whole = abs(centre) <= T(noise.threshold + 2 * s);
     const T inside = min(max(centre, T(-inner)), T(inner));
     const T low = select(whole, inside - noise.half,

@@ -20,7 +20,7 @@ struct ResidualBand {
 
 /// The forces { f : low_j <= (J_v' f)_j <= high_j for every j } at a pose.
 struct UndetectableForce {
-    /// Magnitude of the largest one [N]; infinite where some direction is not detectable; NaN for a Jacobian that is not finite.
+    /// Magnitude of the largest one [N]; infinite where some direction is undetectable; NaN where J_v is not finite.
     double largest = std::numeric_limits<double>::infinity();
     double largest_detectable = 0;  ///< the same among forces without a component in the null space [N]
     Vector3 largest_vector{};       ///< that force, B [N]
@@ -35,9 +35,9 @@ inline constexpr double rank_tolerance = 1e-12;
 
 namespace detail {
 
-/// The polytope in coordinates in which the normals of the faces are the columns of a matrix with orthonormal rows: this keeps
-/// the faces well-conditioned near a singular pose. For each coordinate that no joint detects, a face through the origin fixes
-/// it at zero.
+/// The polytope in coordinates in which the normals of the faces are the columns of a matrix with orthonormal rows:
+/// this keeps the faces well-conditioned near a singular pose. For each coordinate that no joint detects, a face
+/// through the origin fixes it at zero.
 struct ForcePolytope {
     int faces = 0;
     Point3<double> normal[max_joints + 3];
@@ -53,10 +53,10 @@ struct ForcePolytope {
         high[faces++] = to;
     }
 
-    /// Compares both ends of an edge with the best vertex so far. The edge is the part of the line foot + t along within all
-    /// faces; `along` is a unit vector, `foot` the point of the line nearest to the origin, and the line lies in faces `i` and
-    /// `j`. Every vertex is the end of an edge, and the convex |f|^2 has its maximum at a vertex. Where three faces share a
-    /// line, rounding could make the edge empty, so all bounds are 1e-12 wider.
+    /// Compares both ends of an edge with the best vertex so far. The edge is the part of the line foot + t along
+    /// within all faces; `along` is a unit vector, `foot` the point of the line nearest to the origin, and the line
+    /// lies in faces `i` and `j`. Every vertex is the end of an edge, and the convex |f|^2 has its maximum at a vertex.
+    /// Where three faces share a line, rounding could make the edge empty, so all bounds are 1e-12 wider.
     void try_edge(const Point3<double>& foot, const Point3<double>& along, int i, int j) noexcept {
         constexpr double slack = 1e-12;
         double begin = -std::numeric_limits<double>::infinity(), end = -begin;
@@ -110,9 +110,9 @@ struct ForcePolytope {
 
 /// Largest force that no threshold detects, over all directions, from the columns of J_v at the point it acts on.
 ///
-/// Exact up to rounding: the farthest point of a convex polytope is a vertex, and every vertex is the end of an edge, where the
-/// faces of two joints meet. With n joints there are 2 n (n - 1) lines to clip. Poses are not computed in lanes, because they
-/// differ in rank and in the faces that meet.
+/// Exact up to rounding: the farthest point of a convex polytope is a vertex, and every vertex is the end of an edge,
+/// where the faces of two joints meet. With n joints there are 2 n (n - 1) lines to clip. Poses are not computed in
+/// lanes, because they differ in rank and in the faces that meet.
 ///
 /// @param column of each joint, B [m or 1].
 inline UndetectableForce undetectable_force(const Point3<double>* column, const ResidualBand* band,
@@ -172,8 +172,8 @@ inline UndetectableForce undetectable_force(const Point3<double>* column, const 
 }
 
 /// Largest force F >= 0 along the unit vector n that no threshold detects: the smallest of high_j / (J_v' n)_j, or of
-/// low_j / (J_v' n)_j where the lever is negative [N]; infinite where it loads no monitored joint. Levers below 1e-12 of the
-/// longest count as zero.
+/// low_j / (J_v' n)_j where the lever is negative [N]; infinite where it loads no monitored joint. Levers below 1e-12
+/// of the longest count as zero.
 inline double undetectable_force_along(const Point3<double>* column, const ResidualBand* band, int joints,
                                        const Point3<double>& n) noexcept {
     double force = std::numeric_limits<double>::infinity(), longest = 0;
@@ -196,9 +196,9 @@ struct PoseWarning {
     bool entered = false;  ///< the warning begins with this pose
 };
 
-/// Warns, in a control loop, when the arm enters a pose where forces above a limit at a point are undetectable. Nothing is
-/// allocated. A warning ends when the force is 5 % below the limit, so that it does not toggle. Joint positions that are not
-/// finite give a warning.
+/// Warns, in a control loop, when the arm enters a pose where forces above a limit at a point are undetectable. Nothing
+/// is allocated. A warning ends when the force is 5 % below the limit, so that it does not toggle. Joint positions that
+/// are not finite give a warning.
 class UndetectablePoseMonitor {
   public:
     UndetectablePoseMonitor(const Chain& chain, const LinkPoint& point, std::span<const ResidualBand> band,

@@ -1,10 +1,10 @@
 /// @file
-/// Joint torque from motor current: friction, current map, reflected inertia and hysteresis of one joint, sample by sample.
+/// Joint torque from motor current: friction, map, reflected inertia and hysteresis of one joint, sample by sample.
 ///
 ///   tau = f(i_j) - I qdd - T_H sgn(qd_H),   i_j = i - i_friction(qd)
 ///
-/// after Schroeder 2013, eqs 2.18 to 2.30. Current, rates and torques are positive along the joint; tau acts from the joint on
-/// the arm. Units: current in the model's own, rad/s, rad/s2, Nm. Nothing is allocated.
+/// after Schroeder 2013, eqs 2.18 to 2.30. Current, rates and torques are positive along the joint; tau acts from the
+/// joint on the arm. Units: current in the model's own, rad/s, rad/s2, Nm. Nothing is allocated.
 #pragma once
 
 #include <limits>
@@ -23,8 +23,8 @@ enum class FrictionLaw {
     stribeck,  // sgn(qd) (C + S exp(-(qd / w)^2)) + V qd
 };
 
-/// Model of one joint. sgn(qd) stands for a value that is linear from -1 to 1 between -rest_speed and rest_speed. The power
-/// law is linear there, too, so the torque is continuous through zero rate.
+/// Model of one joint. sgn(qd) stands for a value that is linear from -1 to 1 between -rest_speed and rest_speed. The
+/// power law is linear there, too, so the torque is continuous through zero rate.
 struct JointTorqueParameters {
     CurrentMap map = CurrentMap::odd;
     FrictionLaw friction = FrictionLaw::power;
@@ -61,7 +61,7 @@ T friction_current(const JointTorqueParameters& p, T current, T qd) noexcept {
     const T sign = max(T(-1.0), min(T(1.0), qd * (1.0 / p.rest_speed)));
     T magnitude;
     if (p.friction == FrictionLaw::power) {
-        // D |qd|^F as D top^F exp(-F ln(top / |qd|)), whose exponent is never positive. No joint turns as fast as `top`.
+        // D |qd|^F as D top^F exp(-F ln(top / |qd|)) with an exponent <= 0, as no joint is as fast as `top`.
         constexpr double top = 1e4;
         const T ratio = min(T(1.0), max(speed, T(p.rest_speed)) * (1 / top));
         magnitude = exp_minus(-(log(ratio) * p.F), T(0.0)) * (p.D * std::pow(top, p.F));
@@ -83,8 +83,8 @@ T mapped_torque(const JointTorqueParameters& p, T joint_current, T qd) noexcept 
 
 /// Torque of the joint [Nm]; updates the state by this sample.
 ///
-/// In eq 2.23 the hysteresis jumps at rest_speed. Here it fades linearly from there to twice that speed, and the direction of
-/// motion is stored only above, where it has no effect: so the torque is continuous in time for any motion.
+/// In eq 2.23 the hysteresis jumps at rest_speed. Here it fades linearly from there to twice that speed, and the
+/// direction is stored only above, where it has no effect: so the torque is continuous in time for any motion.
 template <class T>
 T joint_torque(const JointTorqueParameters& p, T current, T qd, T qdd, JointTorqueState<T>& state) noexcept {
     const T speed = abs(qd);

@@ -25,8 +25,8 @@ struct JointTorqueErrorsOf {
 };
 using JointTorqueErrors = JointTorqueErrorsOf<double>;
 
-/// Dead zone at standstill [Nm or N]: external torque of either sign that static friction holds, so that the current does not
-/// show it. It is the friction at rest_speed under `current`, times the slope of the map, plus hysteresis.
+/// Dead zone at standstill [Nm or N]: external torque of either sign that static friction holds, so that the current
+/// does not show it. It is the friction at rest_speed under `current`, times the slope of the map, plus hysteresis.
 inline double dead_zone(const JointTorqueParameters& p, double current) noexcept {
     const double friction = abs(friction_current(p, current, p.rest_speed));
     const double inside = max(p.current_low, min(p.current_high, current));
@@ -71,17 +71,17 @@ class JointTorqueBank {
         }
     }
 
-    /// Torques [Nm or N] as joint_torque gives them and, unless `sd` is null, their standard errors, propagated from those of
-    /// the parameters as independent: sd^2 = sum over parameters of (dtau/dp se_p)^2. Arrays of max_joints numbers; those
-    /// beyond the last joint are ignored.
+    /// Torques [Nm or N] as joint_torque gives them and, unless `sd` is null, their standard errors, propagated from
+    /// those of the parameters as independent: sd^2 = sum over parameters of (dtau/dp se_p)^2. Arrays of max_joints
+    /// numbers; those beyond the last joint are ignored.
     void torque(const double* current, const double* qd, const double* qdd, double* tau, double* sd) noexcept {
         take_logarithms(qd);
         take_powers(qd);
         map(current, qd, qdd, tau, sd);
     }
 
-    /// The three parts of `torque`, to be called in this order. Each has a long latency that a control loop can overlap with
-    /// other work.
+    /// The three parts of `torque`, to be called in this order. Each has a long latency that a control loop can overlap
+    /// with other work.
     [[gnu::flatten]] void take_logarithms(const double* qd) noexcept {
         if (!any_power_) return;
         for (int k = 0; k * native_lanes < joints_; ++k) {

@@ -1,8 +1,8 @@
 /// @file
-/// Rates and accelerations of all joints for a control loop: a causal Savitzky-Golay filter that uses the times of the samples.
+/// Rates and accelerations of joints in a control loop: a causal Savitzky-Golay filter for any sampling times.
 ///
-/// A polynomial is fitted to the last samples and differentiated at the newest, with the same coefficients for all joints. A
-/// lost sample makes the window longer and does not disturb the estimates. Nothing is allocated.
+/// A polynomial is fitted to the last samples and differentiated at the newest, with the same coefficients for all
+/// joints. A lost sample makes the window longer and does not disturb the estimates. Nothing is allocated.
 #pragma once
 
 #include <algorithm>
@@ -25,8 +25,7 @@ class CausalDerivative {
         for (int k = 0; k < window; ++k) weight_[k] = 1;
     }
 
-    /// Takes a sample of `Columns` numbers, later than the last and finite; those beyond `columns` are ignored. False until
-    /// the window is full.
+    /// Takes a later sample of `Columns` finite numbers; those beyond `columns` are ignored. False: not full yet.
     bool update(double time, const double* sample) noexcept {
         const int next = slot_ + 1 == window_ ? 0 : slot_ + 1;
         note_interval(time - newest_);
@@ -126,9 +125,9 @@ class CausalDerivative {
     struct Scales {
         double rate = 1, acceleration = 1;
     };
-    /// derivative_weights for degree 2 in closed form. With u = x / length the sums of powers of u form the normal equations;
-    /// the last two rows of their inverse, applied to (1, u, u^2), are the coefficients. The length only conditions the sums,
-    /// so that of the last window, which is known earlier, is good enough.
+    /// derivative_weights for degree 2 in closed form. With u = x / length the sums of powers of u form the normal
+    /// equations; the last two rows of their inverse, applied to (1, u, u^2), are the coefficients. The length only
+    /// conditions the sums, so that of the last window, which is known earlier, is good enough.
     Scales parabola_weights(const double* x, int padded, double oldest, double* rate, double* acceleration) noexcept {
         double scale = scale_;
         if (!(std::fabs(oldest * scale - 1) < 0.5)) scale = 1 / oldest;

@@ -1,5 +1,5 @@
 /// @file
-/// Derivatives of unevenly sampled signals by local polynomial regression: a Savitzky-Golay filter for any sampling times.
+/// Derivatives by local polynomial regression: a Savitzky-Golay filter for any sampling times.
 ///
 /// Units: t [s], q [rad or any other], derivatives per s and s2.
 #pragma once
@@ -18,7 +18,7 @@ inline constexpr int max_window_samples = 512;
 /// Samples in a window of `time` seconds, one every `period` seconds, from the oldest to the newest: at least one more
 /// than `degree`, which a fit needs, and at most max_window_samples.
 inline int window_samples(double time, double period, int degree) noexcept {
-    // Halves, and values near them, are rounded down: 70 ms at 250 Hz are 17 intervals even if the period is not exactly 4 ms.
+    // Values up to just above a half are rounded down: 70 ms at 250 Hz are 17 intervals for any clock near 4 ms.
     const double intervals = time / period + 0.45;
     // For NaN the condition holds, too: it gives the smallest window.
     if (!(intervals > degree)) return degree + 1;
@@ -35,11 +35,11 @@ struct FitArrays {
     int n;
 };
 
-/// Filter coefficients out[r][k]: sum_k out[r][k] q_k is derivative r = 0, 1, 2, at x = 0, of the polynomial fitted to q. More
-/// than `degree` samples must have a weight above 0 and distinct times.
+/// Filter coefficients out[r][k]: sum_k out[r][k] q_k is derivative r = 0, 1, 2, at x = 0, of the polynomial fitted to
+/// q. More than `degree` samples must have a weight above 0 and distinct times.
 ///
-/// The polynomials that are orthogonal under the weights are computed by their three-term recurrence (Forsythe, J. SIAM 5,
-/// 1957), so no ill-conditioned system is solved. One sample per lane.
+/// The polynomials that are orthogonal under the weights are computed by their three-term recurrence (Forsythe, J. SIAM
+/// 5, 1957), so no ill-conditioned system is solved. One sample per lane.
 template <class T>
 void derivative_weights(const FitArrays& a, int degree) noexcept {
     constexpr int lanes = Scalar<T>::lanes;
@@ -79,10 +79,10 @@ void derivative_weights(const FitArrays& a, int degree) noexcept {
 /// Smoothed positions, rates and accelerations of `columns` series at `rows` common, increasing times. q and out are
 /// row-major.
 ///
-/// At every time a polynomial is fitted to the samples closer than h, with the weights 1 - (dt / h)^2. The weights are zero at
-/// the edge, so samples enter and leave the window without a step. h is half the window. It grows to the whole window towards
-/// the ends of the record and, where samples are sparse, until degree + 1 on either side lie within 0.8 h: with fewer the
-/// variance would grow much.
+/// At every time a polynomial is fitted to the samples closer than h, with the weights 1 - (dt / h)^2. The weights are
+/// zero at the edge, so samples enter and leave the window without a step. h is half the window. It grows to the whole
+/// window towards the ends of the record and, where samples are sparse, until degree + 1 on either side lie within 0.8
+/// h.
 inline void local_derivatives(const double* t, const double* q, std::size_t rows, std::size_t columns, double window,
                               int degree, double* const (&out)[3]) {
     using L = Lanes<native_lanes>;

@@ -28,8 +28,8 @@ struct FilterSections {
     int count = 0;
 };
 
-/// Butterworth low-pass of `order` (1 to max_filter_order) by the bilinear transform, pre-warped so that its gain at `cutoff`
-/// is 1 / sqrt(2). `cutoff` is above 0 and below half of `rate`.
+/// Butterworth low-pass of `order` (1 to max_filter_order) by the bilinear transform, pre-warped so that its gain at
+/// `cutoff` is 1 / sqrt(2). `cutoff` is above 0 and below half of `rate`.
 inline FilterSections butterworth(int order, double cutoff, double rate) noexcept {
     const double w = std::tan(std::numbers::pi * cutoff / rate);
     FilterSections found;
@@ -47,8 +47,8 @@ inline FilterSections butterworth(int order, double cutoff, double rate) noexcep
     return found;
 }
 
-/// Filters `count` samples x[0], x[step], ... in place, section after section. Every section starts in the steady state of a
-/// constant input equal to the first sample. One series per lane.
+/// Filters `count` samples x[0], x[step], ... in place, section after section. Every section starts in the steady state
+/// of a constant input equal to the first sample. One series per lane.
 template <class T>
 void run_filter(const FilterSections& filter, T* x, std::ptrdiff_t step, std::size_t count) noexcept {
     for (int k = 0; k < filter.count; ++k) {
@@ -67,7 +67,7 @@ void run_filter(const FilterSections& filter, T* x, std::ptrdiff_t step, std::si
 
 /// Filters `columns` series of `rows` equally spaced samples, x and out row-major, forward and backward.
 ///
-/// Each end is padded by `padding` samples (fewer than `rows`), reflected about the end point, against transients at the ends.
+/// Against transients each end is padded by `padding` samples (fewer than `rows`), reflected about the end point.
 inline void filter_zero_phase(const FilterSections& filter, const double* x, std::size_t rows, std::size_t columns,
                               std::size_t padding, double* out) {
     using L = Lanes<native_lanes>;

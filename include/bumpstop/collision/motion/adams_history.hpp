@@ -15,13 +15,12 @@ struct AdamsWeights {
     T sum_of_sums[adams_order];  ///< sum of these sums: the positions gained, in units of the sub-step
     T predict[adams_order];      ///< change after the last sub-step, extrapolated
     T last[adams_order];         ///< change in the last sub-step; only where asked for
-    /// Corrections of `sum`, `sum_of_sums` and `last` per unit by which the change found after the step differs from the
-    /// predicted one.
+    /// Corrections of `sum`, `sum_of_sums` and `last` per unit of (change found after the step - predicted change).
     T correct_sum, correct_sum_of_sums, correct_last;
 };
 
-/// Age of history entries that are empty [sub-steps]. A value so long ago does not affect the polynomial over the coming
-/// sub-steps, so a short history gives a step of lower order.
+/// Age of history entries that are empty [sub-steps]. A value so long ago does not affect the polynomial over the
+/// coming sub-steps, so a short history gives a step of lower order.
 inline constexpr double never_age = 1e12;
 
 /// Rate changes at the ends of a lane's last Adams steps, with their ages. Keeping the ages makes steps of any length
@@ -57,7 +56,7 @@ class AdamsHistory {
     void set_first(const MaskOf<T>& lane, const T* change, int free_count) {
         for (int f = 0; f < free_count; ++f) change_[0][f] = select(lane, change[f], change_[0][f]);
     }
-    /// The error of a prediction over `count` sub-steps from `known` values is proportional to this product of distances.
+    /// The error of a prediction over `count` sub-steps from `known` values grows with this product of distances.
     T error_growth(const T& count, const T& known) const {
         T product = count;
         BUMPSTOP_UNROLL
@@ -81,8 +80,8 @@ class AdamsHistory {
         return one;
     }
 
-    /// Weights of a step over `count` sub-steps; a negative count goes back in time. Everything up to the last division is in
-    /// whole numbers, which doubles hold exactly unless a value is very old.
+    /// Weights of a step over `count` sub-steps; a negative count goes back in time. Everything up to the last division
+    /// is in whole numbers, which doubles hold exactly unless a value is very old.
     template <bool WithLast = false>
     AdamsWeights<T> weights(const T& count) const {
         constexpr int last = adams_order - 1;

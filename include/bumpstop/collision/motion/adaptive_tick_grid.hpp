@@ -1,5 +1,5 @@
 /// @file
-/// The overtravels of a range of ticks, from reactions on a grid that is refined where interpolation is not accurate enough.
+/// The overtravels of a range of ticks, from reactions on a grid that is refined where interpolation fails.
 #pragma once
 
 #include "bumpstop/collision/motion/overtravel_tolerance.hpp"
@@ -18,8 +18,8 @@ struct TickRange {
     int ticks() const { return last - first + 1; }
 };
 
-/// A range that is too rough for one polynomial. Ticks on a grid are simulated, and the spacing is halved wherever the middle
-/// of two grid points differs from what the six nearest points predict. Every simulated tick is used.
+/// A range that is too rough for one polynomial. Ticks on a grid are simulated, and the spacing is halved wherever the
+/// middle of two grid points differs from what the six nearest points predict. Every simulated tick is used.
 class AdaptiveTickGrid {
   public:
     AdaptiveTickGrid(const TickRange& range, const OvertravelTolerance& tolerance)
@@ -39,7 +39,7 @@ class AdaptiveTickGrid {
     int last() const { return last_; }
     double overtravel_at(int k) const { return tick_[std::size_t(k - first_)].overtravel; }
 
-    /// Takes the results of the requested ticks, accepts intervals that are accurate enough and requests the next ticks.
+    /// Takes the results of the requested ticks, accepts accurate intervals and requests the next ticks.
     void take(const ReactionJob* jobs) {
         std::vector<int> unsettled = std::exchange(too_short_, {});
         for (std::size_t i = 0; i < requested.size(); ++i) {
@@ -53,7 +53,7 @@ class AdaptiveTickGrid {
             if (!middles_) continue;
             const double difference = predicted - at(k).overtravel;
             const int low = k - spacing_, high = std::min(k + spacing_, last_);
-            // Whether a reaction rebounds depends on small differences, so interpolation over such ticks is ill-conditioned.
+            // Small differences decide whether a reaction rebounds: interpolation is ill-conditioned there.
             const bool ill_conditioned = at(low).rebounded || at(k).rebounded || at(high).rebounded;
             // At half the spacing the error is smaller by 2^6, and by 2^2 where the interpolation is linear.
             if (!(ill_conditioned && tolerance_.matters(low, high)) &&
@@ -104,8 +104,8 @@ class AdaptiveTickGrid {
     Tick& at(int k) { return tick_[std::size_t(k - first_)]; }
     const Tick& at(int k) const { return tick_[std::size_t(k - first_)]; }
 
-    /// The overtravel at tick k from the peaks of the six nearest known ticks on the grid of this spacing, without k; negative
-    /// where there is none.
+    /// The overtravel at k from the peaks of the six nearest known ticks on this spacing's grid; negative: there is
+    /// none.
     double interpolate(int k, int spacing) const {
         // Beyond the ticks with a peak the points on one side would have to be extrapolated.
         if (!at(neighbour(k, -1)).has_peak() || !at(neighbour(k, 1)).has_peak()) return -1;
@@ -124,8 +124,8 @@ class AdaptiveTickGrid {
         return OvertravelInterpolation(std::move(ticks), std::move(peaks)).at(double(k));
     }
 
-    /// The overtravel at tick k on the straight line between its known neighbours. It serves where a reaction retreats from
-    /// its first step on, so that there is no peak to interpolate.
+    /// The overtravel at tick k on the straight line between its known neighbours. It serves where a reaction retreats
+    /// from its first step on, so that there is no peak to interpolate.
     double interpolate_linear(int k) const {
         const int low = neighbour(k, -1), high = neighbour(k, 1);
         const double left = overtravel_at(low), right = overtravel_at(high);

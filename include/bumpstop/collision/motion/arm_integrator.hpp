@@ -9,9 +9,9 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 inline constexpr int max_reaction_adams_step = 128, max_line_adams_step = 256;  ///< sub-steps
 
-/// An Adams step is accepted where the rate change predicted for its end differs from the one found there by at most this
-/// much, relative to the largest change. The difference then corrects the step, which leaves about a thirtieth of the error.
-/// Instruction sets round differently and must agree to 1e-12: with 1e-10 they differ by 2e-12 where the arm is fast.
+/// An Adams step is accepted where the rate change predicted for its end differs from that found there by at most this
+/// share of the largest. The difference corrects the step, which leaves a thirtieth of the error. Instruction sets
+/// round differently and must agree to 1e-12: with 1e-10 they differ by 2e-12 for fast arms.
 inline constexpr double exact_tolerance = 1e-11;
 /// The tolerance in batches, and of reactions that hardly matter to the distribution: more accuracy would gain nothing.
 /// `make validate` (batches) shows how accurate distributions are with it.
@@ -23,16 +23,16 @@ inline constexpr double near_singular_tolerance = 1e-8;
 
 /// A singularity is near where the sine of some row of the Jacobian (see Conditioning) is this small.
 inline constexpr double near_singular_sine = 1e-2;
-/// The same for an arm that traces: below it, every simulation step is checked for the singularity. Above it, no Adams step
-/// can cross a singularity, because the wanted rates would grow by more than a step may extrapolate.
+/// The same for an arm that traces: below it, every simulation step is checked for the singularity. Above it, no Adams
+/// step can cross a singularity, because the wanted rates would grow by more than a step may extrapolate.
 inline constexpr double line_near_singular_sine = 1e-3;
 
 /// The tolerance of the rates of an arm that follows its line, relative to the largest rate.
 inline constexpr double batch_rate_tolerance = 3e-8;
 
-/// The controller changes the rates by as much as the acceleration limits allow, in every sub-step. While the same joint is
-/// the limiting one these changes are smooth, so one Adams-Bashforth step replaces many sub-steps; around a switching point
-/// the sub-steps are taken one by one. An arm that has reached its wanted rates extrapolates the rates themselves.
+/// In every sub-step the controller changes the rates as much as the acceleration limits allow. While the same joint is
+/// the limiting one these changes are smooth, and one Adams-Bashforth step replaces many sub-steps; around a switching
+/// point they are taken one by one. An arm that has reached its wanted rates extrapolates the rates themselves.
 template <class T>
 class ArmIntegrator {
   public:
@@ -53,8 +53,8 @@ class ArmIntegrator {
     Posture<T> posture;  ///< posture at the end of the last Adams step
     Point3<T> target;    ///< wanted velocity of the tip: that of the line or of the reaction [m/s]
 
-    /// Starts a lane whose state and target have been set. Its next `step` takes no sub-step and only evaluates the start.
-    /// `tolerance` is that of rate changes, relative to the largest; `rate_tolerance` that of rates which are reached.
+    /// Starts a lane whose state and target have been set. Its next `step` only evaluates the start. `tolerance` is
+    /// that of rate changes, relative to the largest; `rate_tolerance` that of rates which are reached.
     void begin(int lane, double tolerance, double rate_tolerance = batch_rate_tolerance) {
         set_lane(tolerance_, lane, tolerance);
         set_lane(rate_tolerance_, lane, rate_tolerance);
@@ -71,8 +71,8 @@ class ArmIntegrator {
         set_lane(reached_, lane, false);
         set_lane(reaches_, lane, false);
     }
-    /// From its start on the lane's acceleration limits follow `profile`. `independent`: every joint brakes by itself, so
-    /// the rates do not keep their ratios; it is the same for all lanes.
+    /// From its start on the lane's acceleration limits follow `profile`. `independent`: every joint brakes by itself,
+    /// so the rates do not keep their ratios; it is the same for all lanes.
     void brake(int lane, const BrakeProfile& profile, bool independent) {
         has_profile_ = true;
         independent_ = independent;
@@ -113,9 +113,9 @@ class ArmIntegrator {
     }
 
     /// Advances every lane by at most `max_step` sub-steps and returns by how many: 0 where the lane only evaluated its
-    /// start or its Adams step was rejected. `observe()` is called with the state and angles at the ends of the Adams steps,
-    /// before it is known which are accepted. Of steps over more than one sub-step, `rejected(which, sub-steps)` says which
-    /// the caller rejects; the state of a rejected lane is not valid until the next call.
+    /// start or its Adams step was rejected. `observe()` is called with the state and angles at the ends of the Adams
+    /// steps, before it is known which are accepted. Of steps over more than one sub-step, `rejected(which, sub-steps)`
+    /// says which the caller rejects; the state of a rejected lane is not valid until the next call.
     template <class Observe, class Rejected>
     T step(const T& max_step, Observe observe, Rejected rejected) {
         const int n = motion_.free_count;
@@ -166,8 +166,8 @@ class ArmIntegrator {
         const T roughness = error / max(history_.error_growth(count, known), T(1e-300));
         const MaskOf<T> goes = count > T(0.0), long_steps = count > T(1.0), single = !long_steps,
                         limited = wanted.velocity_limited;
-        // A step that ends in another regime (wanted rates reached or lost, velocity limit active or not) is rejected, so that
-        // the change of regime is found by single sub-steps.
+        // A step that ends in another regime (wanted rates reached or lost, velocity limit active or not) is rejected,
+        // so that the change of regime is found by single sub-steps.
         const MaskOf<T> met = differ(reaches, reaches_), capped = differ(limited, limited_);
         const MaskOf<T> changes = follows ? met | capped : reaches;
         const MaskOf<T> good = single | ((error <= T(1.0)) & !changes);
@@ -196,8 +196,8 @@ class ArmIntegrator {
             state.q[j] = from_[f] + travelled_[f];
             state.qd[j] = select(moved, state.qd[j] + to_rate * correction[f], qd_before[f]);
         }
-        // The history gets the changes that belong to the corrected rates. The changes of the uncorrected rates would make
-        // steps unstable that are longer than about a twentieth of the sub-steps left to the wanted rates (`saturation`).
+        // The history gets the changes at the corrected rates. Those at the predicted rates would make steps unstable
+        // that are longer than about a twentieth of the sub-steps left to the wanted rates (`saturation`).
         const MaskOf<T> lags = accepted & !(has_rates | reaches);
         T corrected[max_joints], corrected_saturation[max_joints];
         find_change(wanted.free, count, corrected, corrected_saturation);
@@ -207,23 +207,23 @@ class ArmIntegrator {
         }
         history_.push(moved, count, change, n);
         if (any(switches)) history_.keep_newest(switches);
-        // The next Adams step is the longest whose predicted error is within the target and that crosses no switching point.
+        // The next step is the longest with a predicted error within the target that crosses no switching point.
         T next = count * min_ratio;
         for (double factor : ratio_factors) {
             const T longer = next * factor;
             next = select(roughness * history_.error_growth(longer, known) <= T(target_error), longer, next);
         }
         const T switching_point = count * distance_to_switch(saturation, wanted.velocity_saturation);
-        // A rejected step may have failed for another reason than the predicted switching point, or the point may lie at its
-        // end or, by rounding, beyond it. So the next one is always shorter, and halved where the regime changed: the
-        // sequence ends at a single sub-step, which is always accepted.
+        // A rejected step may have failed for another reason than the predicted switching point, or the point may lie
+        // at its end or, by rounding, beyond it. So the next one is always shorter, and halved where the regime
+        // changed: the sequence ends at a single sub-step, which is always accepted.
         const T shorter = select(changes, 0.5 * count, count - 1.0);
         next = select(accepted, min(next, switching_point - count),
                       min(select(switching_point < count, min(switching_point, 0.5 * count), next), shorter));
         for (int f = 0; f < n; ++f) saturation_[f] = select(accepted, saturation[f], saturation_[f]);
         velocity_saturation_ = select(accepted, wanted.velocity_saturation, velocity_saturation_);
-        // A contact point that turns with the joints may pass a maximum and a minimum within one Adams step, which the ends
-        // of the step do not show. So the joints may turn by no more than max_turn in a step.
+        // A contact point that turns with the joints may pass a maximum and a minimum within one Adams step, which the
+        // ends of the step do not show. So the joints may turn by no more than max_turn in a step.
         T turning = 0.0;
         for (int f = 0; f < n; ++f) turning += abs(state.qd[motion_.free_joint[f]]);
         next = min(next, (max_turn / motion_.substep()) / max(turning, T(1e-200)));
@@ -280,8 +280,8 @@ class ArmIntegrator {
         return still;
     }
 
-    /// Distance of the next switching point from the beginning of the last Adams step, in units of that step, extrapolated
-    /// linearly from the saturations at its two ends. At a switching point another joint becomes the limiting one, the
+    /// Distance of the next switching point from the beginning of the last Adams step, in units of that step,
+    /// extrapolated from the saturations at its ends. At a switching point another joint becomes the limiting one, the
     /// wanted rates are reached or lost, a velocity limit becomes active or inactive, or the arm is singular.
     T distance_to_switch(const T* saturation, const T& velocity_saturation) const {
         const T never = 1e9;
@@ -311,8 +311,8 @@ class ArmIntegrator {
         const T sign = select(lags, T(1.0), T(-1.0)), side = select(velocity_saturation_ > T(1.0), T(1.0), T(-1.0));
         cross(sign * (largest - 1.0), sign * (max_later - 1.0));
         cross(side * (velocity_saturation_ - 1.0), side * (velocity_saturation - 1.0));
-        // Before a singularity the wanted rates grow without bound, and beyond it they change sign; where a velocity limit
-        // scales them, only the saturation shows it. A step across two singularities in a row would not be detected.
+        // Before a singularity the wanted rates, or their saturation under a velocity limit, grow without bound, and
+        // beyond it they change sign. A step across two singularities in a row would not be detected.
         cross(1.0 / max(largest, T(1.0)), 1.0 / max(max_later, T(1.0)));
         cross(1.0 / max(velocity_saturation_, T(1.0)), 1.0 / max(velocity_saturation, T(1.0)));
         return share;
@@ -336,8 +336,7 @@ class ArmIntegrator {
     const double near_singular_below_;  ///< for the square of the smallest sine
     T tolerance_ = 1.0, rate_tolerance_ = 1.0, tolerance_scale_ = 1.0;
     bool restarted_ = true;  ///< a lane has been started since the last `step`
-    /// Positions are the sum of the start and the travel since, by free joint: so the rounding of the positions does not
-    /// accumulate.
+    /// Positions are kept as start plus travel, by free joint, so that their rounding does not accumulate.
     T from_[max_joints], travelled_[max_joints];
     AdamsHistory<T> history_;
     T saturation_[max_joints], velocity_saturation_ = 0.0;  ///< at the end of the last accepted step

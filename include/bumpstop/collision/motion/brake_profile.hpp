@@ -19,10 +19,10 @@ struct BrakeProfile {
     }
 };
 
-/// A joint is at rest where its stopping time at its limit is less than this share of the longest: its rate is rounding.
+/// Share of the longest stopping time below which a joint is at rest, because its rate is rounding.
 inline constexpr double standing = 1e-9;
 
-/// Distance of the tip from the axis of joint 1, or from the origin of a joint 1 that slides, as a share of `reach` [m].
+/// Distance of the tip from the axis of joint 1, or from its origin if it slides, as a share of `reach` [m].
 inline double extension_at(const Chain& chain, const LinkPoint& tip, const double* q, double reach) {
     JointAngles<double> angle;
     Posture<double> posture;
@@ -36,9 +36,9 @@ inline double extension_at(const Chain& chain, const LinkPoint& tip, const doubl
     return std::sqrt(dot(away, away)) / reach;
 }
 
-/// Profile of a reaction that begins at positions `q` (by joint) with rates `rate` (by free joint). Where the rates keep their
-/// ratios, the joint with the longest stopping time decides for all. An arm that `reverses` after a stop in a given time goes
-/// back at its full limits; a ramp continues.
+/// Profile of a reaction that begins at positions `q` (by joint) with rates `rate` (by free joint). Where the rates
+/// keep their ratios, the joint with the longest stopping time decides for all. An arm that `reverses` after a stop in
+/// a given time goes back at its full limits; a ramp continues.
 inline BrakeProfile brake_profile(const Chain& chain, const MotionSettings& motion, const double* q, const double* rate,
                                   bool reverses) {
     const Deceleration& deceleration = motion.deceleration;

@@ -39,9 +39,9 @@ struct StoppingTimes {
     }
 
   private:
-    /// Linear interpolation over the rate: exact where the distance is a sum of a linear and a quadratic term. Below the grid
-    /// the time continues with its first slope where it grows toward zero rate, else it stays; above the grid the deceleration
-    /// is that of the fastest rate.
+    /// Linear interpolation over the rate: exact where the distance is a sum of a linear and a quadratic term. Below
+    /// the grid the time continues with its first slope where it grows toward zero rate, else it stays; above the grid
+    /// the deceleration is that of the fastest rate.
     double at_rate(const double* row, double speed) const {
         const std::size_t n = rate.size();
         if (n == 1 || speed >= rate.back()) return row[n - 1] * std::max(1.0, speed / rate.back());

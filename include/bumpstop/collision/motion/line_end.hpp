@@ -10,11 +10,11 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace detail {
 
-/// Ends a path at its last recorded step, where the joints have positions `q` and rates `qd`, both by joint. From there the
-/// arm brakes to standstill by its deceleration law, as in a reaction that stops. No tick follows, and no reaction to an
-/// earlier tick begins any more: a longer latency must not let an arm stop at once.
-/// `met_step`: the step in which the limit or the singularity is met. Where that is after the end of the motion, in the part
-/// of the line that only reactions need, it is not what ends the motion.
+/// Ends a path at its last recorded step, where the joints have positions `q` and rates `qd`, both by joint. From there
+/// the arm brakes to standstill by its deceleration law, as in a reaction that stops. No tick follows, and no reaction
+/// to an earlier tick begins any more: a longer latency must not let an arm stop at once.
+/// `met_step`: the step in which the limit or the singularity is met. Where that is after the end of the motion, in the
+/// part of the line that only reactions need, it is not what ends the motion.
 inline void cut_line(const CollisionSetup& setup, PathEnd why, int met_step, const double* q, const double* qd,
                      LinePath& path) {
     const Chain& chain = setup.chain;

@@ -61,8 +61,8 @@ Rates<T> least_norm_rates(const Chain& chain, const MotionSettings& motion, cons
     Rates<T> rates;
     const Point3<T> tip = posture.position(motion.tip);
     const int n = motion.free_count;
-    // For the conditioning a row counts as at least as long as the root mean square of the three rows of its kind. Where all
-    // joints move the tip in one plane, or turn it about axes in one plane, the row across that plane is rounding alone.
+    // For the conditioning a row counts as no shorter than the quadratic mean of the three rows of its kind: where all
+    // joints move the tip in one plane, or turn it about axes in one plane, the row across it is rounding alone.
     T rotation = 0.0, translation = 0.0;  // mean squares of the rows
     T row[Rows][max_columns], target[Rows], min_length[Rows];
     const auto put = [](T(*rows)[max_columns], int f, const Point3<T>& v) {
@@ -93,8 +93,8 @@ Rates<T> least_norm_rates(const Chain& chain, const MotionSettings& motion, cons
     return rates;
 }
 
-/// Least-norm joint rates that move the tip with `velocity` (base frame, m/s) and without rotation, scaled by one factor
-/// where one would exceed its velocity limit.
+/// Least-norm joint rates that move the tip with `velocity` (base frame, m/s) and without rotation, scaled by one
+/// factor where one would exceed its velocity limit.
 template <class T>
 Rates<T> resolved_rates(const Chain& chain, const MotionSettings& motion, const Posture<T>& posture,
                         const Point3<T>& velocity) {
@@ -104,10 +104,10 @@ Rates<T> resolved_rates(const Chain& chain, const MotionSettings& motion, const 
     return rates;
 }
 
-/// Rate changes in one controller sub-step toward `wanted` (by free joint): one ratio scales all of them so that no joint
-/// exceeds its acceleration limit. Returns where the wanted rates are reached. `saturation`: the changes that remain, in units
-/// of the greatest allowed one. `tightened`: one over the scale of the limits, by free joint; null: full limits.
-/// `independent`: every joint has a ratio of its own.
+/// Rate changes in one controller sub-step toward `wanted` (by free joint): one ratio scales all of them so that no
+/// joint exceeds its acceleration limit. Returns where the wanted rates are reached. `saturation`: the changes that
+/// remain, in units of the greatest allowed one. `tightened`: one over the scale of the limits, by free joint; null:
+/// full limits. `independent`: every joint has a ratio of its own.
 template <class T>
 MaskOf<T> limited_change(const MotionSettings& motion, const InverseMaxRateChange& full, const T* wanted,
                          const ArmState<T>& state, T* change, T* saturation, const T* tightened = nullptr,

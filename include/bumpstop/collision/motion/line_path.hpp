@@ -28,8 +28,8 @@ inline const char* name_of(PathEnd end) {
 
 /// The path from one pose: all that the force distribution needs of it.
 struct LinePath {
-    /// Number of ticks before tick 0, numbered from -1 down, whose reactions would begin after tick 0. The reaction to the
-    /// earliest of them begins in step 1.
+    /// Number of ticks before tick 0, numbered from -1 down, whose reactions would begin after tick 0. The reaction to
+    /// the earliest of them begins in step 1.
     static int early_ticks(const Timing& timing) { return (timing.latency + timing.period - 1) / timing.period; }
     /// Step in which the reaction to a tick begins.
     static int reaction_step(int tick, const Timing& timing) {
@@ -164,8 +164,8 @@ T min_limit_margin(const MotionSettings& motion, const T* q) {
     return margin;
 }
 
-/// Appends the distances between the last one and `next`, which comes a stride after it, from the cubic through `next` and
-/// the ends of the three strides before.
+/// Appends the distances between the last one and `next`, which comes a stride after it, from the cubic through `next`
+/// and the ends of the three strides before.
 inline void fill_stride(std::vector<double>& path, int stride, double next) {
     const std::size_t end = path.size() - 1;
     const double y[4] = {path[end - 2 * stride], path[end - stride], path[end], next};

@@ -41,22 +41,21 @@ struct NoCriterion {
     bool finished(int) { return false; }
 };
 
-/// Tolerances of a traced line: of the rate changes while the arm lags behind its line, and of the rates once it has the
-/// wanted ones, both relative to the largest.
+/// Tolerances of a traced line: of the rate changes while the arm lags behind its line, and of the rates once it has
+/// the wanted ones, both relative to the largest.
 struct LineTolerance {
     double lag, rate;
 };
-/// For single distributions. Over a second at 1 rad/s the positions stay within 1e-10 rad of those that the controller's
-/// sub-steps give.
+/// For single distributions: positions after a second at 1 rad/s agree with those of the sub-steps to 1e-10 rad.
 inline constexpr LineTolerance exact_line{1e-10, 1e-11};
 inline constexpr LineTolerance batch_line{3e-7, batch_rate_tolerance};
 
-/// Traces lines, one in each lane; a lane takes the next line as soon as its own is finished. Positions inside an Adams step
-/// come from its polynomial, evaluated for several steps of one lane at a time, one in each lane of a register.
+/// Traces lines, one in each lane; a lane takes the next line as soon as its own is finished. Positions inside an Adams
+/// step come from its polynomial, evaluated for several steps of one lane at a time, one in each lane of a register.
 ///
-/// `Criterion` tells when a line needs no further tick. `observe(s, torque_per_N)` gets steps of one line, one in each lane:
-/// distances along the normal [m] and contact torques by joint [Nm/N or 1]. Then `finished(lane)` is called for those of the
-/// steps that are ticks, in order.
+/// `Criterion` tells when a line needs no further tick. `observe(s, torque_per_N)` gets steps of one line, one in each
+/// lane: distances along the normal [m] and contact torques by joint [Nm/N or 1]. Then `finished(lane)` is called for
+/// those of the steps that are ticks, in order.
 template <class T, class Criterion>
 class LineTracer {
     using Arm = ArmIntegrator<T>;
@@ -162,17 +161,17 @@ class LineTracer {
         return std::min(max_line_adams_step, at.last_step * motion_.substeps - at.taken);
     }
 
-    /// The next step that a lane records, if it is not after `last`: the end of its next stride, where the distances within
-    /// the stride can be interpolated from the ends of this and the three strides before.
+    /// The next step that a lane records, if it is not after `last`: the end of its next stride, where the distances
+    /// within the stride can be interpolated from the ends of this and the three strides before.
     int next_recorded(const Lane& at, int last) const {
         const int step = at.next_step;
         if (at.keep_every_step || step <= 1 + 2 * stride_) return step;
-        // Later the Adams step that covers the stride is lost, so a stride that is not complete is recorded step by step.
+        // The Adams step that covers the stride is lost later, so an incomplete stride is recorded step by step.
         const bool begins = (step - 2) % stride_ == 0, ends = step - 1 + stride_ <= last;
         return begins && ends && step - 1 - 2 * stride_ >= at.smooth_from ? step - 1 + stride_ : step;
     }
 
-    /// Records the steps that a lane has just passed, and writes them once there are enough. False when its path is over.
+    /// Records the steps that a lane has passed and writes them once there are enough. False: its path is over.
     bool record_step(int lane, int taken, double margin) {
         Lane& at = lane_[lane];
         LinePath& path = *at.path;
@@ -181,8 +180,8 @@ class LineTracer {
         path.met_singularity = path.met_singularity || lane_of(arm_.near_singular(), lane);
         const bool singular = at.taken % motion_.substeps == 0 && arm_.singular(lane);
         const int last = at.taken / motion_.substeps;
-        // The step in which the line ends is found step by step; recording every step begins well before it, so that the
-        // step before it is still within the last Adams step.
+        // The step in which the line ends is found step by step; recording every step begins well before it, so that
+        // the step before it is still within the last Adams step.
         at.keep_every_step = at.keep_every_step || lane_of(arm_.near_singular(), lane) || margin < 0.05;
         // A cubic is accurate enough within a stride only where the Adams steps are several strides long.
         if (!arm_.smooth(lane) || taken < min_smooth_strides * stride_ * motion_.substeps) at.smooth_from = last + 1;

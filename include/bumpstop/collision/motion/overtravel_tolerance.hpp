@@ -10,19 +10,19 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// Largest error of interpolated overtravels at the ticks that are checked [m]. A force distribution needs 1e-9 m.
 inline constexpr double min_overtravel_tolerance = 5e-10;
-/// Where an upper bound of the detection probability at a tick is known, the tolerance is this divided by that bound, between
-/// the least and the greatest tolerance [m]. `make validate` (batches) shows how accurate distributions are with it.
+/// With an upper bound of the detection probability at a tick, the tolerance is this divided by that bound, clamped to
+/// the least and the greatest tolerance [m]. `make validate` (batches) shows the accuracy of distributions with it.
 inline constexpr double negligible_overtravel = 1e-10;
 inline constexpr double max_overtravel_tolerance = 1e-3;
-/// Near a switching point every tick is simulated, unless all are less probable than this: there the adaptive grid suffices.
+/// Ticks near a switching point are all simulated, unless they are less probable than this.
 inline constexpr double switch_probability = 1e-5;
 
-/// A reaction to a tick less probable than this ends with its first retreat, even where the arm might swing forward again. A
-/// path has some 1000 ticks, so together they change an exceedance probability by 1e-5 at most.
+/// A reaction to a tick less probable than this ends with its first retreat, even where the arm might swing forward
+/// again. A path has some 1000 ticks, so together they change an exceedance probability by 1e-5 at most.
 inline constexpr double negligible_detection_probability = 1e-8;
 
-/// Near a singularity the error of an Adams step grows by orders of magnitude, and with a wide tolerance the arm's swing
-/// forward may be missed. So reactions to ticks more probable than this are simulated again with a narrow one.
+/// Near a singularity the error of an Adams step grows by orders of magnitude, and with a wide tolerance the arm's
+/// swing forward may be missed. So reactions to ticks more probable than this are simulated again with a narrow one.
 inline constexpr double singular_probability = 1e-5;
 
 /// How accurately the overtravel of every tick must be known. Without probabilities all ticks count equally.
@@ -50,7 +50,7 @@ struct OvertravelTolerance {
     }
     /// Largest distance of ticks between which overtravels without a peak are interpolated linearly.
     int max_linear() const { return probability == nullptr ? 0 : 8; }
-    /// Whether a detection at one of the ticks from `first` to `last` is likely enough to matter near a switching point.
+    /// Whether a detection from tick `first` to `last` is likely enough to matter near a switching point.
     bool matters(int first, int last) const {
         return probability == nullptr ||
                *std::max_element(probability + first, probability + last + 1) > switch_probability;

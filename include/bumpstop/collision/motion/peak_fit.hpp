@@ -1,5 +1,5 @@
 /// @file
-/// The peaks of reactions, which are smooth functions of the tick they react to, and their interpolation over the ticks.
+/// The peaks of reactions, which are smooth functions of the tick, and their interpolation over the ticks.
 #pragma once
 
 #include <algorithm>
@@ -18,8 +18,8 @@ inline double overtravel(const std::vector<double>& distance) {
     return *std::max_element(distance.begin(), distance.end()) - distance[0];
 }
 
-/// The travel of a reaction near its peak as a cubic in time: value + second/2 d^2 + third/6 d^3, where d is the time since
-/// the peak at `time`, both in simulation steps.
+/// The travel of a reaction near its peak as a cubic in time: value + second/2 d^2 + third/6 d^3, where d is the time
+/// since the peak at `time`, both in simulation steps.
 template <class T>
 struct PeakFitOf {
     T time, value, second, third;
@@ -74,8 +74,8 @@ inline PeakFit peak_fit(const ReactionJob& job) {
     return {job.step[first] + x, value, second, 6.0 * c3};
 }
 
-/// Overtravels between ticks whose reactions are simulated. The peak fits are interpolated, not the overtravels: these are
-/// taken at simulation steps, which lie differently about the peak for every tick, so they are not smooth.
+/// Overtravels between ticks whose reactions are simulated. The peak fits are interpolated, not the overtravels: these
+/// are taken at simulation steps, which lie differently about the peak for every tick, so they are not smooth.
 class OvertravelInterpolation {
   public:
     OvertravelInterpolation(std::vector<int> ticks, std::vector<PeakFit> peaks)

@@ -8,8 +8,8 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace detail {
 
-/// Stopping time of the slowest joint [s], with the greatest rates between the detection and the beginning of the reaction:
-/// Schroeder (2013) counts from the detection on.
+/// Stopping time of the slowest joint [s], with the greatest rates between the detection and the beginning of the
+/// reaction: Schroeder (2013) counts from the detection on.
 inline double max_stop_time(const CollisionSetup& setup, const LinePath& path, int tick) {
     const MotionSettings& motion = setup.motion;
     const Timing& timing = setup.timing;
@@ -23,7 +23,7 @@ inline double max_stop_time(const CollisionSetup& setup, const LinePath& path, i
     return longest;
 }
 
-/// Writes the start positions of a job, by joint, into a lane of `q`. Returns the rates of its free joints [rad/s or m/s].
+/// Writes the start positions of a job, by joint, into a lane of `q`. Returns the rates of its free joints.
 template <class T>
 const double* load_start(const CollisionSetup& setup, const ReactionJob& job, int lane, T* q) {
     const int n = setup.motion.free_count;
@@ -35,8 +35,8 @@ const double* load_start(const CollisionSetup& setup, const ReactionJob& job, in
 
 }  // namespace detail
 
-/// Simulates jobs, one in each lane; a lane takes the next job as soon as its own is finished. The result of a job does not
-/// depend on the others.
+/// Simulates jobs, one in each lane; a lane takes the next job as soon as its own is finished. The result of a job does
+/// not depend on the others.
 template <class T>
 void simulate_reactions(const CollisionSetup& setup, ReactionJob* jobs, int count, ReactionDetail detail) {
     if (count == 0) return;
@@ -103,7 +103,7 @@ void simulate_reactions(const CollisionSetup& setup, ReactionJob* jobs, int coun
     }
 }
 
-/// Simulates those jobs again with near_singular_tolerance that met a singularity with a wider one and are `wanted(job)`.
+/// Simulates the `wanted(job)` that met a singularity again, with near_singular_tolerance if theirs was wider.
 template <class T, class Wanted>
 void refine_near_singularities(const CollisionSetup& setup, std::vector<ReactionJob>& jobs, ReactionDetail what,
                                Wanted wanted) {
@@ -121,8 +121,9 @@ void refine_near_singularities(const CollisionSetup& setup, std::vector<Reaction
     for (std::size_t i = 0; i < of.size(); ++i) jobs[of[i]] = std::move(again[i]);
 }
 
-/// Distances along the normal after every simulation step of the reactions to ticks of a path [m], each until the point is
-/// behind its `return_to` [m]. Where a reaction does not begin before the line ends, they are those of braking there.
+/// Distances along the normal after every simulation step of reactions to ticks of a path [m], until the point is
+/// behind the `return_to` of the tick [m]. Where a reaction does not begin before the line ends, those of braking
+/// there.
 template <class T>
 std::vector<std::vector<double>> reaction_distances(const CollisionSetup& setup, const LinePath& path,
                                                     const std::vector<int>& ticks,

@@ -65,8 +65,7 @@ class ReactionBatch {
     bool all_done() const { return !any(busy_); }
     /// Lanes well behind their peaks, for which a wider tolerance is enough.
     MaskOf<T> relaxed() const { return relaxed_; }
-    /// The job of a finished lane if it must be simulated again at full accuracy, because its point came near its peak again;
-    /// else null.
+    /// The job of a finished lane if it rebounded and must be simulated again at full accuracy; else null.
     ReactionJob* rebounded(int lane) const {
         return job_[lane]->rebounded && !lane_of(full_accuracy_, lane) ? job_[lane] : nullptr;
     }
@@ -92,8 +91,8 @@ class ReactionBatch {
         return select(busy_, longest, T(0.0));
     }
 
-    /// Adams steps over `count` sub-steps that went past the peak: `after` is the speed at their ends. The change of speed
-    /// tells where the peak is.
+    /// Adams steps over `count` sub-steps that went past the peak: `after` is the speed at their ends. The change of
+    /// speed tells where the peak is.
     MaskOf<T> rejected(const MaskOf<T>& long_steps, const T& count, const T& after) {
         if (!rules_.only_peak) return none();
         const MaskOf<T> past_peak =
@@ -102,8 +101,7 @@ class ReactionBatch {
         return past_peak;
     }
 
-    /// Takes a sample. The first of a reaction tells whether the arm follows its line; all others go into its job. Returns
-    /// the lanes that are finished.
+    /// Takes a sample: the first of a reaction shows whether the arm follows its line. Returns the finished lanes.
     MaskOf<T> update(const ReactionSample<T>& sample) {
         const MaskOf<T> moves = busy_ & started_ & (sample.taken > T(0.0)), first = busy_ & !started_;
         const MaskOf<T> off = abs(sample.speed - approach_) > following_share * approach_;

@@ -1,6 +1,5 @@
 /// @file
-/// The stopping curve: for every feedback tick, where the contact point is, and how far it gets if the arm reacts to that
-/// tick.
+/// The stopping curve: where the contact point is at every feedback tick, and how far it gets if the arm reacts to it.
 #pragma once
 
 #include "bumpstop/collision/motion/adaptive_tick_grid.hpp"
@@ -15,7 +14,7 @@ struct StoppingCurve {
 
 namespace detail {
 
-/// The joint that limits the deceleration at a tick: the one with the longest stopping time. `inverse_limit`: by free joint.
+/// The free joint that limits the deceleration at a tick: the one with the longest stopping time.
 inline int limiting_joint(const MotionSettings& motion, const double* inverse_limit, const LinePath& path, int k) {
     const double* qd = &path.reaction_state[(std::size_t(2) * k + 1) * motion.free_count];
     int limiting = 0;
@@ -54,8 +53,8 @@ inline std::vector<int> early_ticks(const CollisionSetup& setup, const LinePath&
 /// Greatest distances of reactions with the steps they begin in, in order.
 using Reach = std::vector<std::pair<int, double>>;
 
-/// Whether a later reaction always gets farther, as far as `reach` and the curve show: then no reaction that begins between
-/// them can get farther than its successor. Where the arm brakes at the end of its line this is not known.
+/// Whether a later reaction always gets farther, as far as `reach` and the curve show: then no reaction that begins
+/// between them can get farther than its successor. Where the arm brakes at the end of its line this is not known.
 inline bool grows_with_latency(const Reach& reach, const StoppingCurve& curve) {
     if (!curve.path.braking.empty()) return false;
     const auto known = curve.max_distance.begin() + curve.path.known_reactions();
@@ -65,9 +64,9 @@ inline bool grows_with_latency(const Reach& reach, const StoppingCurve& curve) {
            (reach.empty() || known == curve.max_distance.begin() || reach.back().second <= curve.max_distance.front());
 }
 
-/// The latency is an upper bound: the reaction may begin at any step up to it, and the one that gets farthest counts, which
-/// near a singularity may be an earlier one. So a longer latency never makes a collision less severe. Where the line ends
-/// before the reaction is due, the arm brakes as it does without a detection.
+/// The latency is an upper bound: the reaction may begin at any step up to it, and the one that gets farthest counts,
+/// which near a singularity may be an earlier one. So a longer latency never makes a collision less severe. Where the
+/// line ends before the reaction is due, the arm brakes as it does without a detection.
 /// `reach`: of reactions to ticks below 0, or, with `every_step`, of reactions that begin in every step.
 inline void widen_by_latency(const CollisionSetup& setup, Reach reach, bool every_step, StoppingCurve& curve) {
     const Timing& timing = setup.timing;
@@ -103,9 +102,9 @@ inline void widen_by_latency(const CollisionSetup& setup, Reach reach, bool ever
     }
 }
 
-/// Where another joint becomes the limiting one, the overtravel has a switching point as a function of the tick. Reactions
-/// that begin up to a stopping time before it cross it on their way. So the ticks are split there, and those whose reactions
-/// cross it form a range of their own, in which every tick is simulated.
+/// Where another joint becomes the limiting one, the overtravel has a switching point as a function of the tick.
+/// Reactions that begin up to a stopping time before it cross it on their way. So the ticks are split there, and those
+/// whose reactions cross it form a range of their own, in which every tick is simulated.
 inline void split_at_switches(const CollisionSetup& setup, const LinePath& path, int curve,
                               const OvertravelTolerance& tolerance, std::vector<TickRange>& ranges) {
     const MotionSettings& motion = setup.motion;
@@ -145,8 +144,8 @@ Reach reach_of_every_step(const CollisionSetup& setup, const LinePath& path);  /
 }  // namespace detail
 
 /// Computes `max_distance` of `count` curves whose paths are traced. In each range of ticks the reactions to a few are
-/// simulated and interpolated. Where leaving one of them out shows that this is not accurate enough, the range is simulated
-/// on an adaptive grid. `tolerance(i)` is the OvertravelTolerance of curve i.
+/// simulated and interpolated. Where leaving one of them out shows that this is not accurate enough, the range is
+/// simulated on an adaptive grid. `tolerance(i)` is the OvertravelTolerance of curve i.
 template <class T, class Tolerance>
 void complete_curves(const CollisionSetup& setup, StoppingCurve* curves, int count, Tolerance tolerance) {
     const Timing& timing = setup.timing;

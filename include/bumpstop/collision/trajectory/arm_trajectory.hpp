@@ -1,6 +1,5 @@
 /// @file
-/// Motions given as joint trajectories. The arm follows its trajectory whatever it hits; once it reacts it slows down along
-/// the path. Contact may begin at any time.
+/// Motions given as joint trajectories, along whose path a reaction slows down. Contact may begin at any time.
 #pragma once
 
 #include "bumpstop/collision/contact/contact_paths.hpp"
@@ -63,7 +62,7 @@ class ArmTrajectory {
         return posture.position(setup_.contact.point);
     }
 
-    /// The same by cubic interpolation between the simulation steps: within 1e-8 m where the acceleration does not jump.
+    /// The same, interpolated between the steps by a cubic: within 1e-8 m where the acceleration does not jump.
     Point3<double> point_between(double u) const {
         const int i = int(std::floor(u / step()));
         if (i < 1 || i + 2 > steps_) return point_at(u);
@@ -73,8 +72,7 @@ class ArmTrajectory {
                (x * (1 + x) * (2 - x) / 2) * at[1] + (x * (x * x - 1) / 6) * at[2];
     }
 
-    /// Propagates arm and body over a simulation step of a contact that begins at time `begin`; none where only a clamped
-    /// spring yields.
+    /// Propagates arm and body in a contact from time `begin` on; none where only a clamped spring yields.
     std::optional<ContactPropagator> propagator(double begin, const Point3<double>& normal,
                                                 const Contact& contact) const {
         if (!setup_.arm) return propagator_of(contact.system(), step());
@@ -94,10 +92,10 @@ class ArmTrajectory {
             step());
     }
 
-    /// The stopping curve of a contact that begins at time `begin` on a plane across `normal`, from the start of the trajectory
-    /// to a latency beyond its end. Distances are along the normal from the place of contact, and not positive before contact.
-    /// With a detector the curve ends where contact has been detected with certainty, or one tick after a free body has
-    /// separated.
+    /// The stopping curve of a contact that begins at time `begin` on a plane across `normal`, from the start of the
+    /// trajectory to a latency beyond its end. Distances are along the normal from the place of contact, and not
+    /// positive before contact. With a detector the curve ends where contact has been detected with certainty, or one
+    /// tick after a free body has separated.
     StoppingCurve curve(double begin, const Point3<double>& normal, const GaussianThresholds* detector,
                         const Contact& contact, const ContactPropagator* by = nullptr) const {
         StoppingCurve curve;
@@ -109,7 +107,7 @@ class ArmTrajectory {
         path.s.reserve(std::size_t(steps_) + 1);
         GaussianThresholds nobody;
         SurvivalCriterion<double> criterion(setup_, detector ? *detector : nobody, contact.at_body());
-        // Where arm or body yields, the collision is simulated to find when it is detected, or when arm and body separate.
+        // Where arm or body yields, the collision is simulated for the detection, or the separation.
         std::optional<ContactDynamics> dynamics;
         ContactState body;
         if (by != nullptr) dynamics.emplace(*by);
@@ -150,8 +148,8 @@ class ArmTrajectory {
         return curve;
     }
 
-    /// Distances after every simulation step of the reaction to a tick. A reaction that reverses is followed until the arm is
-    /// back before the place of contact.
+    /// Distances after every simulation step of the reaction to a tick, until the arm stands or is back before the
+    /// contact.
     std::vector<double> reaction_distances(int tick, double begin, const Point3<double>& normal) const {
         const Point3<double> origin = point_at(begin);
         std::vector<double> distance;
@@ -170,8 +168,8 @@ class ArmTrajectory {
         return distance;
     }
 
-    /// Paths of such a curve for the collision with arm and body that yield: with the reactions to all ticks whose path reaches
-    /// the body, or to one tick.
+    /// Paths of such a curve for the collision with arm and body that yield: with the reactions to all ticks whose path
+    /// reaches the body, or to one tick.
     ContactPaths contact_paths(const StoppingCurve& curve, double begin, const Point3<double>& normal,
                                int only_tick = -1) const {
         ContactPaths paths(setup_, curve.path);
@@ -222,14 +220,14 @@ class ArmTrajectory {
     }
 
   private:
-    /// Upper bound of the distances before contact begins [m]: a path that passes the place of contact earlier does not touch,
-    /// not even by rounding.
+    /// Upper bound of the distances before contact begins [m]: a path that passes the place of contact earlier does not
+    /// touch, not even by rounding.
     static constexpr double not_yet = -2 * separation_tolerance;
 
     double reaction_time(int tick) const { return (first_step(tick) + setup_.timing.latency) * step(); }
 
-    /// When contact begins in a collision detected at a tick whose path reaches the body [s]: an arm that has slowed down
-    /// before, after a false alarm, arrives later than `begin`.
+    /// When contact begins in a collision detected at a tick whose path reaches the body [s]: an arm that has slowed
+    /// down before, after a false alarm, arrives later than `begin`.
     double touch_time(int tick, double begin) const {
         const std::vector<double>& u = reaction_[std::size_t(tick)].u;
         for (std::size_t i = 1; begin > u[0] && i < u.size(); ++i) {
@@ -262,7 +260,7 @@ class ArmTrajectory {
         bool forward = true;
         spline_.at(u, state.q, state.qd, second);
         const BrakeProfile profile = brake_profile(setup_.chain, motion, state.q, state.qd, reverses);
-        // A law that gives the stopping time gives the deceleration along the path, too. Otherwise the joints' limits do.
+        // A law with a stopping time gives the deceleration along the path; otherwise the joints' limits do.
         const bool timed =
             !deceleration.constant() && deceleration.law != DecelerationLaw::ramp && profile.stop_time > 0;
         const double slowdown = timed ? 1 / profile.stop_time : 0;                  // of v [1/s]

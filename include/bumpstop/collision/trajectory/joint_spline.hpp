@@ -10,7 +10,7 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Joint positions as piecewise cubics in u. The path parameter u is the time at which the undisturbed arm passes a place.
+/// Joint positions as piecewise cubics of the path parameter u: the time when the undisturbed arm is there.
 struct JointSpline {
     int dof = 0;
     std::vector<double> time;         ///< ends of the pieces, from 0 on [s]

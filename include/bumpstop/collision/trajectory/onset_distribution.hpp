@@ -39,8 +39,8 @@ struct Onsets {
     Point3<double> normal_of(std::size_t i) const { return {normal[3 * i], normal[3 * i + 1], normal[3 * i + 2]}; }
 };
 
-/// The outcomes of a contact that begins at time `begin` on a plane across `normal`. `by`: propagator of arm and body, null
-/// where only a clamped spring yields. `before`: false alarms of the trajectory without contact.
+/// The outcomes of a contact that begins at time `begin` on a plane across `normal`. `by`: propagator of arm and body,
+/// null where only a clamped spring yields. `before`: false alarms of the trajectory without contact.
 template <class T>
 OnsetDistribution integrate_onset(const ArmTrajectory& trajectory, double begin, const Point3<double>& normal,
                                   const GaussianThresholds& detector, const Contact& contact,

@@ -20,8 +20,8 @@ struct OnsetRuns : MonteCarloRuns {
           undetected_distance(offset.size()) {}
 };
 
-/// Samples single collisions of a trajectory: in run i contact begins at onset i. `record`: measured residuals, null for
-/// Gaussian noise.
+/// Samples single collisions of a trajectory: in run i contact begins at onset i. `record`: measured residuals, null
+/// for Gaussian noise.
 struct OnsetSampler {
     const ArmTrajectory& trajectory;
     const Onsets& onsets;
@@ -36,7 +36,7 @@ struct OnsetSampler {
         const CollisionSetup& setup = trajectory.setup();
         const auto propagator = trajectory.propagator(begin, normal, contact);
         const ContactPropagator* by = propagator ? &*propagator : nullptr;
-        // With measured residuals no tick is certain to alarm just because it would be with Gaussian noise of their spread.
+        // That an alarm is certain with Gaussian noise does not make it so with measured residuals.
         const GaussianThresholds* certain = record != nullptr && by == nullptr ? nullptr : &detector;
         const StoppingCurve curve = trajectory.curve(begin, normal, certain, contact, by);
         // The tick of detection does not depend on the reactions; afterwards only the reaction to it is needed.

@@ -17,9 +17,9 @@ struct PathReaction {
     double reach = 0;                   ///< the greatest u
 };
 
-/// The acceleration w = dv/dt <= 0 along the path, v = du/dt, that brakes hardest within the joints' limits,
-/// |first_j w + second_j v^2| <= limit_j. Where the curvature of the path alone exceeds a limit at this speed, w makes the
-/// largest ratio of acceleration to limit as small as possible; `acceleration_overload` is that ratio, else 1.
+/// The acceleration w = dv/dt <= 0 along the path, v = du/dt, that brakes hardest within the joints' limits:
+/// |first_j w + second_j v^2| <= limit_j. Where the curvature of the path alone exceeds a limit at this speed, w makes
+/// the largest ratio of acceleration to limit as small as possible. `acceleration_overload`: that ratio, else 1.
 inline double max_deceleration(int dof, const double* first, const double* second, const double* limit, double v,
                                double& acceleration_overload) {
     constexpr double at_once = 1e12;  // bounds w where no joint moves
