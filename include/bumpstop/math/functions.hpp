@@ -1,6 +1,5 @@
 /// @file
-/// Elementary functions for a double or for lanes, from one text. Errors are tabulated by
-/// tests/math/test_functions.py.
+/// Elementary functions, templates over a double or lanes. tests/math/test_functions.py tabulates their errors.
 #pragma once
 
 #include "bumpstop/math/erfc_coefficients.hpp"
@@ -12,14 +11,14 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 /// Adding 1.5 * 2^52 rounds to the nearest integer and leaves that integer in the low bits of the mantissa.
 inline constexpr double rounding_shift = 6755399441055744.0;
 
-/// The whole number not above x, |x| < 2^51.
+/// The largest integer not above x, |x| < 2^51.
 template <class T>
 T floor(T x) {
     const T near = (x + rounding_shift) - rounding_shift;
     return select(near > x, near - 1.0, near);
 }
 
-/// c[0] + c[1] x + ... + c[n-1] x^(n-1). The powers run as two or four chains, whose latencies overlap.
+/// c[0] + c[1] x + ... + c[n-1] x^(n-1), by two or four interleaved Horner schemes whose latencies overlap.
 template <class T, int n>
 T polynomial(const double (&c)[n], T x) {
     static_assert(n >= 4);
@@ -47,8 +46,8 @@ struct SinCos {
     T sin, cos;
 };
 
-/// sin x and cos x, |x| <= 1e5 rad. Reduction by three parts of pi/2 (Cody and Waite), then polynomials on
-/// [-pi/4, pi/4] that are wrong by a tenth of a rounding: see tools/sincos_coefficients.py.
+/// sin x and cos x, |x| <= 1e5 rad. Argument reduction by three parts of pi/2 (Cody and Waite), then polynomials on
+/// [-pi/4, pi/4] with errors of a tenth of a rounding: see tools/sincos_coefficients.py.
 template <class T>
 SinCos<T> sincos(T x) {
     constexpr double part1 = 0x1.921fb544p+0, part2 = 0x1.0b4611a6p-34, part3 = 0x1.3198a2e037073p-69;
@@ -67,8 +66,8 @@ SinCos<T> sincos(T x) {
     return {real_of(bits_of(a) ^ sine_sign), real_of(bits_of(b) ^ cosine_sign)};
 }
 
-/// exp(-(a + b)) for a + b in [0, 745]; zero beyond 708. The rounding of `a` is the error of the exponent:
-/// erfc passes a square of few bits, which is exact, and a small remainder.
+/// exp(-(a + b)) for a + b in [0, 745]; zero beyond 708. Two parts keep an exponent that one double cannot hold: erfc
+/// passes an exact square of few bits and a small remainder.
 template <class T>
 T exp_minus(T a, T b) {
     constexpr double ln2_high = 0x1.62e42fefap-1, ln2_low = 0x1.cf79abc9e3b3ap-40;
@@ -92,7 +91,7 @@ T erfc(T x) {
     const T inverse = 1.0 / ((magnitude + erfc_polynomial::shift) * (1.0 + 2.0 * magnitude));
     const T t = (magnitude - erfc_polynomial::shift) * (1.0 + 2.0 * magnitude) * inverse;
     const T scaled = polynomial(erfc_polynomial::coefficients, t) * (magnitude + erfc_polynomial::shift) * inverse;
-    // x^2 = short^2 + (x - short)(x + short) with `short` a multiple of 1/16: short^2 is exact.
+    // x^2 = brief^2 + (x - brief)(x + brief) with `brief` a multiple of 1/16: brief^2 is exact.
     const T brief = (magnitude + 0x1.8p+48) - 0x1.8p+48;
     const T upper = exp_minus(brief * brief, (magnitude - brief) * (magnitude + brief)) * scaled;
     return select(x < T(0.0), 2.0 - upper, upper);
@@ -107,8 +106,8 @@ T log(T x) {
     const IntOf<T> offset = bits_of(x) - IntOf<T>(root_half);
     const IntOf<T> exponent_bits = offset & IntOf<T>(exponent_mask);
     const T m = real_of(bits_of(x) - exponent_bits);
-    // exponent_bits = e 2^52 as an integer. e + 1024, which is not negative, in the low bits of 2^52 reads 2^52 + e + 1024:
-    // no register converts 64-bit integers before AVX-512.
+    // exponent_bits = e 2^52 as an integer. The bits of e + 1024, which is not negative, added to those of 2^52 are the
+    // double 2^52 + e + 1024: instruction sets before AVX-512 cannot convert 64-bit integers.
     const IntOf<T> raised = shifted_right(offset + IntOf<T>(std::int64_t(1024) << 52), 52);
     const T e = real_of(raised | IntOf<T>(bits_of(0x1p52))) - (0x1p52 + 1024.0);
     const T f = m - 1.0;

@@ -1,5 +1,5 @@
 /// @file
-/// Work that takes long, and somebody who no longer wants it.
+/// Cooperative interruption of long computations, and threads that respect it.
 #pragma once
 
 #include <atomic>
@@ -16,51 +16,51 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Thrown by work that is not wanted any more. What it had begun is thrown away.
+/// Thrown by an interrupted computation, whose partial results are discarded.
 struct Interrupted {};
 
 namespace detail {
 
-/// Who is asked by the work of this thread whether to stop; null: nobody, and work goes on to its end.
-struct Asking {
+/// The stop function of this thread; null: its work is not interrupted.
+struct StopQuery {
     const std::function<bool()>* stop = nullptr;
-    int until_next = 0;  ///< calls of `allow_interruption`
+    int until_next = 0;  ///< calls of `allow_interruption` until the next query
 };
-inline thread_local Asking asking;
+inline thread_local StopQuery stop_query;
 
-/// Calls from one question to the next: microseconds of work each, at most milliseconds.
-inline constexpr int calls_between_questions = 16;
+/// The work between two calls takes microseconds, at most milliseconds.
+inline constexpr int calls_between_queries = 16;
 
-inline void ask() {
-    asking.until_next = calls_between_questions;
-    if ((*asking.stop)()) throw Interrupted{};
+inline void query_stop() {
+    stop_query.until_next = calls_between_queries;
+    if ((*stop_query.stop)()) throw Interrupted{};
 }
 
 }  // namespace detail
 
-/// To be called again and again by whatever may take long, where an exception does no harm: it costs next to nothing.
+/// To be called repeatedly in long computations, where an exception is safe. It costs almost nothing.
 inline void allow_interruption() {
-    if (detail::asking.stop != nullptr && --detail::asking.until_next <= 0) detail::ask();
+    if (detail::stop_query.stop != nullptr && --detail::stop_query.until_next <= 0) detail::query_stop();
 }
 
-/// As long as it lives, work of this thread may be interrupted: `stop()` says when.
+/// During its lifetime the work of this thread is interrupted once `stop()` is true.
 class MayBeInterrupted {
   public:
-    explicit MayBeInterrupted(std::function<bool()> stop) : stop_(std::move(stop)), before_(detail::asking) {
-        detail::asking = {&stop_, 0};
+    explicit MayBeInterrupted(std::function<bool()> stop) : stop_(std::move(stop)), before_(detail::stop_query) {
+        detail::stop_query = {&stop_, 0};
     }
-    ~MayBeInterrupted() { detail::asking = before_; }
+    ~MayBeInterrupted() { detail::stop_query = before_; }
     MayBeInterrupted(const MayBeInterrupted&) = delete;
     MayBeInterrupted& operator=(const MayBeInterrupted&) = delete;
 
   private:
     const std::function<bool()> stop_;
-    const detail::Asking before_;
+    const detail::StopQuery before_;
 };
 
-/// Does `work()` in so many threads, this one among them, and returns when all are done. Where this one may be interrupted
-/// the others stop with it. What one of them throws ends all of them, and is thrown here. Where the system has no memory
-/// for so many threads, those it has room for do all the work.
+/// Runs `work()` in `threads` threads, this one among them, and returns when all have finished. An interruption of this
+/// thread, or an exception in any, stops all of them and is thrown here. Where not all threads can be started, those
+/// that were do all the work.
 template <class Work>
 void work_in_threads(int threads, Work work) {
     std::mutex mutex;
@@ -96,12 +96,12 @@ void work_in_threads(int threads, Work work) {
         busy -= threads - 1 - static_cast<int>(workers.size());
     }
     {
-        // This thread is asked in its own way, and stops where another has thrown.
-        const std::function<bool()>* const own = detail::asking.stop;
+        // This thread keeps its own stop function, and stops where another has thrown.
+        const std::function<bool()>* const own = detail::stop_query.stop;
         const auto stop = [&] { return stopped.load() || (own != nullptr && (*own)()); };
         const MayBeInterrupted here(stop);
         guarded(work);
-        // Only here can it be heard that nobody wants the rest.
+        // The other threads cannot query this thread's stop function, so it does until they have finished.
         std::unique_lock lock(mutex);
         while (busy > 0) {
             done.wait_for(lock, std::chrono::milliseconds(20));

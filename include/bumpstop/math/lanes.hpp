@@ -1,6 +1,5 @@
 /// @file
-/// Lanes<N>: N doubles in one vector register, and the few operations that let one text serve a lane and a
-/// double.
+/// Lanes<N>: N doubles in one vector register, and functions that let templates run with a double or with lanes.
 #pragma once
 
 #include <algorithm>
@@ -41,7 +40,7 @@ struct Lanes {
     Real v;
 
     Lanes() = default;
-    Lanes(double x) : v(x - Real{}) {}  ///< x - 0 is x for a compiler too; x + 0 is not, where x is -0
+    Lanes(double x) : v(x - Real{}) {}  ///< x - 0 is x for every x, so it costs nothing; x + 0 changes -0
     static Lanes of(Real v) {
         Lanes r;
         r.v = v;
@@ -71,7 +70,7 @@ struct Lanes {
     friend Mask<N> operator==(Lanes a, Lanes b) { return Mask<N>::equal(a.v, b.v); }
 };
 
-/// What differs between a double and a lane: the mask, the integer of the same size, and how many there are.
+/// Properties of a double or of lanes: how many there are, their mask, and the integers of the same size.
 template <class T>
 struct Scalar;
 template <>
@@ -91,7 +90,7 @@ using MaskOf = typename Scalar<T>::Mask;
 template <class T>
 using IntOf = typename Scalar<T>::Int;
 
-// What std::bit_cast is made of, which the standard library of emscripten lacks.
+// As std::bit_cast, which the standard library of emscripten lacks.
 inline std::int64_t bits_of(double x) { return __builtin_bit_cast(std::int64_t, x); }
 inline double real_of(std::int64_t x) { return __builtin_bit_cast(double, x); }
 template <int N>
@@ -121,7 +120,7 @@ inline double min(double a, double b) { return a < b ? a : b; }
 inline double max(double a, double b) { return a > b ? a : b; }
 template <int N>
 Lanes<N> min(Lanes<N> a, Lanes<N> b) {
-    // The second of the two where one is NaN, as below.
+    // Where one of the two is NaN the intrinsics return b, as the comparison below does.
 #if defined(__AVX512F__)
     if constexpr (N == 8) return Lanes<N>::of(_mm512_maskz_min_pd(all_lanes, a.v, b.v));
 #endif
@@ -132,7 +131,6 @@ Lanes<N> min(Lanes<N> a, Lanes<N> b) {
 }
 template <int N>
 Lanes<N> max(Lanes<N> a, Lanes<N> b) {
-    // The second of the two where one is NaN, as below.
 #if defined(__AVX512F__)
     if constexpr (N == 8) return Lanes<N>::of(_mm512_maskz_max_pd(all_lanes, a.v, b.v));
 #endif
@@ -142,7 +140,7 @@ Lanes<N> max(Lanes<N> a, Lanes<N> b) {
     return Lanes<N>::of(a.v > b.v ? a.v : b.v);
 }
 
-/// a b + c, rounded once where the instruction set can.
+/// a b + c, by a fused multiply-add where the instruction set has one.
 template <int N>
 Lanes<N> fused(Lanes<N> a, Lanes<N> b, Lanes<N> c) {
 #if defined(__AVX512F__)
@@ -154,7 +152,7 @@ Lanes<N> fused(Lanes<N> a, Lanes<N> b, Lanes<N> c) {
     return a * b + c;
 }
 
-/// Of all lanes.
+/// The sum of all lanes.
 inline double sum_of_lanes(double x) { return x; }
 template <int N>
 double sum_of_lanes(Lanes<N> x) {
@@ -175,7 +173,7 @@ double sum_of_lanes(Lanes<N> x) {
 
 namespace detail {
 
-/// Exchanges blocks of S by S off the diagonal, then those of half the size in each.
+/// Exchanges the off-diagonal blocks of S by S, then those of half the size in every block.
 template <int S, int N, int... I>
 void transpose_blocks(Lanes<N>* row, std::integer_sequence<int, I...> lanes) {
     for (int i = 0; i < N; ++i) {
@@ -189,7 +187,7 @@ void transpose_blocks(Lanes<N>* row, std::integer_sequence<int, I...> lanes) {
 
 }  // namespace detail
 
-/// As many registers as each has lanes: lane j of row[i] and lane i of row[j] change places.
+/// Transposes N registers of N lanes: exchanges lane j of row[i] and lane i of row[j].
 inline void transpose(double*) {}
 template <int N>
 void transpose(Lanes<N>* row) {
@@ -220,7 +218,7 @@ Lanes<N> sqrt(Lanes<N> x) {
     return r;
 }
 
-/// Lane `lane` of x; a double has the one lane.
+/// Lane `lane` of x; a double has one lane.
 inline double lane_of(double x, int) { return x; }
 template <int N>
 double lane_of(Lanes<N> x, int lane) {

@@ -1,5 +1,5 @@
 /// @file
-/// Mask<N>: what holds in which lane of a vector register, and the registers of the instruction set being compiled for.
+/// Mask<N>: truth values of the lanes of a vector register; and the registers of the target instruction set.
 #pragma once
 
 #include <cstdint>
@@ -8,15 +8,14 @@
 #include <immintrin.h>
 #endif
 
-// Rounding to whole numbers adds and takes away; samples that are no numbers must be told from those that are.
+// Rounding to integers adds and subtracts a large number, and samples that are NaN must be recognised.
 #if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || \
     (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ != 0)
 #error "bumpstop needs arithmetic as written: no -ffast-math, -Ofast, -fassociative-math or -ffinite-math-only"
 #endif
 
-/// Every instruction set compiles the headers once. The inline namespace keeps the linker from merging a
-/// function built for a wide machine into the code of a narrow one, and from joining files in which the types
-/// that hold registers differ in size.
+/// The headers are compiled once for every instruction set. The inline namespace keeps the linker from using a function
+/// built for one instruction set in code for another, and from linking files whose register types differ in size.
 #ifndef BUMPSTOP_TARGET
 #if defined(__AVX512F__)
 #define BUMPSTOP_TARGET native_avx512
@@ -29,7 +28,7 @@
 #endif
 #endif
 
-/// Before a loop that is short and hot. Compilers spell it differently.
+/// Unrolls the loop that follows.
 #if defined(__clang__)
 #define BUMPSTOP_UNROLL _Pragma("clang loop unroll(full)")
 #else
@@ -38,8 +37,8 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// The register types are spelled out because gcc 12 rejects a vector_size that depends on a template
-/// parameter when the class can be built both from a double and from a register.
+/// One specialisation per width, because gcc 12 rejects a vector_size that depends on a template parameter in a class
+/// that can be constructed from both a double and a register.
 template <int N>
 struct Register;
 template <>
@@ -61,7 +60,7 @@ struct Register<8> {
     typedef std::uint64_t Unsigned __attribute__((vector_size(64)));
 };
 
-/// Lanes of one vector register of the instruction set being compiled for.
+/// Lanes of a vector register of the target instruction set.
 #if defined(__AVX512F__)
 inline constexpr int native_lanes = 8;
 #elif defined(__AVX__)
@@ -71,8 +70,8 @@ inline constexpr int native_lanes = 2;
 #endif
 
 #if defined(__AVX512F__)
-/// Intrinsics that need no mask read an undefined register in the header of gcc 12, which then warns of it; those that
-/// set lanes to zero, given every lane, become the same instruction.
+/// Mask of the zero-masking intrinsics. Those without a mask read an undefined register in the header of gcc 12, which
+/// then warns; with all lanes given both compile to the same instruction.
 inline constexpr __mmask8 all_lanes = 0xFF;
 #endif
 
@@ -89,7 +88,7 @@ struct Mask {
     static Mask equal(Int a, Int b) { return {a == b}; }
     Real choose(Real a, Real b) const {
 #if defined(__AVX__)
-        // All bits of a lane are alike; gcc compares them with zero once more.
+        // gcc would compare the mask with zero again, although all bits of a lane are equal.
         if constexpr (N == 4) return _mm256_blendv_pd(b, a, (__m256d)bits);
 #endif
         return bits ? a : b;
@@ -102,7 +101,7 @@ struct Mask {
 };
 
 #if defined(__AVX512F__)
-/// AVX-512 compares into registers of their own, a bit for each lane; spread over a vector, they would be compared anew.
+/// AVX-512 compares into mask registers with one bit per lane; as vectors the masks would have to be compared again.
 template <>
 struct Mask<8> {
     using Real = Register<8>::Real;

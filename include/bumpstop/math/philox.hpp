@@ -60,7 +60,7 @@ PhiloxBlock<I> philox(PhiloxBlock<I> counter, std::uint64_t seed) {
     return counter;
 }
 
-/// A fair sign and a probability in (0, 1/2) with 52 random bits: all that a standard normal number needs.
+/// A fair sign and a probability in (0, 1/2) with 52 random bits, from which inversion gives a standard normal number.
 template <class T>
 struct SignedProbability {
     T p;
@@ -72,7 +72,7 @@ struct SignedProbability {
     }
 };
 
-/// Two of them from one block: words 0, 1 and words 2, 3.
+/// The first (half 0) or second (half 1) of two from one block: words 0, 1 or words 2, 3.
 template <class T>
 SignedProbability<T> signed_probability(const PhiloxBlock<IntOf<T>>& block, int half) {
     using I = IntOf<T>;
@@ -83,9 +83,9 @@ SignedProbability<T> signed_probability(const PhiloxBlock<IntOf<T>>& block, int 
     return {unit * 0.5 + 0x1p-54, (high & I(0x100000)) == I(0x100000)};
 }
 
-/// Numbered streams of one run. Ticks count from zero below the streams that are no tick.
-inline constexpr std::int64_t offset_tick = 0xFFFFFFFF;
-inline constexpr std::int64_t block_tick = 0xFFFFFFFE;  // where blocks of a residual record begin
+/// Counters in place of a tick, for draws that belong to a whole run; ticks are smaller.
+inline constexpr std::int64_t offset_tick = 0xFFFFFFFF;  // the offset of the body
+inline constexpr std::int64_t block_tick = 0xFFFFFFFE;   // the beginnings of blocks of a residual record
 
 /// The block of joints 2 pair and 2 pair + 1 at one tick of one run. run < 2^62.
 template <class I>

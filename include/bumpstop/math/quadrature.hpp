@@ -1,5 +1,5 @@
 /// @file
-/// Gauss-Legendre rules, Legendre series, and barycentric interpolation at chosen nodes.
+/// Gauss-Legendre rules, Legendre series, and barycentric interpolation.
 #pragma once
 
 #include <array>
@@ -50,12 +50,12 @@ struct GaussRule {
         }
     }
 
-    /// What the value of a function at node g counts in the coefficient c_l of its series sum_l c_l P_l(x).
+    /// Weight of a function's value at node g in the coefficient c_l of its series sum_l c_l P_l(x).
     double to_legendre(int l, int g) const { return (l + 0.5) * weight[g] * legendre[std::size_t(g) * order + l]; }
 };
 
-/// From values at the nodes of a rule, weights included: the sums of their products with P_l / 2, by degree. The order is a
-/// multiple of 8. Nodes lie in pairs about zero, where Legendre polynomials are even or odd: half the products do.
+/// Sums of value * P_l / 2 over the nodes of a rule, by degree l; the values include the weights. The order is a
+/// multiple of 8. Nodes are symmetric about zero and P_l is even or odd, so half the products suffice.
 template <class T>
 void half_legendre_sums(const GaussRule& rule, const double* value, double* series) {
     constexpr int lanes = Scalar<T>::lanes;
@@ -71,7 +71,7 @@ void half_legendre_sums(const GaussRule& rule, const double* value, double* seri
     for (int r = 0; r * lanes < order; ++r) store(sum[r], series + r * lanes);
 }
 
-/// The rule of n nodes, 1 <= n <= max_order, made once.
+/// The rule of n nodes, 1 <= n <= max_order; all rules are computed once.
 inline const GaussRule& gauss_rule(int n) {
     static const std::vector<GaussRule> rules = [] {
         std::vector<GaussRule> made;
@@ -107,8 +107,8 @@ T legendre_series(int order, T x, Coefficient coefficient) {
     return value;
 }
 
-/// `count` distinct whole numbers from `first` to `last`, crowded toward both ends like Chebyshev's extrema,
-/// which keeps the interpolating polynomial from swinging. Fewer when the range holds fewer; one lies in the middle.
+/// `count` distinct integers from `first` to `last`, denser toward both ends like the extrema of Chebyshev polynomials,
+/// which avoids Runge oscillations. Fewer where the range holds fewer; a single one is the middle.
 inline std::vector<int> interpolation_nodes(int first, int last, int count) {
     std::vector<int> nodes;
     const int range = last - first;
@@ -123,18 +123,18 @@ inline std::vector<int> interpolation_nodes(int first, int last, int count) {
         if (!nodes.empty() && k <= nodes.back()) k = nodes.back() + 1;
         nodes.push_back(k);
     }
-    // Keeping them apart may have pushed the last ones beyond the end.
+    // Making them distinct may have moved the last ones beyond the end.
     int highest = last;
     for (std::size_t i = nodes.size(); i-- > 0 && nodes[i] > highest; --highest) nodes[i] = highest;
     return nodes;
 }
 
-/// The polynomial through values at whole-numbered nodes, in barycentric form.
+/// The polynomial through values at integer nodes, in barycentric form.
 class Interpolation {
   public:
     explicit Interpolation(std::vector<int> nodes) : node_(std::move(nodes)), barycentric_(node_.size()) {
-        // Distances are measured in quarters of the range, the capacity of the interval, so that no product
-        // overflows.
+        // Distances in units of a quarter of the range, the capacity of the interval, keep the products from
+        // overflowing.
         const double unit = node_.size() > 1 ? 4.0 / (node_.back() - node_.front()) : 1.0;
         for (std::size_t m = 0; m < node_.size(); ++m) {
             double product = 1;
@@ -152,7 +152,7 @@ class Interpolation {
     void weights(std::type_identity_t<T> place, T* weight) const {
         T sum = 0.0;
         for (int m = 0; m < size(); ++m) {
-            // At a node its own weight outgrows all others by more than a double can tell.
+            // At a node its own weight exceeds all others by more than the precision of a double.
             const T away = place - double(node_[m]);
             weight[m] = barycentric_[m] / select(abs(away) < T(1e-100), T(1e-100), away);
             sum += weight[m];

@@ -1,5 +1,5 @@
 /// @file
-/// Self-collision of an arm whose links are capsules about the lines between its joints, for a double or for lanes.
+/// Self-collision of an arm whose links are capsules between its joints, for a double or for lanes.
 #pragma once
 
 #include "bumpstop/model/kinematics.hpp"
@@ -8,7 +8,7 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 namespace detail {
 
-/// Square of the distance of a point from a segment that begins at `begin` and goes `along`, which is no point.
+/// Squared distance of a point from the segment from `begin` to `begin` + `along`, which is not degenerate.
 template <class T>
 T point_to_segment(const Point3<T>& point, const Point3<T>& begin, const Point3<T>& along) {
     const Point3<T> w = point - begin;
@@ -19,8 +19,8 @@ T point_to_segment(const Point3<T>& point, const Point3<T>& begin, const Point3<
 
 }  // namespace detail
 
-/// Shortest distance between two line segments that are no points. Either the lines' nearest points lie inside both, or
-/// one of them is an end.
+/// Shortest distance between two segments of positive length. Either the nearest points of their lines lie within both
+/// segments, or one of the nearest points is an end of a segment.
 template <class T>
 T segment_distance(const Point3<T>& p, const Point3<T>& p_end, const Point3<T>& r, const Point3<T>& r_end) {
     const Point3<T> u = p_end - p, v = r_end - r, w = p - r;
@@ -37,11 +37,11 @@ T segment_distance(const Point3<T>& p, const Point3<T>& p_end, const Point3<T>& 
     return sqrt(least);
 }
 
-/// Lines shorter than this are no links [m].
+/// Shorter distances between joints do not count as links [m].
 inline constexpr double min_link_length = 1e-6;
 
-/// Where two links of one radius touch at a posture. A link is the line from one joint to the next, from the base's
-/// origin to `tip`. Links with less than two radii of arm between them are neighbours and never count.
+/// Where two links touch at a posture, all as capsules of one radius. Links connect the base's origin, the joints in
+/// order and `tip`. Links with less than two radii of arm length between them are neighbours and do not count.
 template <class T>
 MaskOf<T> self_collision(const Chain& chain, const Posture<T>& posture, const LinkPoint& tip, double radius) {
     Point3<T> place[max_joints + 2];
@@ -59,8 +59,8 @@ MaskOf<T> self_collision(const Chain& chain, const Posture<T>& posture, const Li
     for (int i = 0; i < links; ++i) {
         T arm = 0.0;  // between the two links
         for (int j = i + 1; j < links; ++j) {
-            const MaskOf<T> strangers = arm >= apart, first = length[i] > shortest, second = length[j] > shortest;
-            const MaskOf<T> counts = strangers & first & second;
+            const MaskOf<T> distant = arm >= apart, first = length[i] > shortest, second = length[j] > shortest;
+            const MaskOf<T> counts = distant & first & second;
             if (any(counts)) {
                 const MaskOf<T> near = segment_distance(place[i], place[i + 1], place[j], place[j + 1]) < apart;
                 hit = hit | (counts & near);
