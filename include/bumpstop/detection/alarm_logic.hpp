@@ -69,7 +69,7 @@ class AlarmLogic {
         const ThresholdModel& model = settings_.thresholds;
         const BandPass::Shares kept = any_fast_ ? band_.step(dt) : BandPass::Shares{0, 0};
         std::uint32_t above = 0, above_fast = 0;
-        MaskOf<L> fast_motion = L(1.0) < L(0.0);
+        MaskOf<L> fast_motion = mask_of<L>(false);
         for (int first = 0; first < joints_; first += native_lanes) {
             const L speed = abs(load<L>(qd + first)), rest_speed = load<L>(&model.rest_speed[first]);
             fast_motion = fast_motion | (speed > rest_speed);

@@ -195,7 +195,7 @@ class Detector {
     }
     /// Stores the residual, zero where the torque is not known. False where it or an acceleration is not finite.
     bool store_residual(const double* estimated, const double* predicted, const double* qdd) noexcept {
-        MaskOf<L> finite = L(0.0) <= L(0.0);
+        MaskOf<L> finite = mask_of<L>(true);
         for (int first = 0; first < chain_.dof; first += native_lanes) {
             const L difference = load<L>(estimated + first) - load<L>(predicted + first);
             const L residual = select(load<L>(&has_torque_[first]) > L(0.5), difference, L(0.0));

@@ -93,7 +93,7 @@ class SampleValidator {
         }
         const bool restarts = !has_last_ || !(interval_ <= limits_.longest_interval);
         const double reach = interval_ + limits_.period;
-        MaskOf<L> finite = L(0.0) <= L(0.0), inside = finite, possible = finite, reachable = finite, slow = finite;
+        MaskOf<L> finite = mask_of<L>(true), inside = finite, possible = finite, reachable = finite, slow = finite;
         MaskOf<L> same = finite;
         alignas(64) double position[max_joints], signals[max_joints];
         for (int first = 0; first < joints_; first += native_lanes) {

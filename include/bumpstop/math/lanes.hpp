@@ -90,6 +90,12 @@ using MaskOf = typename Scalar<T>::Mask;
 template <class T>
 using IntOf = typename Scalar<T>::Int;
 
+/// The same truth value in all lanes.
+template <class T>
+MaskOf<T> mask_of(bool value) {
+    return T(value ? 1.0 : 0.0) > T(0.5);
+}
+
 // As std::bit_cast, which the standard library of emscripten lacks.
 inline std::int64_t bits_of(double x) { return __builtin_bit_cast(std::int64_t, x); }
 inline double real_of(std::int64_t x) { return __builtin_bit_cast(double, x); }

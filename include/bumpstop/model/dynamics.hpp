@@ -196,7 +196,7 @@ void mass_matrix(const Chain& chain, const Inertias& inertias, const T* q, const
 /// positive definite to double precision; the factor is not valid there.
 template <class T>
 MaskOf<T> cholesky(T (*m)[max_joints], int n) noexcept {
-    MaskOf<T> definite = T(0.0) < T(1.0);
+    MaskOf<T> definite = mask_of<T>(true);
     for (int j = 0; j < n; ++j) {
         T pivot = m[j][j];
         for (int k = 0; k < j; ++k) pivot -= m[j][k] * m[j][k];

@@ -20,7 +20,7 @@ void make_rows_orthogonal(T (*row)[Width], int columns, int carried = 0) noexcep
     for (int a = 0; a < Rows; ++a) total += product(a, a);
     const T rounding = total * 1e-32;  // squares below this count as zero
     for (int sweep = 0; sweep < sweeps; ++sweep) {
-        MaskOf<T> turned = T(1.0) < T(0.0);
+        MaskOf<T> turned = mask_of<T>(false);
         for (int a = 0; a < Rows; ++a) {
             for (int b = a + 1; b < Rows; ++b) {
                 const T aa = product(a, a), bb = product(b, b), ab = product(a, b);

@@ -55,7 +55,7 @@ MaskOf<T> self_collision(const Chain& chain, const Posture<T>& posture, const Li
         length[i] = sqrt(dot(along, along));
     }
     const T apart(2 * radius), shortest(min_link_length);
-    MaskOf<T> hit = T(1.0) < T(0.0);
+    MaskOf<T> hit = mask_of<T>(false);
     for (int i = 0; i < links; ++i) {
         T arm = 0.0;  // between the two links
         for (int j = i + 1; j < links; ++j) {

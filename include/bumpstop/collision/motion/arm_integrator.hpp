@@ -127,7 +127,7 @@ class ArmIntegrator {
         const AdamsWeights<T> weights =
             follows ? history_.template weights<true>(count) : history_.template weights<false>(count);
         // Lanes that have reached their wanted rates: their history holds the rates themselves, not the changes.
-        const MaskOf<T> has_rates = follows ? reaches_ : none();
+        const MaskOf<T> has_rates = follows ? reaches_ : mask_of<T>(false);
         T travelled_before[max_joints], qd_before[max_joints];
         for (int f = 0; f < n; ++f) {
             const int j = motion_.free_joint[f];
@@ -274,8 +274,8 @@ class ArmIntegrator {
         if (kind_ != Kind::brake) return resolved_rates(chain_, motion_, posture, target);
         Rates<T> still;
         for (int f = 0; f < motion_.free_count; ++f) still.free[f] = 0.0;
-        still.conditioning = {none(), T(1.0)};
-        still.velocity_limited = none();
+        still.conditioning = {mask_of<T>(false), T(1.0)};
+        still.velocity_limited = mask_of<T>(false);
         still.velocity_saturation = 0.0;
         return still;
     }
@@ -319,7 +319,6 @@ class ArmIntegrator {
     }
 
     static constexpr int lanes = Scalar<T>::lanes;
-    static MaskOf<T> none() { return T(0.0) > T(1.0); }
     /// Predicted error of the next Adams step, relative to its tolerance.
     static constexpr double target_error = 0.25;
     /// The next Adams step is at least min_ratio of the last; that times a product of some of the factors, at best.
@@ -347,9 +346,9 @@ class ArmIntegrator {
     T inverse_scale_[max_joints];                           ///< 1 / BrakeProfile::scale
     T slowing_ = 0.0, ramp_ = 0.0;                          ///< as in BrakeProfile [sub-steps]
     T elapsed_ = 0.0;                                       ///< sub-steps since the lane was started
-    MaskOf<T> reaches_ = none();                            ///< the next sub-step will reach the wanted rates
-    MaskOf<T> reached_ = none(), near_singular_ = none(), near_singular_now_ = none(), singular_ = none(),
-              limited_ = none();
+    MaskOf<T> reaches_ = mask_of<T>(false);                 ///< the next sub-step will reach the wanted rates
+    MaskOf<T> reached_ = mask_of<T>(false), near_singular_ = mask_of<T>(false), near_singular_now_ = mask_of<T>(false),
+              singular_ = mask_of<T>(false), limited_ = mask_of<T>(false);
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -89,7 +89,7 @@ Rates<T> least_norm_rates(const Chain& chain, const MotionSettings& motion, cons
     }
     rates.conditioning = damped_min_norm<Rows>(row, n, target, motion.damping, rates.free, min_length);
     // Any damping bounds the rates.
-    if (motion.damping > 0) rates.conditioning.singular = T(0.0) > T(1.0);
+    if (motion.damping > 0) rates.conditioning.singular = mask_of<T>(false);
     return rates;
 }
 

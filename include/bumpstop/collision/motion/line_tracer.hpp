@@ -19,21 +19,6 @@ struct LineRequest {
     }
 };
 
-/// Requests in the lanes of a register; lanes beyond the last request repeat it.
-template <class T>
-struct LineBatch {
-    T q[max_joints];
-    Point3<T> velocity;
-
-    LineBatch(const LineRequest* requests, int count, int dof) {
-        for (int lane = 0; lane < Scalar<T>::lanes; ++lane) {
-            const LineRequest& request = requests[std::min(lane, count - 1)];
-            for (int j = 0; j < dof; ++j) set_lane(q[j], lane, request.q[j]);
-            set_lane(velocity, lane, request.velocity);
-        }
-    }
-};
-
 /// The criterion that never ends a line early.
 template <class T>
 struct NoCriterion {
@@ -81,7 +66,7 @@ class LineTracer {
         }
         T max_step = 0.0, margin = 0.0;
         auto observe = [&] { margin = detail::min_limit_margin(motion_, arm_.state.q); };
-        auto rejected = [](const auto&, const T&) { return T(0.0) > T(1.0); };
+        auto rejected = [](const auto&, const T&) { return mask_of<T>(false); };
         while (busy > 0) {
             allow_interruption();
             for (int lane = 0; lane < lanes; ++lane) set_lane(max_step, lane, double(max_substeps(lane)));
@@ -126,8 +111,14 @@ class LineTracer {
         first_rate_.resize(std::size_t(count) * chain_.dof);
         for (int first = 0; first < count; first += lanes) {
             const int here = std::min(lanes, count - first);
-            const LineBatch<T> start(requests + first, here, chain_.dof);
-            const LineStart<T> line = begin_line(setup_, start.q, start.velocity, paths + first, here);
+            T q[max_joints];
+            Point3<T> velocity;
+            for (int lane = 0; lane < lanes; ++lane) {
+                const LineRequest& request = requests[first + std::min(lane, here - 1)];
+                for (int j = 0; j < chain_.dof; ++j) set_lane(q[j], lane, request.q[j]);
+                set_lane(velocity, lane, request.velocity);
+            }
+            const LineStart<T> line = begin_line(setup_, q, velocity, paths + first, here);
             for (int lane = 0; lane < here; ++lane) {
                 for (int j = 0; j < chain_.dof; ++j)
                     first_rate_[std::size_t(first + lane) * chain_.dof + j] = lane_of(line.state.qd[j], lane);

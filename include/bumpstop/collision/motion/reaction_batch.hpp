@@ -94,7 +94,7 @@ class ReactionBatch {
     /// Adams steps over `count` sub-steps that went past the peak: `after` is the speed at their ends. The change of
     /// speed tells where the peak is.
     MaskOf<T> rejected(const MaskOf<T>& long_steps, const T& count, const T& after) {
-        if (!rules_.only_peak) return none();
+        if (!rules_.only_peak) return mask_of<T>(false);
         const MaskOf<T> past_peak =
             long_steps & (speed_ > T(0.0)) & (after <= T(0.0)) & (!relaxed_) & (count > substeps() - into_step_);
         to_peak_ = select(past_peak, count * speed_ / (speed_ - after), to_peak_);
@@ -111,7 +111,7 @@ class ReactionBatch {
         move(moves, sample);
         speed_ = select(first, sample.speed, speed_);
 
-        MaskOf<T> restart = none();
+        MaskOf<T> restart = mask_of<T>(false);
         const MaskOf<T> whole = moves & (into_step_ == T(0.0)), retreats = retreating_ >= steps_past_peak * substeps();
         if (rules_.only_peak && !rules_.stopping) {
             // Between two samples the point may have been farther than at either, at most by what its last speed gives.
@@ -123,7 +123,7 @@ class ReactionBatch {
             const MaskOf<T> far = peak_ - here_ > T(rebound_distance);
             relaxed_ = relaxed_ | (moves & retreats & far & !full_accuracy_);
         }
-        MaskOf<T> exceeds_peak = none();
+        MaskOf<T> exceeds_peak = mask_of<T>(false);
         if (!rules_.only_peak && !rules_.stopping)
             exceeds_peak = whole & reversed_ & (here_ > peak_) & ((!off_path_) | (taken_ > min_time_));
         peak_ = max(peak_, here_);
@@ -148,7 +148,6 @@ class ReactionBatch {
     /// A retreating point rebounds where it is within this share of its retreat, or this distance [m], of its peak.
     static constexpr double rebound_share = 0.1, rebound_distance = 1e-5;
 
-    static MaskOf<T> none() { return T(0.0) > T(1.0); }
     T substeps() const { return double(rules_.substeps); }
     /// Whole simulation steps in `count` sub-steps.
     T whole_steps(const T& count) const { return floor((count + 0.5) * (1.0 / rules_.substeps)); }
@@ -195,14 +194,14 @@ class ReactionBatch {
     T speed_ = 0.0;                    ///< along the normal [m/s]
     T to_peak_ = 0.0;                  ///< sub-steps to the peak, estimated from the deceleration
     T peak_ = 0.0, lowest_ = 0.0;      ///< greatest distance so far, and smallest since it [m]
-    MaskOf<T> busy_ = none();
-    MaskOf<T> started_ = none();            ///< the first sample has been taken
-    MaskOf<T> off_path_ = none();           ///< a singularity was near, or the arm did not follow its line at first
-    MaskOf<T> accept_first_peak_ = none();  ///< the reaction ends with the first retreat, whatever is near
-    MaskOf<T> reversed_ = none();           ///< the point has retreated
-    MaskOf<T> over_ = none();               ///< the reaction ends with this step
-    MaskOf<T> relaxed_ = none();        ///< well behind the peak: integrated loosely to check that no rebound follows
-    MaskOf<T> full_accuracy_ = none();  ///< a rebound was possible: integrated accurately throughout
+    MaskOf<T> busy_ = mask_of<T>(false);
+    MaskOf<T> started_ = mask_of<T>(false);   ///< the first sample has been taken
+    MaskOf<T> off_path_ = mask_of<T>(false);  ///< a singularity was near, or the arm did not follow its line at first
+    MaskOf<T> accept_first_peak_ = mask_of<T>(false);  ///< the reaction ends with the first retreat, whatever is near
+    MaskOf<T> reversed_ = mask_of<T>(false);           ///< the point has retreated
+    MaskOf<T> over_ = mask_of<T>(false);               ///< the reaction ends with this step
+    MaskOf<T> relaxed_ = mask_of<T>(false);        ///< well behind the peak: integrated loosely to rule out a rebound
+    MaskOf<T> full_accuracy_ = mask_of<T>(false);  ///< a rebound was possible: integrated accurately throughout
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET
