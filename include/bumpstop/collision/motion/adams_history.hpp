@@ -14,7 +14,7 @@ struct AdamsWeights {
     T sum[adams_order];          ///< sum of the changes: the rates gained
     T sum_of_sums[adams_order];  ///< sum of these sums: the positions gained, in units of the sub-step
     T predict[adams_order];      ///< change after the last sub-step, extrapolated
-    T last[adams_order];         ///< change in the last sub-step; only where asked for
+    T last[adams_order];         ///< change in the last sub-step; only with `WithLast`
     /// Corrections of `sum`, `sum_of_sums` and `last` per unit of (change found after the step - predicted change).
     T correct_sum, correct_sum_of_sums, correct_last;
 };

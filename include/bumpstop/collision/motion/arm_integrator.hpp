@@ -324,9 +324,8 @@ class ArmIntegrator {
     /// The next Adams step is at least min_ratio of the last; that times a product of some of the factors, at best.
     static constexpr double min_ratio = 0.125,
                             ratio_factors[] = {8.0, 2.8284271247461903, 1.6817928305074290, 1.2968395546510096};
-    static constexpr double max_turn = 0.5;  ///< largest sum of the joints' travels in an Adams step [rad or m]
-    static constexpr double switch_jump =
-        10;  ///< growth of the error in a single sub-step that tells a switching point
+    static constexpr double max_turn = 0.5;    ///< largest sum of the joints' travels in an Adams step [rad or m]
+    static constexpr double switch_jump = 10;  ///< growth of a sub-step's error at a switching point
 
     const Chain& chain_;
     const MotionSettings& motion_;
