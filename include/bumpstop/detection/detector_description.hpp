@@ -152,6 +152,11 @@ inline std::optional<DetectorDescription> read_detector(std::istream& in, std::s
     if (out.joints.size() != wanted || out.errors.size() != wanted)
         return wrong("wanted " + std::to_string(wanted) + " lines 'joint_torque' and 'joint_errors'");
     if (!(alarm.low_hz < alarm.high_hz)) return wrong("'low_hz' is not below 'high_hz'");
+    const auto finite = [&](const double* threshold) {
+        return std::any_of(threshold, threshold + n, [](double x) { return std::isfinite(x); });
+    };
+    if (!finite(thresholds.constant.data()) && !finite(thresholds.fast.data()))
+        return wrong("all thresholds, 'constant' and 'fast', are infinite: no joint is monitored");
     for (const double whole : {degree, measured_rates, unknown, unmonitored, endless, contact[0]})
         if (whole != std::floor(whole)) return wrong("a number that counts is not whole");
     if (!(contact[0] >= 0 && contact[0] < n)) return wrong("'contact' names no link");

@@ -60,7 +60,7 @@ class LoadedDetector:
         """Read a file of ``bumpstop detector``.
 
         Raises:
-            InputError: the file is absent, or holds something else; says the line. Or it monitors no joint.
+            InputError: the file is absent, holds something else, or monitors no joint; says the line.
         """
         wanted = "wanted a file that 'bumpstop detector' wrote"
         name = str(as_path(path, "--detector"))
@@ -70,9 +70,6 @@ class LoadedDetector:
             raise InputError("--detector", f"{name!r}: {why}", wanted)
         settings = found.settings
         thresholds, fast = np.array(found.constant), np.array(settings.alarm.thresholds.fast[: len(found.joints)])
-        if not (np.isfinite(thresholds) | np.isfinite(fast)).any():
-            problem = f"{name!r} monitors no joint: all its thresholds are infinite"
-            raise InputError("--detector", problem, "wanted a finite one, of the residual or of the band-pass channel")
         return cls(
             path=name,
             robot=found.robot,
