@@ -162,6 +162,12 @@ def test_a_gauge_cannot_show_more_than_its_range(tmp_path: Path) -> None:
     assert read_gauge(path, GaugeFormat(full_scale_N=highest / 1.01)).faults == ()
 
 
+def _bump(time: Array, begin: float, duration: float) -> Array:
+    """Half a sine of height 1."""
+    within = (time > begin) & (time < begin + duration)
+    return np.where(within, np.sin(np.pi * np.clip((time - begin) / duration, 0, 1)), 0.0)
+
+
 Damage = Callable[[Array, Array], tuple[Array, Array]]
 
 
@@ -211,6 +217,9 @@ DAMAGES: dict[str, tuple[str, bool, Damage, GaugeFormat]] = {
         lambda t, f: (np.delete(t, slice(3000, 3100)), np.delete(f, slice(3000, 3100))),
         GaugeFormat(),
     ),
+    "touched before": ("touched", False, lambda t, f: (t, f + 15 * _bump(t, -1.0, 0.1)), GaugeFormat()),
+    "hit twice": ("several", True, lambda t, f: (t, f + 70 * _bump(t, -1.0, 0.03)), GaugeFormat()),
+    "loaded before": ("late", True, lambda t, f: (t, f + 20 * _bump(t, -1.5, 3.0) * (t < 0.01)), GaugeFormat()),
     "uneven": ("uneven", False, lambda t, f: (t + 7e-5 * np.sin(np.arange(t.size)), f), GaugeFormat()),
     "unreadable": (
         "unreadable",
@@ -222,9 +231,19 @@ DAMAGES: dict[str, tuple[str, bool, Damage, GaugeFormat]] = {
 
 
 def damaged(tmp_path: Path, name: str) -> GaugeReading:
-    _, _, damage, form = DAMAGES[name]
+    fault, _, damage, form = DAMAGES[name]
     noise = 0.0 if "resampled along" in name else 0.3
-    return read_gauge(write(tmp_path / "curve.csv", *damage(*pressed(noise=noise))), form)
+    time, force = pressed(noise=noise)
+    if fault in ("touched", "several", "late"):
+        time, force = _waiting(time, force)
+    return read_gauge(write(tmp_path / "curve.csv", *damage(time, force)), form)
+
+
+def _waiting(time: Array, force: Array) -> tuple[Array, Array]:
+    """A recording with two seconds more before contact."""
+    step = time[1] - time[0]
+    ahead = time[0] - step * np.arange(round(2 / step), 0, -1)
+    return np.append(ahead, time), np.append(0.3 * np.random.default_rng(9).standard_normal(ahead.size), force)
 
 
 @pytest.mark.parametrize("name", DAMAGES)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 NAMES = (
     *("saturated", "clipped", "shifted", "inverted", "coarse", "resampled", "truncated", "wrong_unit", "wrong_column"),
     *("unreadable", "repeated", "backward", "gaps", "uneven", "drift", "spike"),
+    *("touched", "several", "late"),
 )
 """Every fault there is."""
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
+from bumpstop.measure.reading.gauge_contact import find_contact, late_fault
 from bumpstop.measure.reading.gauge_curve import GaugeCurve, GaugeFormat, load_gauge_curve
 from bumpstop.measure.reading.gauge_faults import GaugeFault, curve_faults, sampling_faults
 
@@ -131,9 +132,9 @@ def analyse(curve: GaugeCurve, trigger_N: float | None = None) -> GaugeReading:
     trigger = trigger_N
     if trigger is None:
         trigger = max(_TRIGGER_SHARE * peak, _NOISE_SDS * noise if math.isfinite(noise) else 0.0)
-    first, onset = _crossing(zeroed, trigger)
-    if trigger_N is None and before:
-        onset = _begin(zeroed, first, onset)
+    contact = find_contact(zeroed, trigger, extrapolate=trigger_N is None and before)
+    first, onset = contact.first, contact.onset
+    faults += contact.faults
     since = curve.time - onset
     early = (since >= 0) & (since <= FIRST_PHASE_S)
     early[first] = True
@@ -144,6 +145,8 @@ def analyse(curve: GaugeCurve, trigger_N: float | None = None) -> GaugeReading:
     drift = _drift(force, trigger, at)
     pressure = curve.pressure
     faults += curve_faults(zeroed, raw, at, first, onset, summit, before)
+    if not any(fault.name == "wrong_column" for fault in faults):
+        faults += late_fault(zeroed, at, onset)
     if math.isfinite(drift) and abs(drift) > max(_MIN_OFFSET_N, _OFFSET_SHARE * peak):
         text = f"The gauge shows {drift:.3g} N more after the contact than before it."
         faults.append(GaugeFault("drift", 1, text))
@@ -189,29 +192,6 @@ def _baseline(force: FloatArray) -> tuple[float, float, bool]:
     one_sign = min(float(force.max()), -float(force.min())) < 0.02 * highest
     in_contact = one_sign and abs(zero) > _IN_CONTACT * highest and abs(end - zero) > 0.1 * highest
     return (0.0, math.nan, False) if in_contact else (zero, float(begin.std()), True)
-
-
-def _crossing(curve: GaugeCurve, trigger: float) -> tuple[int, float]:
-    """First sample above the trigger, and when the force passes it, straight between samples [s]."""
-    above = curve.force >= trigger
-    first = int(np.argmax(above)) if above.any() else int(np.argmax(curve.force))
-    if first == 0:
-        return first, float(curve.time[0])
-    low, high = curve.force[first - 1], curve.force[first]
-    share = (trigger - low) / (high - low) if high > low else 1.0
-    share = min(1.0, max(0.0, float(share)))
-    return first, float(curve.time[first - 1] + share * (curve.time[first] - curve.time[first - 1]))
-
-
-def _begin(curve: GaugeCurve, first: int, crossing: float) -> float:
-    """Where the rise began that passes the trigger at a time [s]: it is straight at first."""
-    force, time = curve.force, curve.time
-    beyond = np.flatnonzero(force[first:] >= 2 * force[first])
-    other = first + int(beyond[0]) if beyond.size else first
-    if other == first or not force[first] > 0:
-        return crossing
-    slope = (force[other] - force[first]) / (time[other] - time[first])
-    return min(crossing, float(time[first] - force[first] / slope))
 
 
 def _summit(time: FloatArray, force: FloatArray, at: int) -> tuple[float, float]:

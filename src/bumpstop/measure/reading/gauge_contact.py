@@ -1,0 +1,143 @@
+"""When contact begins in a recording of a gauge, and what was touched before it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
+from bumpstop.measure.reading.gauge_faults import GaugeFault
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from bumpstop.arrays import FloatArray
+    from bumpstop.measure.reading.gauge_curve import GaugeCurve
+
+# A gauge that shows less than the trigger for so long is free again [s].
+_FREE_S = 0.05
+# What stays below this share of the highest force is a touch, no collision.
+_TOUCH_SHARE = 1 / 3
+
+
+@dataclass(frozen=True)
+class GaugeContact:
+    """The contact that leads to the highest force.
+
+    Attributes:
+        first: its first sample.
+        onset: when it begins [s].
+        faults: touches and collisions before it.
+    """
+
+    first: int
+    onset: float
+    faults: tuple[GaugeFault, ...]
+
+
+def find_contact(curve: GaugeCurve, trigger: float, *, extrapolate: bool) -> GaugeContact:
+    """The contact that leads to the highest force.
+
+    Contacts are parted where the gauge is free again. What is within the first phase before the highest force belongs
+    to it, unless it is a mere touch.
+
+    Args:
+        curve: zeroed, pressing positive.
+        trigger: force from which there is contact [N].
+        extrapolate: whether the onset is led back to zero along the rise.
+    """
+    force, time = curve.force, curve.time
+    begins, ends = _contacts(curve, trigger)
+    highest = int(np.argmax(force))
+    count = int(np.searchsorted(begins, highest, side="right"))
+    if not count:
+        onset = _crossing(curve, highest, trigger)
+        return GaugeContact(highest, onset, ())
+    begins, ends = begins[:count], ends[:count]
+    tops = np.maximum.reduceat(force[: highest + 1], begins)
+    hard = np.flatnonzero(tops >= _TOUCH_SHARE * force[highest])
+    near = hard[time[highest] - time[begins[hard]] <= FIRST_PHASE_S]
+    own = int(near[0]) if near.size else count - 1
+    first = int(begins[own])
+    onset = _crossing(curve, first, trigger)
+    if extrapolate:
+        onset = _begin(curve, first, onset)
+    return GaugeContact(first, onset, tuple(_before(time[begins[: own + 1]], tops[: own + 1], hard, force[highest])))
+
+
+def late_fault(curve: GaugeCurve, at: int, onset: float) -> list[GaugeFault]:
+    """Whether the highest sample of the first phase is far below what comes later in the same contact.
+
+    Args:
+        curve: zeroed, pressing positive.
+        at: the highest sample of the first phase.
+        onset: when contact begins [s].
+    """
+    highest = int(np.argmax(curve.force))
+    if curve.force[at] >= _TOUCH_SHARE * curve.force[highest]:
+        return []
+    text = (
+        f"The highest force, {curve.force[highest]:.4g} N, comes {curve.time[highest] - onset:.3g} s after the begin "
+        f"of contact, which shows {curve.force[at]:.4g} N in its first {FIRST_PHASE_S:g} s: the gauge was loaded "
+        "before the collision, or pressed slowly."
+    )
+    return [GaugeFault("late", 1, text, spoils=True)]
+
+
+def _contacts(curve: GaugeCurve, trigger: float) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """First samples of all contacts, and the samples after their last."""
+    above = np.concatenate([[False], curve.force >= trigger, [False]])
+    edges = np.flatnonzero(np.diff(above))
+    begins, ends = edges[::2], edges[1::2]
+    if begins.size:
+        free = curve.time[begins[1:]] - curve.time[ends[:-1] - 1] >= _FREE_S
+        begins, ends = begins[np.append(True, free)], ends[np.append(free, True)]
+    return begins, ends
+
+
+def _before(begins: FloatArray, tops: FloatArray, hard: npt.NDArray[np.intp], peak: float) -> list[GaugeFault]:
+    """Faults of what is before the last of some contacts."""
+    own = begins.size - 1
+    collisions = hard[hard < own]
+    found = []
+    touches = own - collisions.size
+    if touches:
+        touched = np.setdiff1d(np.arange(own), collisions)
+        last = begins[own] - begins[touched[-1]]
+        often = "once" if touches == 1 else f"{touches} times"
+        text = (
+            f"The gauge was touched {often} before the collision, last {last:.2g} s before, with "
+            f"{tops[touched].max():.4g} N at most: that was left out."
+        )
+        found.append(GaugeFault("touched", touches, text, repaired=True))
+    if collisions.size:
+        at = int(collisions[0])
+        text = (
+            f"The gauge was hit with {tops[at]:.4g} N, was free again, and was hit with {peak:.4g} N "
+            f"{begins[own] - begins[at]:.3g} s later: it is not known which collision counts."
+        )
+        found.append(GaugeFault("several", int(collisions.size) + 1, text, spoils=True))
+    return found
+
+
+def _crossing(curve: GaugeCurve, first: int, trigger: float) -> float:
+    """When the force passes the trigger before its first sample above it, straight between samples [s]."""
+    if first == 0:
+        return float(curve.time[0])
+    low, high = curve.force[first - 1], curve.force[first]
+    share = (trigger - low) / (high - low) if high > low else 1.0
+    share = min(1.0, max(0.0, float(share)))
+    return float(curve.time[first - 1] + share * (curve.time[first] - curve.time[first - 1]))
+
+
+def _begin(curve: GaugeCurve, first: int, crossing: float) -> float:
+    """Where the rise began that passes the trigger at a time [s]: it is straight at first."""
+    force, time = curve.force, curve.time
+    beyond = np.flatnonzero(force[first:] >= 2 * force[first])
+    other = first + int(beyond[0]) if beyond.size else first
+    if other == first or not force[first] > 0:
+        return crossing
+    slope = (force[other] - force[first]) / (time[other] - time[first])
+    return min(crossing, float(time[first] - force[first] / slope))
