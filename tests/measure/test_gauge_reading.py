@@ -12,7 +12,7 @@ import pytest
 
 from bumpstop.errors import InputError
 from bumpstop.measure.reading.gauge_curve import GaugeFormat, load_gauge_curve
-from bumpstop.measure.reading.gauge_faults import NAMES
+from bumpstop.measure.reading.gauge_fault import NAMES
 from bumpstop.measure.reading.gauge_reading import GaugeReading, read_gauge
 from measure.gauge_cases import Array, pressed, sprung_mass, write
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
-from bumpstop.measure.reading.gauge_faults import GaugeFault
+from bumpstop.measure.reading.gauge_fault import GaugeFault
 
 if TYPE_CHECKING:
     import numpy.typing as npt

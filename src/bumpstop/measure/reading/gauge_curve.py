@@ -66,7 +66,7 @@ class GaugeCurve:
         columns: names of the columns of time, force and pressure; empty: none.
         units: their units as read.
         full_scale_N: end of the device's range; NaN: not known.
-        unreadable: rows that held no number.
+        lost: when rows that held no number stand in the file; a row without a time has that of the row before [s].
         repeated: rows at a time that an earlier one has.
         backward: rows that stood in the wrong order of time and were sorted.
         rate_told: the times were made from a sampling rate.
@@ -79,10 +79,15 @@ class GaugeCurve:
     columns: tuple[str, str, str]
     units: tuple[str, str, str]
     full_scale_N: float
-    unreadable: int
+    lost: FloatArray
     repeated: int
     backward: int
     rate_told: bool
+
+    @property
+    def unreadable(self) -> int:
+        """How many rows held no number."""
+        return int(self.lost.size)
 
     @property
     def step(self) -> float:
@@ -135,6 +140,10 @@ def load_gauge_curve(path: Path, form: GaugeFormat | None = None) -> GaugeCurve:
         time_unit = _unit(time_column, "time", path, preamble)
         time = _values(table, time_column.number) * UNITS["time"][time_unit]
     full_scale = form.full_scale_N or _stated(preamble, r"(?:range|full scale|messbereich)\D{0,20}?", r"(k?)n\b")
+    readable = np.isfinite(time) & np.isfinite(force)
+    lost = _filled(time)[~readable]
+    time, force = time[readable], force[readable]
+    pressure = None if pressure is None else pressure[readable]
     time, force, pressure, counts = _sorted(time, force, pressure)
     if time.size < _MIN_SAMPLES:
         raise InputError(str(path), f"has {time.size} samples that can be read", f"wanted at least {_MIN_SAMPLES}")
@@ -150,9 +159,9 @@ def load_gauge_curve(path: Path, form: GaugeFormat | None = None) -> GaugeCurve:
         ),
         units=(time_unit, force_unit, pressure_unit),
         full_scale_N=math.nan if full_scale is None else full_scale,
-        unreadable=counts[0],
-        repeated=counts[1],
-        backward=counts[2],
+        lost=lost,
+        repeated=counts[0],
+        backward=counts[1],
         rate_told=time_column is None,
     )
 
@@ -189,17 +198,20 @@ def _values(table: TextTable, column: int) -> FloatArray:
     return np.where(np.abs(values) < _MAX_VALUE, values, np.nan)
 
 
+def _filled(time: FloatArray) -> FloatArray:
+    """Times, each that is no number replaced by the last one that is."""
+    known = np.isfinite(time)
+    last = np.maximum.accumulate(np.where(known, np.arange(time.size), 0))
+    return np.where(known[last], time[last], -math.inf)
+
+
 def _sorted(
     time: FloatArray, force: FloatArray, pressure: FloatArray | None
-) -> tuple[FloatArray, FloatArray, FloatArray | None, tuple[int, int, int]]:
-    readable = np.isfinite(time) & np.isfinite(force)
-    time, force = time[readable], force[readable]
-    pressure = None if pressure is None else pressure[readable]
+) -> tuple[FloatArray, FloatArray, FloatArray | None, tuple[int, int]]:
     backward = int((np.diff(time) < 0).sum())
     order = np.argsort(time, kind="stable")
     first = np.ones(time.size, dtype=bool)
     first[1:] = np.diff(time[order]) > _SAME_TIME_S
     order = order[first]
-    dropped = int(time.size - order.size)
-    counts = (int((~readable).sum()), dropped, backward)
+    counts = (int(time.size - order.size), backward)
     return time[order], force[order], None if pressure is None else pressure[order], counts

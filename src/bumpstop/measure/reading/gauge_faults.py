@@ -1,24 +1,18 @@
-"""What may be wrong with a gauge recording: each fault has a name and a count."""
+"""What may be wrong with a gauge recording: rows, times and the shape of the force."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
+from bumpstop.measure.reading.gauge_fault import GaugeFault
+from bumpstop.measure.reading.gauge_gaps import hidden_peak, step_faults
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
     from bumpstop.measure.reading.gauge_curve import GaugeCurve
-
-NAMES = (
-    *("saturated", "clipped", "shifted", "inverted", "coarse", "resampled", "truncated", "wrong_unit", "wrong_column"),
-    *("unreadable", "repeated", "backward", "gaps", "uneven", "drift", "spike"),
-    *("touched", "several", "late"),
-)
-"""Every fault there is."""
 
 # Equal samples at the top; of a smooth peak there are at least such a share beside them in the next digits.
 _MIN_FLAT, _NEAR_DIGITS, _SMOOTH = 3, 8, 0.25
@@ -30,8 +24,6 @@ _MIN_RATE_HZ = 500.0
 _MIN_PEAK_N, _MAX_PEAK_N = 2.0, 5000.0
 _MIN_STEP_S, _MAX_STEP_S = 1e-6, 0.02
 _MIN_DURATION_S, _MAX_DURATION_S = 5e-3, 600.0
-_GAP = 1.8
-_UNEVEN = 0.2
 _MIN_STAIR, _MAX_STAIR = 3, 100
 # Samples before and after the rise that are looked at, too.
 _BESIDE_RISE = 400
@@ -41,29 +33,6 @@ _MIN_CORNERS = 5
 # A time goes forward but for a few rows that a device wrote late.
 _MAX_BACKWARD = 0.1
 _MIN_CUT_SHARE = 0.05
-
-
-@dataclass(frozen=True)
-class GaugeFault:
-    """Something that is wrong with a recording.
-
-    Attributes:
-        name: one of :data:`NAMES`.
-        count: how often.
-        text: one sentence.
-        repaired: whether it was taken away.
-        spoils: whether the peak force cannot be relied on.
-    """
-
-    name: str
-    count: int
-    text: str
-    repaired: bool = False
-    spoils: bool = False
-
-    def to_json(self) -> dict[str, Any]:
-        """By name."""
-        return dict(self.__dict__)
 
 
 def sampling_faults(curve: GaugeCurve) -> list[GaugeFault]:
@@ -85,16 +54,8 @@ def sampling_faults(curve: GaugeCurve) -> list[GaugeFault]:
     if curve.backward:
         text = f"Time goes back {curve.backward} times: the rows were sorted."
         found.append(GaugeFault("backward", curve.backward, text, repaired=True))
-    steps = np.diff(curve.time)
-    step = float(np.median(steps))
-    # Rows that were dropped leave gaps of their own, which are told already.
-    gaps = max(0, int((steps > _GAP * step).sum()) - curve.unreadable)
-    if gaps:
-        longest = 1e3 * float(steps.max())
-        found.append(GaugeFault("gaps", gaps, f"{gaps} gaps in time, the longest of {longest:.3g} ms."))
-    uneven = int((np.abs(steps - step) > _UNEVEN * step).sum()) - gaps
-    if uneven > 0.05 * steps.size:
-        found.append(GaugeFault("uneven", uneven, f"{uneven} of {steps.size} samples are unevenly spaced."))
+    found += step_faults(curve)
+    step = curve.step
     if not curve.rate_told and not _MIN_STEP_S <= step <= _MAX_STEP_S:
         text = (
             f"A sample every {step:.3g} s is no recording of a collision: the unit of time, {curve.units[0]!r}, is "
@@ -139,10 +100,7 @@ def curve_faults(
             f"unit of force, {curve.units[1]!r}, is wrong."
         )
         found.append(GaugeFault("wrong_unit", 1, text, spoils=True))
-    hole = float(np.diff(curve.time[max(at - 1, 0) : at + 2]).max(initial=0.0))
-    if hole > _GAP * curve.step:
-        text = f"Samples are missing beside the highest one, for {1e3 * hole:.3g} ms: the peak may be among them."
-        found.append(GaugeFault("gaps", 1, text, spoils=True))
+    found += hidden_peak(curve, at, first, onset)
     stairs = _repeats(force, first, at)
     found += _flat(curve, raw, at, stairs)
     found += _flat_pressure(curve, onset)

@@ -12,7 +12,8 @@ import numpy as np
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
 from bumpstop.measure.reading.gauge_contact import find_contact, late_fault
 from bumpstop.measure.reading.gauge_curve import GaugeCurve, GaugeFormat, load_gauge_curve
-from bumpstop.measure.reading.gauge_faults import GaugeFault, curve_faults, sampling_faults
+from bumpstop.measure.reading.gauge_fault import GaugeFault
+from bumpstop.measure.reading.gauge_faults import curve_faults, sampling_faults
 
 if TYPE_CHECKING:
     import numpy.typing as npt
