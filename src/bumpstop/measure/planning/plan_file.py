@@ -32,6 +32,7 @@ COLUMNS = (
     "distribution_p95_N",
     "expected_spread_percent",
 )
+_NUMBERS = ("shot", "speed_mm_s", *COLUMNS[3:7])
 _NEEDED = ("situation", "speed_mm_s", "measured_peak_force_N")
 _WANTED = "wanted the plan.csv of bumpstop measure plan, filled in"
 
@@ -215,14 +216,21 @@ def read_shots(path: Path) -> tuple[FilledShot, ...]:
     for name in _NEEDED:
         if name not in table.names:
             raise InputError(f"{path}, column {name}", "is missing", _WANTED)
+    table.refuse_long_rows(table.beyond)
+    numbers = {name: table.numbers(column) for column, name in enumerate(table.names) if name in _NUMBERS}
     found = []
     for row in range(len(table.rows)):
         name = table.cell(row, "situation").strip()
-        measured = _positive(table, row, "measured_peak_force_N", path, empty=True)
+        measured = _positive(table, numbers, row, "measured_peak_force_N", empty=True)
+        recording = table.cell(row, "recording").strip() if "recording" in table.names else ""
+        if recording.isdigit() and not math.isnan(measured):
+            where = f"{path}, row {row + 1}, recording"
+            valid = "wanted a file, and decimal points where commas are between cells"
+            raise InputError(where, f"{recording!r} stands beside a force of {measured:g} N", valid)
         if not name:
             raise InputError(f"{path}, row {row + 1}, situation", "is empty", "wanted the name of a situation")
         shot, predicted, low, high = (
-            _positive(table, row, key, path, empty=True, unbounded=key != "shot") if key in table.names else math.nan
+            _positive(table, numbers, row, key, empty=True, unbounded=key != "shot") if key in table.names else math.nan
             for key in ("shot", *COLUMNS[3:6])
         )
         found.append(
@@ -230,12 +238,12 @@ def read_shots(path: Path) -> tuple[FilledShot, ...]:
                 row=row + 1,
                 shot=0 if math.isnan(shot) else int(shot),
                 situation=name,
-                speed_mm_s=_positive(table, row, "speed_mm_s", path, empty=False),
+                speed_mm_s=_positive(table, numbers, row, "speed_mm_s", empty=False),
                 predicted_N=predicted,
                 low_N=low,
                 high_N=high,
                 measured_N=measured,
-                recording=table.cell(row, "recording").strip() if "recording" in table.names else "",
+                recording=recording,
             )
         )
     if not found:
@@ -260,15 +268,25 @@ def shots_text(shots: Sequence[FilledShot], measured: Mapping[int, float]) -> st
     return text.getvalue()
 
 
-def _positive(table: TextTable, row: int, name: str, path: Path, *, empty: bool, unbounded: bool = False) -> float:
+def _positive(
+    table: TextTable,
+    numbers: Mapping[str, list[float]],
+    row: int,
+    name: str,
+    *,
+    empty: bool,
+    unbounded: bool = False,
+) -> float:
     text = table.cell(row, name).strip()
     if not text and empty:
         return math.nan
     if unbounded and text == "inf":
         return math.inf  # as a plan writes it of shots that may never be detected
-    value = table.number(text)
+    value = numbers[name][row]
     if not 0 < value < math.inf:
-        raise InputError(f"{path}, row {row + 1}, {name}", f"{text!r} cannot be used", "wanted a number above zero")
+        raise InputError(
+            f"{table.source}, row {row + 1}, {name}", f"{text!r} cannot be used", "wanted a number above zero"
+        )
     return value
 
 

@@ -23,6 +23,7 @@ _MAX_BYTES = 100_000_000
 _MIN_SAMPLES = 8
 _MAX_VALUE = 1e9
 _SAME_TIME_S = 1e-9
+_MAX_OVERLONG_SHARE = 0.05
 
 
 @dataclass(frozen=True)
@@ -112,6 +113,7 @@ def load_gauge_curve(path: Path, form: GaugeFormat | None = None) -> GaugeCurve:
     form = GaugeFormat() if form is None else form
     table = read_text_table(path, _WANTED, max_bytes=_MAX_BYTES)
     preamble = " ; ".join(table.preamble)
+    overlong = _overlong(table)
     names = table.names
     if not table.has_header and len(names) == 2 and form.force_column is None:
         # Two columns without a name are time and force.
@@ -126,6 +128,7 @@ def load_gauge_curve(path: Path, form: GaugeFormat | None = None) -> GaugeCurve:
         raise InputError(f"{path}, force_column", "is not found", f"say which of {', '.join(map(repr, names))} it is")
     force_unit = _unit(force_column, "force", path, preamble)
     force = _values(table, force_column.number) * UNITS["force"][force_unit]
+    force[overlong] = math.nan
     pressure, pressure_unit = None, ""
     if pressure_column is not None:
         pressure_unit = _unit(pressure_column, "pressure", path, preamble)
@@ -193,9 +196,21 @@ def _stated(preamble: str, words: str, unit: str) -> float | None:
 
 
 def _values(table: TextTable, column: int) -> FloatArray:
-    values = np.array([table.number(row[column]) for row in table.rows], dtype=np.float64)
+    values = np.array(table.numbers(column), dtype=np.float64)
     # What no device shows is no number of one.
     return np.where(np.abs(values) < _MAX_VALUE, values, np.nan)
+
+
+def _overlong(table: TextTable) -> list[int]:
+    """Rows that have more numbers than the header has columns, so that it is not known which is which.
+
+    Raises:
+        InputError: they are many.
+    """
+    rows = [row for row, cells in table.beyond.items() if re.fullmatch(r"[+-]?[0-9][0-9.,]*(e[+-]?[0-9]+)?", cells[0])]
+    if len(rows) > _MAX_OVERLONG_SHARE * len(table.rows):
+        table.refuse_long_rows(rows)
+    return rows
 
 
 def _filled(time: FloatArray) -> FloatArray:

@@ -42,7 +42,7 @@ def sampling_faults(curve: GaugeCurve) -> list[GaugeFault]:
         return [GaugeFault("wrong_column", curve.backward, text, spoils=True)]
     found = []
     if curve.unreadable:
-        text = f"{curve.unreadable} rows hold no number: they were dropped."
+        text = f"{curve.unreadable} rows hold no number, or more than there are columns: they were dropped."
         found.append(GaugeFault("unreadable", curve.unreadable, text, repaired=True))
     missing = 0 if curve.pressure is None else int(np.isnan(curve.pressure).sum())
     if missing:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import csv
-import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from bumpstop.errors import InputError
+from bumpstop.measure.reading.written_numbers import DecimalMarks, ambiguous, as_number, decimal_mark
 from bumpstop.text_files import MAX_BYTES, read_text
 
 _SEPARATORS = (";", "\t", ",")
@@ -22,40 +24,66 @@ class TextTable:
     """Cells as they were written.
 
     Attributes:
+        source: the file.
         names: of the columns, from the header; ``column 1`` and so on without one.
         rows: cells; every row as long as the header.
         preamble: lines above the header.
-        decimal_comma: whether numbers have commas for points.
-        ragged: rows that were shorter or longer than the header.
+        beyond: cells that rows have beyond the header, by number of the row from 0.
         has_header: whether the names are those of the file.
     """
 
+    source: str
     names: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     preamble: tuple[str, ...]
-    decimal_comma: bool
-    ragged: int
+    beyond: dict[int, tuple[str, ...]]
     has_header: bool
 
     def cell(self, row: int, name: str) -> str:
         """Text of a cell."""
         return self.rows[row][self.names.index(name)]
 
-    def number(self, text: str) -> float:
-        """A cell as a number; NaN where it is none."""
-        return as_number(text, self.decimal_comma)
+    @cached_property
+    def _marks(self) -> DecimalMarks:
+        each = [DecimalMarks.of(texts) for texts in zip(*self.rows, strict=True)]
+        return DecimalMarks(sum(marks.points for marks in each), sum(marks.commas for marks in each))
 
+    def numbers(self, column: int) -> list[float]:
+        """Cells of a column as numbers; NaN where they are none.
 
-def as_number(text: str, decimal_comma: bool) -> float:
-    """A number as a device writes it; NaN where it is none."""
-    text = text.strip().strip('"')
-    if decimal_comma:
-        text = text.replace(".", "").replace(",", ".") if text.count(",") == 1 else text
-    try:
-        value = float(text)
-    except ValueError:
-        return math.nan
-    return value if math.isfinite(value) else math.nan
+        Args:
+            column: its number from 0.
+
+        Raises:
+            InputError: a mark may be a decimal one or stand between thousands.
+        """
+        texts = [row[column] for row in self.rows]
+        mark = decimal_mark(texts, self._marks)
+        if not mark:
+            text = ambiguous(texts)
+            raise InputError(
+                f"{self.source}, column {self.names[column]!r}",
+                f"{text!r} may be {re.sub('[.,]', '', text)} or have a decimal mark",
+                "wanted one decimal mark in all columns, and no thousands marks",
+            )
+        return [as_number(text, mark) for text in texts]
+
+    def refuse_long_rows(self, rows: Iterable[int]) -> None:
+        """Refuse rows that have more cells than the header.
+
+        Args:
+            rows: their numbers, from 0.
+
+        Raises:
+            InputError: there is one.
+        """
+        for row in rows:
+            count = len(self.names) + len(self.beyond[row])
+            raise InputError(
+                f"{self.source}, row {row + 1}",
+                f"has {count} cells under {len(self.names)} columns",
+                "wanted one cell for each column; numbers with decimal commas need semicolons between cells",
+            )
 
 
 def read_text_table(path: Path, wanted: str, *, max_bytes: int = MAX_BYTES) -> TextTable:
@@ -78,7 +106,6 @@ def read_text_table(path: Path, wanted: str, *, max_bytes: int = MAX_BYTES) -> T
     except csv.Error as error:
         raise InputError(str(path), f"is not valid CSV ({error})", wanted) from None
     first = _first_numbers(cells)
-    comma = separator != "," and _has_decimal_commas(cells[first:])
     named = first > 0 and first < len(cells) and len(cells[first - 1]) >= min(2, len(cells[first]))
     header = first - 1 if named else None
     if header is None and first < len(cells):
@@ -91,18 +118,19 @@ def read_text_table(path: Path, wanted: str, *, max_bytes: int = MAX_BYTES) -> T
         if header > 0 and _is_units(cells[header]) and len(cells[header - 1]) == len(cells[header]):
             names = [f"{name} [{unit.strip('[]()')}]" for name, unit in zip(cells[header - 1], names, strict=True)]
             header -= 1
+    width = len(names)
     while names and not names[-1]:
         names = names[:-1]
-    rows, ragged = [], 0
-    for row in cells[first:]:
+    rows, beyond = [], {}
+    for number, row in enumerate(cells[first:]):
+        # Empty cells, as of a separator at the end, are beyond the header only where the header has none of them.
+        if len(row) > max(len(names), width) or any(row[len(names) :]):
+            beyond[number] = tuple(row[len(names) :])
         trimmed = row[: len(names)]
-        if len(trimmed) < len(names) or any(row[len(names) :]):
-            ragged += 1
         rows.append(tuple(trimmed + [""] * (len(names) - len(trimmed))))
     above = cells[: header if header is not None else first]
-    return TextTable(
-        tuple(names), tuple(rows), tuple(separator.join(row) for row in above), comma, ragged, header is not None
-    )
+    preamble = tuple(separator.join(row) for row in above)
+    return TextTable(str(path), tuple(names), tuple(rows), preamble, beyond, header is not None)
 
 
 def _separator(lines: list[str]) -> str:
@@ -124,10 +152,6 @@ def _first_numbers(cells: list[list[str]]) -> int:
         if numbers >= 2 and i > 0 and len(row) == len(cells[0]):
             return i
     return min(1, len(cells))
-
-
-def _has_decimal_commas(rows: list[list[str]]) -> bool:
-    return any(re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", cell) for row in rows[:200] for cell in row)
 
 
 def _is_units(row: list[str]) -> bool:

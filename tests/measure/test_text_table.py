@@ -1,0 +1,128 @@
+"""Cells of devices and people: decimal marks, thousands marks, and rows that are longer than the header."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bumpstop.errors import InputError
+from bumpstop.measure.planning.plan_file import read_shots
+from bumpstop.measure.reading.gauge_reading import GaugeReading, read_gauge
+from bumpstop.measure.reading.text_table import read_text_table
+from measure.gauge_cases import pressed
+
+
+def _numbers(path: Path, text: str, column: int = -1) -> list[float]:
+    path.write_text(text, encoding="utf-8")
+    table = read_text_table(path, "wanted a table")
+    return table.numbers(range(len(table.names))[column])
+
+
+NAN = math.nan
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("a;b\n0,5;150\n1,5;1.962\n", [150, 1962]),
+        ("a;b\n0,5;150\n1,5;-1.962,30\n", [150, -1962.3]),
+        ("a;b\n0.5;150\n1.5;1,962\n", [150, 1962]),
+        ("a;b\n0.5;150\n1.5;1,962,300.5\n", [150, 1962300.5]),
+        ('a,b\n0.5,150\n1.5,"1,962"\n', [150, 1962]),
+        ("a;b\n0,5;999\n1,5;1.000\n", [999, 1000]),
+        ("a;b\n5;999\n6;1.000\n", [999, 1000]),
+        ("a;b\n5;999\n6;1,000\n", [999, 1000]),
+        # As many digits in each cell: no thousands marks.
+        ("a;b\n5;12.345\n6;98.123\n", [12.345, 98.123]),
+        ("a;b\n5;12,345\n6;98,123\n", [12.345, 98.123]),
+        ("a;b\n0.5;1.962\n1.5;12.500\n", [1.962, 12.5]),
+        ("a;b\n0,5;1,962\n1,5;12,500\n", [1.962, 12.5]),
+        ("a;b\n0,5;0,125\n1,5;1,962\n", [0.125, 1.962]),
+        # A column has its own mark.
+        ("a;b\n0.001;9,84\n1.002;1,962\n", [9.84, 1.962]),
+        ("a;b\n5;98,4\n6;97.5\n7;1e3\n8;1.5e-2\n", [98.4, 97.5, 1000, 0.015]),
+        ("a;b\n5;1 962,3\n6;12 345 678\n7;1'000\n", [1962.3, 12345678, 1000]),
+        ("a;b\n5;1.2.3\n6;1,2,3\n7;12:00\n8;\n9;1.23,4\n10;7\n", [NAN, NAN, NAN, NAN, NAN, 7]),
+    ],
+)
+def test_decimal_and_thousands_marks(tmp_path: Path, text: str, expected: list[float]) -> None:
+    assert _numbers(tmp_path / "t.csv", text) == pytest.approx(expected, rel=1e-15, nan_ok=True)
+
+
+def test_a_column_before_others_with_commas_keeps_its_points(tmp_path: Path) -> None:
+    assert _numbers(tmp_path / "t.csv", "a;b\n0.001;9,84\n1.002;1,962\n", 0) == [0.001, 1.002]
+
+
+@pytest.mark.parametrize(("first", "second"), [("0,5", "1.962"), ("0.5", "1,962")])
+def test_marks_that_cannot_be_told_are_refused(tmp_path: Path, first: str, second: str) -> None:
+    said = f"t.csv, column 'b': '{second}' may be 1962 or have a decimal mark; wanted one decimal mark in all columns"
+    with pytest.raises(InputError, match=said):
+        _numbers(tmp_path / "t.csv", f"a;b\n{first};{second}\n{first};{second}\n")
+
+
+def _german(path: Path, header: str, separator: str, every: int = 1) -> GaugeReading:
+    """A recording with decimal commas in every nth row."""
+    _, force = pressed(rate=1000.0)
+    rows = [
+        f"{at}{separator}{value:.2f}".replace(".", "," if at % every == 0 else ".")
+        for at, value in enumerate(force.tolist())
+    ]
+    path.write_text("\n".join([header, *rows]) + "\n")
+    return read_gauge(path)
+
+
+@pytest.mark.parametrize("header", ["Zeit [ms],Kraft [N]", "Zeit [ms],Kraft [daN]", "Zeit [ms],Kraft [N],"])
+def test_decimal_commas_between_commas_are_refused(tmp_path: Path, header: str) -> None:
+    said = "row 1: has 3 cells under 2 columns; wanted one cell for each column; numbers with decimal commas need semi"
+    with pytest.raises(InputError, match=said):
+        _german(tmp_path / "cut.csv", header, ",")
+    assert _german(tmp_path / "whole.csv", header.replace(",", ";"), ";").usable
+
+
+def test_a_few_long_rows_are_dropped_and_counted(tmp_path: Path) -> None:
+    reading = _german(tmp_path / "few.csv", "Zeit [ms],Kraft [N]", ",", every=100)
+    assert {fault.name: fault.count for fault in reading.faults} == {"unreadable": 13}
+
+
+def test_remarks_beyond_the_header_and_separators_at_the_end_cost_nothing(tmp_path: Path) -> None:
+    _, force = pressed(rate=1000.0)
+    rows = [f"{at},{value:.2f},{'trigger' if at == 50 else ''}" for at, value in enumerate(force.tolist())]
+    path = tmp_path / "remarks.csv"
+    path.write_text("\n".join(["Zeit [ms],Kraft [N]", *rows]) + "\n")
+    assert read_gauge(path).faults == ()
+
+
+def test_thousands_of_milliseconds_and_newtons(tmp_path: Path) -> None:
+    """The time goes from 999 to 1.000, the force beyond 1.000."""
+    _, force = pressed(rate=1000.0)
+    whole, path = np.round(20 * force), tmp_path / "t.csv"
+    rows = [f"{at:,d}{';'}{value:,.0f}" for at, value in enumerate(whole.tolist())]
+    for text in ("\n".join(rows), "\n".join(rows).replace(",", ".")):
+        path.write_text(f"Zeit [ms];Kraft [N]\n{text}\n")
+        reading = read_gauge(path)
+        assert reading.sampled_peak_N == pytest.approx(whole.max(), abs=10)
+        assert reading.rate_hz == pytest.approx(1000)
+        assert "unreadable" not in {fault.name for fault in reading.faults}
+
+
+PLAN = "situation,shot,speed_mm_s,measured_peak_force_N,recording,remark\n"
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ("a,1,250,98,4,,\n", "row 2: has 7 cells under 6 columns; wanted one cell"),
+        ("a,1,250,98,4\n", "row 2, recording: '4' stands beside a force of 98 N; wanted a file, and decimal points"),
+        ("a,1,250,98.4,,wet, cold\n", "row 2: has 7 cells under 6 columns"),
+    ],
+)
+def test_decimal_commas_typed_into_a_plan_are_refused(tmp_path: Path, row: str, said: str) -> None:
+    path = tmp_path / "plan.csv"
+    path.write_text(PLAN + "b,2,250,97.1,,\n" + row)
+    with pytest.raises(InputError, match=said):
+        read_shots(path)
+    path.write_text(PLAN.replace(",", ";") + "a;1;250;98,4;;\nb;2;250;1.097,5;;wet, cold\n")
+    assert [shot.measured_N for shot in read_shots(path)] == [98.4, 1097.5]
