@@ -23,6 +23,9 @@ _MAX_BYTES = 100_000_000
 _MIN_SAMPLES = 8
 _MAX_VALUE = 1e9
 _SAME_TIME_S = 1e-9
+# Where time goes back in a larger share of the rows, it is none.
+MAX_BACKWARD_SHARE = 0.1
+_MIN_RECORDING_SHARE = 0.05
 _MAX_OVERLONG_SHARE = 0.05
 
 
@@ -143,6 +146,7 @@ def load_gauge_curve(path: Path, form: GaugeFormat | None = None) -> GaugeCurve:
         time_unit = _unit(time_column, "time", path, preamble)
         time = _values(table, time_column.number) * UNITS["time"][time_unit]
     full_scale = form.full_scale_N or _stated(preamble, r"(?:range|full scale|messbereich)\D{0,20}?", r"(k?)n\b")
+    _refuse_second_recording(time, path)
     readable = np.isfinite(time) & np.isfinite(force)
     lost = _filled(time)[~readable]
     time, force = time[readable], force[readable]
@@ -211,6 +215,35 @@ def _overlong(table: TextTable) -> list[int]:
     if len(rows) > _MAX_OVERLONG_SHARE * len(table.rows):
         table.refuse_long_rows(rows)
     return rows
+
+
+def _refuse_second_recording(time: FloatArray, path: Path) -> None:
+    """Refuse times that begin anew: rows after them are at times of rows before.
+
+    Rows that a device wrote late are few, and a ring buffer that is read out from its middle has no time twice.
+
+    Raises:
+        InputError: a second recording begins in the file.
+    """
+    rows = np.flatnonzero(np.isfinite(time))
+    known = time[rows]
+    back = np.flatnonzero(np.diff(known) < 0) + 1
+    if back.size > MAX_BACKWARD_SHARE * known.size:
+        return  # no time at all
+    long: list[FloatArray] = []
+    for begin, block in zip([0, *back.tolist()], np.split(known, back), strict=True):
+        if block.size < max(_MIN_SAMPLES, _MIN_RECORDING_SHARE * known.size):
+            continue
+        for other in long:
+            both = min(block[-1], other[-1]) - max(block[0], other[0])
+            if both > 0.5 * min(np.ptp(block), np.ptp(other)):
+                raise InputError(
+                    f"{path}, row {rows[begin] + 1}",
+                    f"goes back in time from {known[begin - 1]:.6g} s to {known[begin]:.6g} s: a second recording "
+                    "begins",
+                    "wanted one recording; split the file there",
+                )
+        long.append(block)
 
 
 def _filled(time: FloatArray) -> FloatArray:

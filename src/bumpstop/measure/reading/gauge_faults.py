@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
+from bumpstop.measure.reading.gauge_curve import MAX_BACKWARD_SHARE
 from bumpstop.measure.reading.gauge_fault import GaugeFault
 from bumpstop.measure.reading.gauge_gaps import hidden_peak, step_faults
 
@@ -30,14 +31,12 @@ _BESIDE_RISE = 400
 # Of two rounded ends and what lies between; no file has a finer digit, as a share of the curve's height.
 _ROUNDED, _MIN_DIGIT = 1.05, 1e-6
 _MIN_CORNERS = 5
-# A time goes forward but for a few rows that a device wrote late.
-_MAX_BACKWARD = 0.1
 _MIN_CUT_SHARE = 0.05
 
 
 def sampling_faults(curve: GaugeCurve) -> list[GaugeFault]:
     """Faults of rows and times."""
-    if curve.backward > _MAX_BACKWARD * (curve.time.size + curve.repeated):
+    if curve.backward > MAX_BACKWARD_SHARE * (curve.time.size + curve.repeated):
         text = f"Column {curve.columns[0]!r} goes back {curve.backward} times: it is no time."
         return [GaugeFault("wrong_column", curve.backward, text, spoils=True)]
     found = []
