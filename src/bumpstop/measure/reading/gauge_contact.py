@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 # A gauge that shows less than the trigger for so long is free again [s].
 _FREE_S = 0.05
+# The zero is taken over so long before contact [s].
+_BEFORE_S = 0.2
 # What stays below this share of the highest force is a touch, no collision.
 _TOUCH_SHARE = 1 / 3
 
@@ -65,6 +67,20 @@ def find_contact(curve: GaugeCurve, trigger: float, *, extrapolate: bool) -> Gau
     if extrapolate:
         onset = _begin(curve, first, onset)
     return GaugeContact(first, onset, tuple(_before(time[begins[: own + 1]], tops[: own + 1], hard, force[highest])))
+
+
+def samples_before(curve: GaugeCurve, first: int, trigger: float) -> npt.NDArray[np.intp]:
+    """Samples shortly before a contact, since the gauge was touched last; the rise itself is none of them.
+
+    Args:
+        curve: zeroed, pressing positive.
+        first: the first sample in contact.
+        trigger: force from which there is contact [N].
+    """
+    touched = np.flatnonzero(curve.force[:first] >= trigger)
+    begin = int(np.searchsorted(curve.time, curve.time[first] - _BEFORE_S))
+    begin = max(begin, int(touched[-1]) + 1 if touched.size else 0)
+    return np.arange(begin, first - max(1, (first - begin) // 10))
 
 
 def late_fault(curve: GaugeCurve, at: int, onset: float) -> list[GaugeFault]:

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
-from bumpstop.measure.reading.gauge_contact import find_contact, late_fault
+from bumpstop.measure.reading.gauge_contact import find_contact, late_fault, samples_before
 from bumpstop.measure.reading.gauge_curve import GaugeCurve, GaugeFormat, load_gauge_curve
 from bumpstop.measure.reading.gauge_fault import GaugeFault
 from bumpstop.measure.reading.gauge_faults import curve_faults, sampling_faults
+from bumpstop.measure.reading.gauge_pressure import corrected_pressure
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -144,7 +145,10 @@ def analyse(curve: GaugeCurve, trigger_N: float | None = None) -> GaugeReading:
     summit, summit_time = _summit(curve.time, force, at)
     lasting = late & (since <= FIRST_PHASE_S + _LASTING_S)
     drift = _drift(force, trigger, at)
-    pressure = curve.pressure
+    at_rest = samples_before(zeroed, first, trigger) if before else np.arange(0)
+    pressure, pressure_faults = corrected_pressure(curve, at_rest)
+    zeroed = replace(zeroed, pressure=pressure)
+    faults += pressure_faults
     faults += curve_faults(zeroed, raw, at, first, onset, summit, before)
     if not any(fault.name == "wrong_column" for fault in faults):
         faults += late_fault(zeroed, at, onset)
