@@ -168,6 +168,20 @@ def _bump(time: Array, begin: float, duration: float) -> Array:
     return np.where(within, np.sin(np.pi * np.clip((time - begin) / duration, 0, 1)), 0.0)
 
 
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_noise_hides_no_end_of_the_range(tmp_path: Path, sign: float, seed: int) -> None:
+    """Of an amplifier that is at its end the samples still scatter."""
+    time, force = pressed(noise=0.0)
+    cut = np.minimum(force, 100) + 0.05 * np.random.default_rng(seed).standard_normal(time.size)
+    reading = read_gauge(write(tmp_path / "cut.csv", time, sign * cut), GaugeFormat(full_scale_N=100))
+    (fault,) = (each for each in reading.faults if each.spoils)
+    assert fault.name == "saturated"
+    assert 0.9 * (force >= 100).sum() < fault.count <= (np.abs(cut) >= 99.9).sum()
+    # The same peak within a wider range is smooth.
+    assert read_gauge(write(tmp_path / "whole.csv", time, force), GaugeFormat(full_scale_N=force.max() + 1)).usable
+
+
 Damage = Callable[[Array, Array], tuple[Array, Array]]
 
 

@@ -17,7 +17,11 @@ if TYPE_CHECKING:
 
 # Equal samples at the top; of a smooth peak there are at least such a share beside them in the next digits.
 _MIN_FLAT, _NEAR_DIGITS, _SMOOTH = 3, 8, 0.25
-_AT_END, _BEYOND = 0.999, 1.02  # of the device's range; a reading that is farther beyond it is none of that device
+_AT_END, _SHORTLY_BEYOND, _BEYOND = (
+    0.999,
+    1.005,
+    1.02,
+)  # of the device's range; a reading that is farther beyond it is none of that device
 # From the begin of contact to the peak.
 _MIN_RISE_SAMPLES = 5
 _MIN_RATE_HZ = 500.0
@@ -141,6 +145,9 @@ def _flat(curve: GaugeCurve, raw: FloatArray, at: int, held: int) -> list[GaugeF
     level, scale = float(np.abs(raw[at])), curve.full_scale_N
     known = level <= _BEYOND * scale
     top = _cut_at_top(curve.force, at, held, at_end=known and level >= _AT_END * scale)
+    if _AT_END * scale <= level <= _SHORTLY_BEYOND * scale:
+        # At the end of a known range noise goes on where the force cannot.
+        top = max(top, _at_range_end(curve.force, raw, at, held, _AT_END * scale))
     if top:
         name = "clipped" if known and level < 0.98 * scale else "saturated"
         where = f"the device's range of {scale:.4g} N" if name == "saturated" and known else f"{level:.4g} N"
@@ -198,6 +205,22 @@ def _cut_at_top(force: FloatArray, at: int, held: int, *, at_end: bool) -> int:
     # Up to the first sample that is lower.
     beside = [int(np.argmin(np.append(side, False))) for side in sides]
     return int(top.size) if max(beside) < _SMOOTH * top.size else 0
+
+
+def _at_range_end(force: FloatArray, raw: FloatArray, at: int, held: int, end: float) -> int:
+    """How many samples about the highest one stand at the end of the device's range; 0: no more than a summit has.
+
+    Args:
+        force: pressing positive (samples,) [N].
+        raw: as recorded [N].
+        at: the highest sample.
+        held: for how many samples the device holds each value.
+        end: force from which the range is at its end [N].
+    """
+    low = np.flatnonzero(force < 0.5 * force[at])
+    before, after = low[low < at].max(initial=-1), low[low > at].min(initial=force.size)
+    count = int((np.abs(raw[before + 1 : after]) >= end).sum())
+    return count if count >= max(_MIN_FLAT, 2 * held + 1) else 0
 
 
 def _one_sided(force: FloatArray, lowest: FloatArray) -> bool:
