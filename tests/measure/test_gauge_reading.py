@@ -182,6 +182,19 @@ def test_noise_hides_no_end_of_the_range(tmp_path: Path, sign: float, seed: int)
     assert read_gauge(write(tmp_path / "whole.csv", time, force), GaugeFormat(full_scale_N=force.max() + 1)).usable
 
 
+@pytest.mark.parametrize("rate", [500.0, 1000.0, 20_000.0])
+def test_seconds_called_milliseconds_are_noticed_however_long(tmp_path: Path, rate: float) -> None:
+    time, force = pressed(rate=rate, after=12.0)
+    reading = read_gauge(write(tmp_path / "ms.csv", time, force), GaugeFormat(time_unit="ms"))
+    assert any(fault.name == "wrong_unit" and "unit of time" in fault.text for fault in reading.faults)
+    assert not reading.usable
+
+
+def test_a_hundred_thousand_samples_in_a_second_are_read(tmp_path: Path) -> None:
+    time, force = pressed(rate=100_000.0, after=0.6)
+    assert read_gauge(write(tmp_path / "fast.csv", np.round(time, 5), force)).usable
+
+
 Damage = Callable[[Array, Array], tuple[Array, Array]]
 
 

@@ -27,7 +27,8 @@ _MIN_RISE_SAMPLES = 5
 _MIN_RATE_HZ = 500.0
 # What gauges of collisions show at all.
 _MIN_PEAK_N, _MAX_PEAK_N = 2.0, 5000.0
-_MIN_STEP_S, _MAX_STEP_S = 1e-6, 0.02
+# The fastest amplifiers of gauges write 100 000 samples in a second.
+_MIN_STEP_S, _MAX_STEP_S = 0.9e-5, 0.02
 _MIN_DURATION_S, _MAX_DURATION_S = 5e-3, 600.0
 _MIN_STAIR, _MAX_STAIR = 3, 100
 # Samples before and after the rise that are looked at, too.
