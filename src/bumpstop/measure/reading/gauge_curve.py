@@ -12,6 +12,7 @@ import numpy as np
 
 from bumpstop.errors import InputError
 from bumpstop.measure.reading.gauge_columns import UNITS, GaugeColumn, Quantity, find_column
+from bumpstop.measure.reading.gauge_preamble import stated_range, stated_rates
 from bumpstop.measure.reading.text_table import TextTable, read_text_table
 from bumpstop.text_files import as_path
 
@@ -138,14 +139,12 @@ def load_gauge_curve(path: Path, form: GaugeFormat | None = None) -> GaugeCurve:
         pressure = _values(table, pressure_column.number) * UNITS["pressure"][pressure_unit]
     time_unit = ""
     if time_column is None:
-        rate = form.rate_hz or _stated(preamble, r"(?:rate|frequency|frequenz|abtastrate)\D{0,20}?", r"(k?)hz")
-        if rate is None:
-            raise InputError(f"{path}, time_column", "is not found", "give it, or the sampling rate: rate_hz")
+        rate = form.rate_hz or _stated_rate(table, path)
         time = np.arange(force.size) / rate
     else:
         time_unit = _unit(time_column, "time", path, preamble)
         time = _values(table, time_column.number) * UNITS["time"][time_unit]
-    full_scale = form.full_scale_N or _stated(preamble, r"(?:range|full scale|messbereich)\D{0,20}?", r"(k?)n\b")
+    full_scale = form.full_scale_N or stated_range(table.preamble)
     _refuse_second_recording(time, path)
     readable = np.isfinite(time) & np.isfinite(force)
     lost = _filled(time)[~readable]
@@ -192,11 +191,19 @@ def _unit(column: GaugeColumn, quantity: Quantity, path: Path, preamble: str) ->
     )
 
 
-def _stated(preamble: str, words: str, unit: str) -> float | None:
-    found = re.search(rf"{words}([0-9]+(?:[.,][0-9]+)?)\s*{unit}", preamble, re.IGNORECASE)
-    if found is None:
-        return None
-    return float(found[1].replace(",", ".")) * (1e3 if found[2] else 1.0)
+def _stated_rate(table: TextTable, path: Path) -> float:
+    """The sampling rate that stands above the table [Hz].
+
+    Raises:
+        InputError: there is none, or there are several.
+    """
+    rates = sorted(stated_rates(table.preamble))
+    if not rates:
+        raise InputError(f"{path}, time_column", "is not found", "give it, or the sampling rate: rate_hz")
+    if len(rates) > 1 or not rates[0] > 0:
+        said = ", ".join(f"{rate:g}" for rate in rates)
+        raise InputError(f"{path}, rate_hz", f"may be any of {said} above the table", "give the sampling rate: rate_hz")
+    return rates[0]
 
 
 def _values(table: TextTable, column: int) -> FloatArray:
