@@ -126,3 +126,30 @@ def test_decimal_commas_typed_into_a_plan_are_refused(tmp_path: Path, row: str, 
         read_shots(path)
     path.write_text(PLAN.replace(",", ";") + "a;1;250;98,4;;\nb;2;250;1.097,5;;wet, cold\n")
     assert [shot.measured_N for shot in read_shots(path)] == [98.4, 1097.5]
+
+
+@pytest.mark.parametrize("separator", [";", ",", "\t"])
+@pytest.mark.parametrize(
+    "above",
+    [
+        ["Serial number;12345"],
+        ["Fmax [N];98.4"],
+        ["12345"],
+        ["12345;"],
+        ["Serial;12345", "Spring constant [N/mm];75", "Range;500"],
+        ["Device;XY", "Date;27.11.2026", "Shore;70"],
+        ["Limits;140;280;N"],
+        [],
+    ],
+)
+def test_lines_with_a_number_above_the_header_are_no_rows(tmp_path: Path, above: list[str], separator: str) -> None:
+    time, force = pressed(rate=1000.0)
+    rows = [f"{t:.4f};{f:.3f}" for t, f in zip(time.tolist(), force.tolist(), strict=True)]
+    path = tmp_path / "t.csv"
+    for begin in (rows, ["-0.0510;OVER", *rows], ["-0.0510;", *rows]):
+        text = "\n".join([*above, "Time [s];Force [N]", *begin]) + "\n"
+        path.write_text(text.replace(";", separator))
+        reading = read_gauge(path)
+        assert reading.curve.columns == ("Time [s]", "Force [N]", "")
+        assert reading.curve.time.size == time.size
+        assert reading.curve.unreadable == len(begin) - len(rows)

@@ -16,6 +16,8 @@ from bumpstop.text_files import MAX_BYTES, read_text
 _SEPARATORS = (";", "\t", ",")
 # Header lines of devices are at most so many.
 _MAX_PREAMBLE = 200
+# The last rows show what a row of the table is like.
+_LATER_ROWS = 20
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
 
 
@@ -144,14 +146,41 @@ def _separator(lines: list[str]) -> str:
 
 
 def _first_numbers(cells: list[list[str]]) -> int:
-    """First row whose cells begin with what is no name."""
-    for i, row in enumerate(cells[:_MAX_PREAMBLE]):
-        numbers = sum(bool(_NUMBER.fullmatch(cell)) for cell in row)
-        if numbers and numbers >= sum(bool(cell) for cell in row) - numbers:
-            return i
-        if numbers >= 2 and i > 0 and len(row) == len(cells[0]):
-            return i
-    return min(1, len(cells))
+    """First row whose cells begin with what is no name, and that later rows are like."""
+    found = [i for i, row in enumerate(cells[:_MAX_PREAMBLE]) if _has_numbers(row, len(cells[0]) if i else -1)]
+    first = next((i for i in found if _is_like_later(cells, i)), found[0] if found else min(1, len(cells)))
+    # A cell of the first rows may be no number.
+    while first - 1 in found and _may_begin(cells[first - 1], len(cells[first])):
+        first -= 1
+    return first
+
+
+def _has_numbers(row: list[str], width: int) -> bool:
+    """Whether half of the cells of a row are numbers, or two in a row of some width."""
+    numbers = sum(bool(_NUMBER.fullmatch(cell)) for cell in row)
+    named = sum(bool(cell) for cell in row) - numbers
+    return (numbers > 0 and numbers >= named) or (numbers >= 2 and len(row) == width)
+
+
+def _is_like_later(cells: list[list[str]], row: int) -> bool:
+    """Whether a row has numbers where most of the last rows have some; one without later rows is as good as any."""
+    later = cells[row + 1 :][-_LATER_ROWS:]
+    return 2 * sum(_are_alike(cells[row], other) for other in later) >= len(later)
+
+
+def _are_alike(row: list[str], other: list[str]) -> bool:
+    both = [(a, b) for a, b in zip(row, other, strict=False) if a and b]
+    longest = max(sum(map(bool, row)), sum(map(bool, other)))
+    return 2 * len(both) > longest and all(_is_figure(a) == _is_figure(b) for a, b in both)
+
+
+def _may_begin(row: list[str], width: int) -> bool:
+    return len(row) == width and (_is_figure(row[0]) or sum(map(_is_figure, row)) >= 2)
+
+
+def _is_figure(cell: str) -> bool:
+    """Whether a cell is a number, with or without thousands marks."""
+    return re.fullmatch(r"[+-]?[.,]?[0-9][0-9., '\u00a0\u202f\u2019]*([eE][+-]?[0-9]+)?", cell) is not None
 
 
 def _is_units(row: list[str]) -> bool:
