@@ -40,3 +40,16 @@ def test_rows_in_another_order_are_sorted(tmp_path: Path) -> None:
         assert [fault.name for fault in reading.faults] == ["backward"]
     reading = read_gauge(write(tmp_path / "end.csv", np.append(time, 0.0), np.append(force, 999.0)))
     assert reading.peak_N == pytest.approx(whole.peak_N, rel=1e-3)
+
+
+@pytest.mark.parametrize(("unit", "per_second"), [("s", 1.0), ("ms", 1e3), ("us", 1e6)])
+def test_times_of_the_clock_are_read(tmp_path: Path, unit: str, per_second: float) -> None:
+    """Seconds since 1970, and a row whose time no clock shows."""
+    time, force = pressed(rate=2000.0)
+    whole = read_gauge(write(tmp_path / "whole.csv", time, force))
+    clock = (1.7e9 + time) * per_second
+    clock[100] = 1e300
+    reading = read_gauge(write(tmp_path / "clock.csv", clock, force, f"Time [{unit}];Force [N]"))
+    assert reading.peak_N == pytest.approx(whole.peak_N, rel=1e-4)
+    assert reading.peak_time == pytest.approx(whole.peak_time, abs=1e-5)
+    assert {fault.name: fault.count for fault in reading.faults} == {"unreadable": 1}

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 _WANTED = "wanted the CSV of a gauge: time and force with their units in the header"
 _MAX_BYTES = 100_000_000
 _MIN_SAMPLES = 8
-_MAX_VALUE = 1e9
+# What no device shows is no number of one; clocks count up to microseconds since 1970.
+_MAX_VALUE, _MAX_CLOCK = 1e9, 1e16
 _SAME_TIME_S = 1e-9
 # Where time goes back in a larger share of the rows, it is none.
 MAX_BACKWARD_SHARE = 0.1
@@ -143,7 +144,7 @@ def load_gauge_curve(path: Path, form: GaugeFormat | None = None) -> GaugeCurve:
         time = np.arange(force.size) / rate
     else:
         time_unit = _unit(time_column, "time", path, preamble)
-        time = _values(table, time_column.number) * UNITS["time"][time_unit]
+        time = _values(table, time_column.number, since_median=True) * UNITS["time"][time_unit]
     full_scale = form.full_scale_N or stated_range(table.preamble)
     _refuse_second_recording(time, path)
     readable = np.isfinite(time) & np.isfinite(force)
@@ -206,10 +207,12 @@ def _stated_rate(table: TextTable, path: Path) -> float:
     return rates[0]
 
 
-def _values(table: TextTable, column: int) -> FloatArray:
+def _values(table: TextTable, column: int, *, since_median: bool = False) -> FloatArray:
+    """Cells of a column; NaN where they are none that a device shows, of a clock since the middle of the recording."""
     values = np.array(table.numbers(column), dtype=np.float64)
-    # What no device shows is no number of one.
-    return np.where(np.abs(values) < _MAX_VALUE, values, np.nan)
+    known = values[np.abs(values) < _MAX_CLOCK]
+    middle = float(np.median(known)) if since_median and known.size else 0.0
+    return np.where(np.abs(values - middle) < _MAX_VALUE, values, np.nan)
 
 
 def _overlong(table: TextTable) -> list[int]:
