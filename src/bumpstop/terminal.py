@@ -6,7 +6,7 @@ import io
 import math
 import os
 from collections.abc import Callable, Collection, Iterable, Sequence
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, cast
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -46,14 +46,17 @@ def share(value: float, *, rests: bool = False) -> str:
     return f"{value:.4f}" if math.isfinite(value) else NONE
 
 
-def terminal() -> Console:
+def terminal(file: io.TextIOBase | None = None) -> Console:
     """The terminal, which prints text as it is and folds only tables that are wider.
 
     A pipe or a file has no width of its own: tables are not folded to the 80 columns that rich takes for it.
+
+    Args:
+        file: to print into; None: standard output.
     """
     from rich.console import Console
 
-    console = Console(highlight=False, markup=False, soft_wrap=True)
+    console = Console(file=cast("IO[str] | None", file), highlight=False, markup=False, soft_wrap=True)
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console.width = _WIDTH
     return console

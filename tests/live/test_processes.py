@@ -42,12 +42,13 @@ def messages(path: Path) -> list[int]:
         return [m.log_time for _, _, m in make_reader(file).iter_messages(topics=["/joint_states"])]
 
 
-def test_a_terminated_monitor_ends_cleanly(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_terminated_monitor_ends_cleanly(tmp_path: Path, number: signal.Signals) -> None:
     lines = tmp_path / "a.jsonl"
     words = arguments(tmp_path, "--jsonl", str(lines), "--mcap", str(tmp_path / "a.mcap"))
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         began(lines, process)
-        process.send_signal(signal.SIGTERM)
+        process.send_signal(number)
         out, err = process.communicate(timeout=10)
     assert (process.returncode, err) == (3, "")
     assert "COLLISION 1 at 0.4" in out

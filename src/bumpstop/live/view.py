@@ -3,31 +3,35 @@
 from __future__ import annotations
 
 import math
-import threading
 import time
 from typing import TYPE_CHECKING, Any, Self
 
-from bumpstop.live.output import MonitorTick
+from bumpstop.live.output import CollisionAlarm, MonitorTick
+from bumpstop.live.outputs.background import BackgroundOutput
+from bumpstop.live.unbuffered_text import warn
 from bumpstop.terminal import table
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from types import TracebackType
 
     from rich.console import Console, RenderableType
 
     from bumpstop.live.loaded_detector import LoadedDetector
     from bumpstop.live.monitor import Monitor
-    from bumpstop.live.output import CollisionAlarm, DataLoss
-    from bumpstop.live.source import SourceEvent
+    from bumpstop.live.output import DataLoss
+    from bumpstop.live.outputs.background import Told
 
 _LINE_S = 1.0
-_DRAWN_PER_S = 4
+_DRAW_S = 0.25
 _BAR = 20
 _WORST = "worst joint"
 
 
-class MonitorView:
+class MonitorView(BackgroundOutput):
     """What a person sees; an output of the monitor. Alarms and events of the source stay above the table.
+
+    It prints in a thread: a terminal that is stopped, or a pipe that nobody reads, holds up no sample.
 
     Args:
         detector: of the monitor.
@@ -35,36 +39,37 @@ class MonitorView:
         source: its name.
     """
 
+    what = "standard output"
+    max_waiting, max_ending_s = 1000, 1.0
+
     def __init__(self, detector: LoadedDetector, console: Console, source: str) -> None:
+        super().__init__()
         self._detector, self._console, self._source = detector, console, source
-        self._told: MonitorTick | DataLoss | None = None
         self._monitor: Monitor | None = None
-        self._next_line = time.monotonic() + _LINE_S
+        self._next_line = self._next_rate = time.monotonic() + _LINE_S
+        self._next_draw = 0.0
         self._before: tuple[float, int] | None = None
         self._rate = math.nan
         self._live: Any = None
-        self._lines: list[str] = []
-        self._lock = threading.Lock()
+        self._conclusion: tuple[str, ...] = ()
 
     def every(self, monitor: Monitor) -> None:
-        """About ten times a second: remember whom to show, and print what is due."""
+        """About ten times a second: remember whom to show, and count its samples."""
         self._monitor = monitor
         now = time.monotonic()
-        if now < self._next_line:
+        if now < self._next_rate:
             return
-        self._next_line = now + _LINE_S
+        self._next_rate = now + _LINE_S
         if self._before is not None:
             since, count = self._before
             self._rate = (monitor.samples - count) / (now - since)
         self._before = now, monitor.samples
-        if self._live is None:
-            self._say(self.line())
 
     def line(self) -> str:
         """State, rate, age of the last sample, worst joint and alarms, on one line."""
         monitor = self._monitor
         assert monitor is not None
-        worst = "no data" if self._told is None else f"no data ({self._told.fault})"
+        worst = "no data" if self._last is None else f"no data ({self._last.fault})"
         tick = self._judged()
         if tick is not None:
             share = _shares(tick)
@@ -77,7 +82,7 @@ class MonitorView:
 
     def _judged(self) -> MonitorTick | None:
         """The last tick, if there are data now."""
-        told = self._told
+        told = self._last
         return told if isinstance(told, MonitorTick) and told.state != "no_data" else None
 
     def __rich__(self) -> RenderableType:
@@ -109,54 +114,83 @@ class MonitorView:
         else:
             self._console.print(shown, markup=False, highlight=False)
 
-    def alarm(self, alarm: CollisionAlarm) -> None:
-        """Said at the next flush."""
-        self._lines.append(alarm_line(alarm, self._detector))
-
     def tick(self, tick: MonitorTick) -> None:
         """The last one is shown."""
-        self._told = tick
+        self._last = tick
 
     def data_loss(self, loss: DataLoss) -> None:
         """Shown instead of the last."""
-        self._told = loss
-
-    def source_event(self, event: SourceEvent, received_s: float) -> None:
-        """Said at the next flush."""
-        many = f" ({event.count} times)" if event.count > 1 else ""
-        self._lines.append(f"source {event.kind}: {event.text}{many}")
+        self._last = loss
 
     def flush(self, now_s: float) -> None:
-        """Say what waits."""
-        lines, self._lines = self._lines, []
-        for line in lines:
-            self._say(line)
+        """Nothing to do: the thread shows the state by itself."""
 
     def problems(self) -> list[str]:
-        """It has none."""
-        return []
+        """What has failed since the last call; said on standard error, too, as nobody may see the rest."""
+        found = super().problems()
+        for problem in found:
+            warn(problem)
+        return found
 
-    def close(self) -> None:
-        """Say what waits."""
-        self.flush(time.monotonic())
+    def write(self, batch: Sequence[Told]) -> None:
+        """Alarms and events of the source, and what is due of the state."""
+        self.pending = len(batch)
+        for told in batch:
+            if isinstance(told, CollisionAlarm):
+                self._say(alarm_line(told, self._detector))
+            elif isinstance(told, tuple):
+                event, _ = told
+                many = f" ({event.count} times)" if event.count > 1 else ""
+                self._say(f"source {event.kind}: {event.text}{many}")
+            self.pending -= 1
+        self._show_state(time.monotonic())
+
+    def _show_state(self, now: float) -> None:
+        if self._ending.is_set():
+            return
+        if self._live is not None and now >= self._next_draw:
+            self._next_draw = now + _DRAW_S
+            self._live.start()
+            self._live.refresh()
+        if self._live is None and self._monitor is not None and now >= self._next_line:
+            self._next_line = now + _LINE_S
+            self._say(self.line())
+
+    def finish(self) -> None:
+        """Take the table away and print the last lines."""
+        if self._live is not None:
+            self._live.stop()
+            self._live = None
+        for line in self._conclusion:
+            self._say(line)
+
+    def conclude(self, lines: Sequence[str]) -> None:
+        """Print what waits and these last lines, and end."""
+        self._conclusion = tuple(lines)
+        self.close()
 
     def __enter__(self) -> Self:
-        """Begin to draw, on a terminal."""
+        """Begin to print, and on a terminal to draw."""
         if self._console.is_terminal:
             from rich.live import Live
 
-            self._live = Live(self, console=self._console, refresh_per_second=_DRAWN_PER_S, transient=True)
-            self._live.start()
+            # Nothing else may print through it: that would wait for the terminal.
+            self._live = Live(
+                self,
+                console=self._console,
+                auto_refresh=False,
+                transient=True,
+                redirect_stdout=False,
+                redirect_stderr=False,
+            )
+        self.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """End drawing."""
-        self.flush(time.monotonic())
-        if self._live is not None:
-            self._live.stop()
-            self._live = None
+        """End."""
+        self.close()
 
 
 def _shares(tick: MonitorTick) -> list[float]:

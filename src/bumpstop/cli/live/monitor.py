@@ -80,6 +80,7 @@ def monitor(
     from bumpstop.live.loaded_detector import LoadedDetector
     from bumpstop.live.monitor import Monitor, MonitorSettings
     from bumpstop.live.sources.names import SourceOptions, source_of
+    from bumpstop.live.unbuffered_text import standard_output
     from bumpstop.live.view import MonitorView
     from bumpstop.terminal import terminal
 
@@ -97,8 +98,8 @@ def monitor(
         speed=pace, columns=columns, topic=topic, answers=answer is not None, stop_after_s=settings.stop_after_s
     )
     stream = source_of(source, made, asked)
-    view = None if as_json else MonitorView(made, terminal(), source)
-    with ExitStack() as stack:
+    view = None if as_json else MonitorView(made, terminal(standard_output()), source)
+    with ExitStack() as last, ExitStack() as stack:
         outputs: list[Output] = []
         if answer is not None:
             from bumpstop.live.answer import AnswerOutput
@@ -121,17 +122,18 @@ def monitor(
         stack.enter_context(_ending(watching))
         stack.enter_context(stream)
         if view is not None:
-            stack.enter_context(view)
+            last.enter_context(view)
         watching.run(None if view is None else view.every)
-    for output in outputs:
-        watching.problems += output.problems()
-    summary = watching.summary()
+        stack.close()
+        for output in outputs:
+            watching.problems += output.problems()
+        summary = watching.summary()
+        if view is not None:
+            view.conclude(summary.lines())
+            view.problems()
     if as_json:
         more = {"source": source, "detector": str(detector), "signal": made.signal, "joints": list(made.joints)}
         typer.echo(json.dumps(more | summary.to_json(), allow_nan=False, indent=2))
-    else:
-        for line in summary.lines():
-            typer.echo(line)
     return summary.status
 
 
@@ -153,8 +155,11 @@ def _files(jsonl: Path | None, mcap: Path | None, rotate_s: float, detector: Loa
 
 @contextmanager
 def _ending(monitor: Monitor) -> Iterator[None]:
-    """While it runs, SIGTERM and SIGINT end it at its next sample, and threads give way to samples soon."""
+    """While it runs, SIGTERM, SIGINT and SIGHUP end it at its next sample, and threads give way to samples soon."""
     before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+    # Whoever starts it with nohup wants it to outlast the terminal.
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        before[signal.SIGHUP] = signal.getsignal(signal.SIGHUP)
     switch = sys.getswitchinterval()
     try:
         for number in before:

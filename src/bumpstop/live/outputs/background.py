@@ -35,16 +35,19 @@ Told = CollisionAlarm | MonitorTick | DataLoss | Status | tuple["SourceEvent", f
 _PERIOD_S = 0.1
 _STATUS_S = 1.0
 _MAX_WAITING = 60_000  # a minute at 1 kHz, for a disk that hangs
+_MAX_ENDING_S = 10.0  # then what hangs is left behind
 
 
 class BackgroundOutput(ABC):
     """Hands what it is told to :meth:`write` in a thread, ten times a second.
 
     A subclass gives ``what`` it is, for sentences, and the methods :meth:`write` and :meth:`finish`. An ``OSError`` of
-    theirs is told once until writing works again, and what was to be written is counted as lost.
+    theirs is told once until writing works again, and what was to be written is counted as lost. So is what a thread
+    that hangs does not take: ``max_waiting`` things wait for it, and ``max_ending_s`` is how long the end does [s].
     """
 
     what = "output"
+    max_waiting, max_ending_s = _MAX_WAITING, _MAX_ENDING_S
 
     def __init__(self) -> None:
         self._waiting: deque[Told] = deque()
@@ -80,7 +83,7 @@ class BackgroundOutput(ABC):
         self._push((event, received_s))
 
     def _push(self, told: Told) -> None:
-        if len(self._waiting) >= _MAX_WAITING:
+        if len(self._waiting) >= self.max_waiting:
             self._dropped += 1
             return
         self._waiting.append(told)
@@ -96,11 +99,15 @@ class BackgroundOutput(ABC):
         return taken(self._problems)
 
     def close(self) -> None:
-        """Write what waits, and end."""
-        if self._thread is not None:
-            self._ending.set()
-            self._thread.join()
-            self._thread = None
+        """Write what waits, and end; what hangs is not waited for."""
+        if self._thread is None:
+            return
+        self._ending.set()
+        self._thread.join(self.max_ending_s)
+        if self._thread.is_alive():
+            lost = self.lost + self._dropped + self.pending + len(self._waiting)
+            self._problems.append(f"{self.what} takes nothing: {lost} lines or messages were lost")
+        self._thread = None
 
     @abstractmethod
     def write(self, batch: Sequence[Told]) -> None:
@@ -117,7 +124,8 @@ class BackgroundOutput(ABC):
         try:
             self.finish()
         except OSError as error:
-            self._problems.append(f"{self.what} cannot be finished ({error.strerror or error})")
+            if not self._failing:
+                self._problems.append(f"{self.what} cannot be finished ({error.strerror or error})")
         if self.lost:
             self._problems.append(f"{self.what}: {self.lost} lines or messages were lost")
 

@@ -1,0 +1,104 @@
+"""What the monitor prints: a terminal or pipe that takes nothing, or is closed, holds up no sample and no end."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import pty
+import subprocess
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from bumpstop.live import SourceEvent, SourceEventKind
+from bumpstop.live.monitor import Monitor
+from bumpstop.live.view import MonitorView
+from live.cases import ScriptedSource, loaded
+from live.test_processes import arguments
+
+PAGE = b"x" * 1024
+
+
+def full(descriptor: int) -> None:
+    """Write until nothing more is taken."""
+    os.set_blocking(descriptor, False)
+    try:
+        while True:
+            os.write(descriptor, PAGE)
+    except BlockingIOError:
+        os.set_blocking(descriptor, True)
+
+
+@pytest.mark.parametrize("made", [os.pipe, pty.openpty], ids=["pipe", "terminal"])
+def test_who_does_not_read_holds_nothing_up(tmp_path: Path, made: object) -> None:
+    """Every sample is judged in its time, the alarm is told elsewhere, and the end comes."""
+    lines = tmp_path / "a.jsonl"
+    words = arguments(tmp_path, "--speed", "4", "--jsonl", str(lines))
+    reading, writing = made()  # type: ignore[operator]
+    full(writing)
+    begin = time.monotonic()
+    with subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=writing, stderr=writing) as process:
+        try:
+            assert process.wait(timeout=20) == 3
+        finally:
+            process.kill()
+            os.close(writing)
+            os.close(reading)
+    assert time.monotonic() - begin < 15
+    told = [json.loads(line) for line in lines.read_text().splitlines()]
+    assert [line["event"] for line in told if line["kind"] == "source"] == ["started", "ended"]
+    assert [line["number"] for line in told if line["kind"] == "alarm"] == [1]
+    assert told[-1] == told[-1] | {"kind": "end", "lost": 0}
+
+
+def test_a_closed_pipe_is_said_once_and_monitoring_goes_on(tmp_path: Path) -> None:
+    lines = tmp_path / "a.jsonl"
+    words = arguments(tmp_path, "--speed", "4", "--jsonl", str(lines))
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(words, stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writing)
+    assert done.returncode == 3
+    said = done.stderr.splitlines()
+    assert said[0] == "warning: standard output cannot be written (nobody reads it any more); monitoring goes on"
+    assert "lines or messages were lost" in said[-1]
+    assert len(said) == 2, said
+    told = [json.loads(line) for line in lines.read_text().splitlines()]
+    assert [line["number"] for line in told if line["kind"] == "alarm"] == [1]
+    assert [line["fault"] for line in told if line["kind"] == "state"][-1] == "ended"
+    assert told[-1]["kind"] == "end"
+
+
+class Held(io.StringIO):
+    """Takes nothing until it is let go."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.free = threading.Event()
+
+    def write(self, text: str) -> int:
+        self.free.wait(20)
+        return super().write(text)
+
+
+def test_what_a_slow_terminal_does_not_take_is_counted(tmp_path: Path) -> None:
+    file = Held()
+    view = MonitorView(loaded(tmp_path), Console(file=file, width=200), "scripted")
+    view.every(Monitor(loaded(tmp_path), ScriptedSource([]), [view]))
+    event = SourceEvent(SourceEventKind.LOST, "one is missing")
+    with view:
+        view.source_event(event, 0.0)
+        time.sleep(0.3)
+        begin = time.monotonic()
+        for _ in range(1500):
+            view.source_event(event, 0.0)
+        assert time.monotonic() - begin < 1.0
+        file.free.set()
+        view.conclude(["collisions: 0"])
+    assert file.getvalue().count("source lost: one is missing\n") == 1001
+    assert file.getvalue().endswith("collisions: 0\n")
+    assert "standard output is too slow: 500 lines or messages were left out" in view.problems()
