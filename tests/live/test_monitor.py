@@ -19,7 +19,7 @@ from scipy.interpolate import CubicSpline
 from bumpstop.detection import Detector, DetectorSettings, Thresholds, save_detector
 from bumpstop.detection.detection_run import STATES
 from bumpstop.errors import InputError
-from bumpstop.live import JointSample, SourceEvent, SourceEventKind
+from bumpstop.live import JointSample, MonitorTick, SourceEvent, SourceEventKind
 from bumpstop.live.loaded_detector import LoadedDetector
 from bumpstop.live.monitor import Monitor, MonitorSettings
 from bumpstop.live.sources.names import SourceOptions, source_of
@@ -263,6 +263,18 @@ def test_outputs_know_that_a_monitor_has_ended(tmp_path: Path) -> None:
     summary, heard = watch(tmp_path, script, MonitorSettings(stop_after_s=5.0, duration_s=0.15))
     assert [(loss.state, loss.fault, loss.stop) for loss in heard.losses] == [("no_data", "ended", True)]
     assert summary.active_at_end
+
+
+def test_outputs_know_the_end_whatever_ends_the_monitor(tmp_path: Path) -> None:
+    class Broken(Heard):
+        def tick(self, tick: MonitorTick) -> None:
+            raise RuntimeError("broken")
+
+    heard = Heard()
+    monitor = Monitor(loaded(tmp_path), ScriptedSource(samples(motion(50))), [heard, Broken()])
+    with pytest.raises(RuntimeError, match="broken"):
+        monitor.run()
+    assert [loss.fault for loss in heard.losses] == ["ended"]
 
 
 def test_a_source_of_another_rate_is_refused(tmp_path: Path) -> None:

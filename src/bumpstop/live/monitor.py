@@ -151,8 +151,15 @@ class Monitor:
             every: called about ten times a second.
         """
         begin = time.monotonic()
-        end, next_flush = begin + self._settings.duration_s, begin + _FLUSH_S
         self._begin = begin
+        try:
+            self._read(begin, every)
+        finally:
+            self._finish(begin)
+        return self.summary()
+
+    def _read(self, begin: float, every: Callable[[Monitor], None] | None) -> None:
+        end, next_flush = begin + self._settings.duration_s, begin + _FLUSH_S
         while not self._stopping and not self._ended:
             now = time.monotonic()
             if now >= end:
@@ -169,16 +176,17 @@ class Monitor:
                 self._hear(item)
             else:
                 self._look_for_silence(time.monotonic())
+
+    def _finish(self, begin: float) -> None:
         now = time.monotonic()
         if self._silent and self._last_received is not None:
             self.silent_s += now - self._last_received
+        self._lasted = now - begin
+        # Whoever reads outputs must not take the last state for that of now, whatever ended this.
         for event in self._limiter.due(now, final=True):
             self._tell(event, now)
-        # Whoever reads outputs must not take the last state for that of now.
         self._tell_loss(SourceEventKind.ENDED, now)
         self._flush(now)
-        self._lasted = now - begin
-        return self.summary()
 
     def take(self, sample: JointSample) -> None:
         """Judge a sample."""
