@@ -19,6 +19,7 @@ class ReadReport:
         faults: what contradicts itself, one sentence each; a fit to it is not usable.
         base_motion: from when to when joints moved that carry the base of the robot [s], by their names.
         repaired: rows whose angles were turned back by whole turns.
+        other_joints: messages of a bag's topic that have other joints, and are left out.
         numbered: what the row numbers count: ``"line"`` of a text file, ``"row"`` or ``"message"``, from 1.
     """
 
@@ -30,6 +31,7 @@ class ReadReport:
     faults: tuple[str, ...] = ()
     base_motion: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     repaired: int = 0
+    other_joints: int = 0
     numbered: str = "row"
 
     @property

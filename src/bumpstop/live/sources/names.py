@@ -80,7 +80,8 @@ def _recording(text: str, detector: LoadedDetector, given: SourceOptions) -> Sou
 
     if not Path(text).exists():
         raise InputError("SOURCE", f"{text!r} does not exist", WANTED)
-    log = Recording.load(text, columns=given.columns, topic=given.topic, joint_names=detector.joints)
+    # As on a network, bad rows are told, however many.
+    log = Recording.load(text, columns=given.columns, topic=given.topic, joint_names=detector.joints, max_bad=1.0)
     if log.dof != detector.dof:
         raise InputError(
             "SOURCE", f"{text!r} has {log.dof} joints", f"the detector's {detector.robot} has {detector.dof}"

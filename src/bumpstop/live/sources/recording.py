@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from bumpstop.errors import InputError
@@ -12,10 +14,14 @@ from bumpstop.live.source import Source, SourceEvent, SourceEventKind
 
 if TYPE_CHECKING:
     from bumpstop.recording import Recording
+    from bumpstop.recording.read_report import ReadReport
+
+# What reading leaves out that has a name of its own in a stream; the rest is damaged.
+_KINDS = {"doubled time": SourceEventKind.REPEATED, "time runs backwards": SourceEventKind.WENT_BACK}
 
 
 class RecordingSource(Source):
-    """Plays a recording: each row when it is due.
+    """Plays a recording: what its reading has left out, then each row when it is due.
 
     Args:
         recording: with currents or torques.
@@ -28,6 +34,7 @@ class RecordingSource(Source):
             raise InputError("--speed", f"is {speed}", "wanted more than zero, or max")
         self._recording, self._speed, self._name = recording, speed, name
         self._row, self._begin = 0, 0.0
+        self._left_out: deque[SourceEvent] = deque()
 
     @property
     def name(self) -> str:
@@ -37,9 +44,12 @@ class RecordingSource(Source):
     def open(self) -> None:
         """Begin at the first row."""
         self._row, self._begin = 0, time.monotonic()
+        self._left_out = deque(_left_out(self._recording.report))
 
     def read(self, timeout_s: float) -> JointSample | SourceEvent | None:
         """The next row when it is due, then ``ENDED``; None: it is not due within the time [s]."""
+        if self._left_out:
+            return self._left_out.popleft()
         log, row = self._recording, self._row
         if row >= log.t.size:
             return SourceEvent(SourceEventKind.ENDED, "the recording is at its end")
@@ -63,3 +73,13 @@ class RecordingSource(Source):
 
     def close(self) -> None:
         """Nothing is open."""
+
+
+def _left_out(report: ReadReport) -> Iterator[SourceEvent]:
+    """What the file holds and no sample comes of."""
+    if report.other_joints:
+        text = f"a message of the file has other joints, of {report.rows_read + report.other_joints} in all"
+        yield SourceEvent(SourceEventKind.FOREIGN, text, report.other_joints)
+    for reason, count in report.counts.items():
+        text = f"a {report.numbered} of the file is left out, {reason}, of {report.rows_read} in all"
+        yield SourceEvent(_KINDS.get(reason, SourceEventKind.DAMAGED), text, count)

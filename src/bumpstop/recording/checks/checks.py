@@ -113,6 +113,7 @@ def checked(
         faults=tuple(faults),
         base_motion=raw.base_motion,
         repaired=repaired,
+        other_joints=raw.other_joints,
     )
     return kept, report
 

@@ -87,6 +87,7 @@ def read_bag(path: Path, columns: Columns, robot: Robot | None, topic: str | Non
         joint_names=tuple(joint.name for joint in robot.joints) if robot and robot.dof == len(names) else names,
         notes=tuple(notes),
         base_motion={name: moved[name] for name in base if name in moved},
+        other_joints=found.others,
     )
 
 

@@ -54,7 +54,7 @@ class RawRecording:
     Attributes:
         values: ``t`` (N, 1), ``position`` and what else was recorded (N, k); NaN where no number stands.
         rows, faults, rows_read, numbered, joint_names, robot, notes: as in ``Table``.
-        base_motion: as in ``ReadReport``.
+        base_motion, other_joints: as in ``ReadReport``.
     """
 
     values: dict[str, FloatArray]
@@ -66,6 +66,7 @@ class RawRecording:
     robot: str = ""
     notes: tuple[str, ...] = ()
     base_motion: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    other_joints: int = 0
 
 
 def side_by_side(columns: Sequence[pl.Series]) -> FloatArray:
