@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import socket
 import threading
@@ -17,6 +18,7 @@ import pytest
 from bumpstop.cli.main import main
 from bumpstop.live import JointSample
 from bumpstop.live.answer import AnswerOutput
+from bumpstop.live.bench import LinkAnswer, PlantBench
 from bumpstop.live.dds import DdsSource
 from bumpstop.live.rtde import RtdeSource
 from bumpstop.plant import Experiment, PlantReaction
@@ -123,6 +125,47 @@ def test_runs_pace_and_files(port: int, tmp_path: Path, capsys: pytest.CaptureFi
     stamps = np.array([sample.stamp_s for sample in samples])
     assert len(stamps) == 50
     assert (np.diff(stamps) > 0).all()
+
+
+class Told:
+    """A link that remembers what went out, and answers with one answer."""
+
+    address = "told"
+
+    def __init__(self) -> None:
+        self.stamps: list[float] = []
+
+    def wait_for_client(self, timeout_s: float) -> bool:
+        return True
+
+    def publish(self, sample: object, stamp_s: float) -> None:
+        self.stamps.append(stamp_s)
+
+    def answer(self) -> LinkAnswer | None:
+        return None
+
+    def close(self) -> None:
+        """Nothing to do."""
+
+
+@pytest.mark.parametrize(("pause_s", "pace", "least_s"), [(0.0, 1.0, 0.1), (0.0, math.inf, 0.1), (0.5, 2.0, 1.0)])
+def test_the_clock_counts_what_passes_between_motions(
+    tmp_path: Path, pause_s: float, pace: float, least_s: float
+) -> None:
+    """The arm begins where it began: no detector may take that for a motion from where it was."""
+    text = EXPERIMENT.read_text().replace("duration_s = 1.0", "duration_s = 0.1")
+    (tmp_path / "short.toml").write_text(text)
+    plant, command = Experiment.load(tmp_path / "short.toml").prepare()
+    link = Told()
+    bench = PlantBench(plant, [link], PlantReaction(), pace)
+    runs = []
+    for _ in range(2):
+        runs.append(bench.run(command))
+        time.sleep(pause_s)
+    steps = np.diff(link.stamps)
+    (jump,) = np.flatnonzero(steps > 0.005)
+    assert steps[jump] > least_s
+    assert runs[1].begin_s == pytest.approx(link.stamps[jump + 1] - link.stamps[0])
 
 
 def test_refusals(port: int, capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from bumpstop.live.source import stop_time
 
 if TYPE_CHECKING:
     from bumpstop.live.bench.link import BenchLink, LinkAnswer
@@ -51,7 +54,9 @@ class PlantBench:
     """A plant that moves in real time before a monitor.
 
     The plant looks for an answer at every sample, as a controller does at every cycle, and begins to react
-    ``reaction.latency_s`` after it. Where it computes too slowly its clock waits.
+    ``reaction.latency_s`` after it. Where it computes too slowly its clock waits. Between two motions its clock goes
+    on, and by so much at least that detectors see a gap: the arm does not move from where one ended to where the next
+    begins.
 
     Args:
         plant: to move.
@@ -66,6 +71,7 @@ class PlantBench:
     def __init__(self, plant: Plant, links: Sequence[BenchLink], reaction: PlantReaction, pace: float = 1.0) -> None:
         self.plant, self._links, self._reaction, self._pace = plant, tuple(links), reaction, pace
         self.clock_s = 0.0
+        self._rests_since: float | None = None
 
     def wait_for_client(self, timeout_s: float) -> bool:
         """Whether somebody reads the samples of any link, within the time [s]."""
@@ -93,6 +99,7 @@ class PlantBench:
         def watch(sample: Sample) -> PlantReaction | None:
             nonlocal origin, slipped
             if origin is None:
+                self._go_on()
                 origin = time.monotonic() - sample.t / self._pace
             wait = origin + sample.t / self._pace + slipped - time.monotonic()
             if wait > 0:
@@ -114,6 +121,7 @@ class PlantBench:
         run = self.plant.run(command, on_sample=watch, to_end=True)
         begin = self.clock_s
         self.clock_s += float(run.trace.t[-1])
+        self._rests_since = published[-1][1] if published else time.monotonic()
         answer, address, at = answers[0] if answers else (None, "", None)
         return BenchRun(
             run=run,
@@ -124,6 +132,12 @@ class PlantBench:
             published=np.array(published).reshape(-1, 2),
             slipped_s=slipped,
         )
+
+    def _go_on(self) -> None:
+        """Count the time between two motions."""
+        if self._rests_since is not None:
+            passed = (time.monotonic() - self._rests_since) * (self._pace if math.isfinite(self._pace) else 1.0)
+            self.clock_s += max(passed, stop_time(1 / self.plant.sensors.rate_hz))
 
     def close(self) -> None:
         """Close all links."""
