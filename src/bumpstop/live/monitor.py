@@ -13,6 +13,7 @@ import numpy as np
 from bumpstop.detection.detection_run import FAULTS, STATES
 from bumpstop.detection.events import Event
 from bumpstop.live.event_limiter import EventLimiter
+from bumpstop.live.lag_check import LagCheck
 from bumpstop.live.latency import LatencyHistogram
 from bumpstop.live.output import CollisionAlarm, DataLoss, MonitorTick
 from bumpstop.live.sample import JointSample
@@ -85,6 +86,7 @@ class Monitor:
         self._limiter = EventLimiter()
         given = self._settings.stop_after_s
         self._stop_after = stop_time(detector.period_s, self._settings.speed) if given is None else given
+        self._lag = LagCheck(self._stop_after, self._settings.speed)
         # A source that begins may take a while.
         self._begin_after = max(_FIRST_S, self._stop_after) if given is None else given
         self._nan = np.full(detector.dof, math.nan)
@@ -169,13 +171,28 @@ class Monitor:
                 self._flush(now)
                 if every is not None:
                     every(self)
-            item = self._source.read(min(_LONGEST_READ_S, max(0.0, end - now)))
+            item = self._next(end)
             if isinstance(item, JointSample):
                 self.take(item)
             elif isinstance(item, SourceEvent):
                 self._hear(item)
             else:
                 self._look_for_silence(time.monotonic())
+
+    def _next(self, end: float) -> JointSample | SourceEvent | None:
+        """What comes next; None: nothing has come for a while, and nothing waits to be read."""
+        if self._lag.suspected:
+            if (item := self._source.read(0.0)) is not None:
+                return item
+            self._lag.nothing_waits(time.monotonic())
+        begin = time.monotonic()
+        item = self._source.read(min(_LONGEST_READ_S, max(0.0, end - begin)))
+        if item is None and time.monotonic() - begin > 2 * _LONGEST_READ_S:
+            # Who was held up in a read does not know what came meanwhile.
+            item = self._source.read(_LONGEST_READ_S)
+        if item is None:
+            self._lag.nothing_waits(time.monotonic())
+        return item
 
     def _finish(self, begin: float) -> None:
         now = time.monotonic()
@@ -199,6 +216,10 @@ class Monitor:
             self._found(kind, text, count, sample.received_s)
         if checked.restart:
             self._forget()
+        late = self._lag.look(sample.stamp_s, sample.received_s)
+        if late:
+            # The end of it is no other lag.
+            self._found(SourceEventKind.LAGGING, late, int(self._lag.lagging), sample.received_s)
         if not checked.usable or checked.signal is None:
             self.dropped += 1
             if self._checks.flooded:
@@ -233,7 +254,7 @@ class Monitor:
         self._last_state = state
         if told:
             self._alarm(tick, np.array(out.fast[:n]))
-        self.latency.add(max(0.0, time.monotonic() - sample.received_s))
+        self.latency.add(self._age(sample))
         over = out.over | out.over_fast
         if state == _NO_DATA:
             self.faults[tick.fault] += 1
@@ -270,19 +291,22 @@ class Monitor:
     def _alarm(self, tick: MonitorTick, fast: FloatArray) -> None:
         self.alarms += 1
         event = Event.of_loop(self.detector.links, self._kernel.event())
-        latency = max(0.0, time.monotonic() - tick.sample.received_s)
         alarm = CollisionAlarm(
             stamp_s=tick.sample.stamp_s,
             number=self.alarms,
             event=event,
-            latency_s=latency,
+            latency_s=self._age(tick.sample),
             tick=tick,
             fast=fast,
             fast_threshold=self.detector.fast_thresholds_at(tick.threshold),
         )
         for output in self._outputs:
             output.alarm(alarm)
-        self.alarm_latency.add(max(0.0, time.monotonic() - tick.sample.received_s))
+        self.alarm_latency.add(self._age(tick.sample))
+
+    def _age(self, sample: JointSample) -> float:
+        """Time since a sample was received, or could have been [s]."""
+        return max(0.0, time.monotonic() - sample.received_s) + self._lag.lag_s
 
     def _rearmed(self, t: float, alarm: bool, loud: bool) -> bool:
         """As a run over a recording has it: everything was judged and below its thresholds for long enough."""
@@ -358,6 +382,7 @@ class Monitor:
         self._kernel.reset()
         self._events = self._kernel.events
         self._checks.reset()
+        self._lag.reset()
         self._was_judged = False
 
     def _found(self, kind: SourceEventKind, text: str, count: int, now: float) -> None:

@@ -86,7 +86,8 @@ class CollisionAlarm:
         stamp_s: of the sample that raised it [s].
         number: from 1, of the alarms of this monitor.
         event: joints, residuals and what they say of the contact: force, direction, link.
-        latency_s: from the receipt of the sample to the detector's word [s].
+        latency_s: from the receipt of the sample to the detector's word, with the time that it waited to be read, where
+            that was long [s].
         tick: of the sample that raised it.
         fast: (n,) of the band-pass channel at that sample [Nm or N].
         fast_threshold: (n,) of that channel, with what motion adds; infinite: not monitored there; NaN: not known, as

@@ -22,6 +22,7 @@ class SourceEventKind(StrEnum):
     REPEATED = "repeated"  # a sample came again
     WENT_BACK = "went_back"  # a sample older than the one before
     JUMPED_AHEAD = "jumped_ahead"  # the source's clock went ahead of the time that passed here
+    LAGGING = "lagging"  # samples wait to be read, and are judged late; and the end of that
     LOST = "lost"  # samples are missing
     DAMAGED = "damaged"  # a message that cannot be read, or numbers that are none
     FOREIGN = "foreign"  # a sample of another robot's joints, or another type of message

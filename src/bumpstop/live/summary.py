@@ -26,7 +26,8 @@ class MonitorSummary:
         found: samples or messages by what was wrong with them, and how often the source stopped and restarted.
         alarms: collisions.
         silent_s: time without samples, beyond the first of each silence [s].
-        latency_ms: p50, p99 and largest, from the receipt of a sample to the detector's word on it [ms].
+        latency_ms: p50, p99 and largest, from the receipt of a sample to the detector's word on it, with
+            the time that it waited to be read, where that was long [ms].
         alarm_latency_ms: the same from the receipt of a sample to the end of telling its alarm to all outputs [ms].
         largest_share: largest residual by joint, in units of its threshold; 0 where not monitored.
         active_at_end: the arm was watched when the monitor ended: the state was ``monitoring`` or ``alarm``.
