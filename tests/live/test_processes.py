@@ -122,6 +122,7 @@ def test_a_full_disk_is_named_and_monitoring_goes_on(tmp_path: Path) -> None:
     [
         (["nowhere.parquet"], "error: SOURCE: 'nowhere.parquet' does not exist; wanted a recording's file, plant:"),
         (["rtdf://here"], "error: SOURCE: 'rtdf://here': 'rtdf' is no kind of source; did you mean 'rtde'?"),
+        (["rtde://:30104"], "error: SOURCE: 'rtde://:30104' names no host; wanted a recording's file, plant:"),
         (["plant:"], "error: SOURCE: 'plant:' names no experiment"),
         (["log.parquet", "--speed", "0"], "error: --speed: is '0'; wanted a number above zero, or max"),
         (["log.parquet", "--shell"], "error: --shell: has no meaning without --on-collision"),

@@ -160,6 +160,8 @@ def _rtde(text: str, detector: LoadedDetector, given: SourceOptions) -> Source:
     from bumpstop.live.rtde.source import MAX_FREQUENCY_HZ, RtdeSource
 
     parts, query = _query(text, ("signal", "frequency", "axes"))
+    if not parts.hostname:
+        raise InputError("SOURCE", f"{text!r} names no host", WANTED)
     axes = read_axes(query["axes"]) if "axes" in query else DEFAULT_AXES
     more: dict[str, Any] = {"answers": given.answers, "axes": axes} | (
         {} if parts.port is None else {"port": parts.port}
