@@ -134,15 +134,20 @@ class Told:
 
     def __init__(self) -> None:
         self.stamps: list[float] = []
+        self.answer_at, self.said = math.inf, None  # type: float, LinkAnswer | None
 
     def wait_for_client(self, timeout_s: float) -> bool:
         return True
 
     def publish(self, sample: object, stamp_s: float) -> None:
         self.stamps.append(stamp_s)
+        if stamp_s >= self.answer_at:
+            # As quick as a monitor in another process can be: before the call is over.
+            self.answer_at, self.said = math.inf, LinkAnswer("stop", time.monotonic())
 
     def answer(self) -> LinkAnswer | None:
-        return None
+        found, self.said = self.said, None
+        return found
 
     def close(self) -> None:
         """Nothing to do."""
@@ -166,6 +171,18 @@ def test_the_clock_counts_what_passes_between_motions(
     (jump,) = np.flatnonzero(steps > 0.005)
     assert steps[jump] > least_s
     assert runs[1].begin_s == pytest.approx(link.stamps[jump + 1] - link.stamps[0])
+
+
+def test_an_answer_belongs_to_the_sample_before_it(tmp_path: Path) -> None:
+    text = EXPERIMENT.read_text().replace("duration_s = 1.0", "duration_s = 0.1")
+    (tmp_path / "short.toml").write_text(text)
+    plant, command = Experiment.load(tmp_path / "short.toml").prepare()
+    link = Told()
+    link.answer_at = 0.05
+    trip = PlantBench(plant, [link], PlantReaction()).run(command).round_trip()
+    assert trip is not None
+    assert trip[0] == min(stamp for stamp in link.stamps if stamp >= 0.05)
+    assert 0 <= trip[1] < 0.003
 
 
 def test_refusals(port: int, capsys: pytest.CaptureFixture[str]) -> None:

@@ -113,9 +113,10 @@ class PlantBench:
                     if (found := link.answer()) is not None:
                         answers.append((found, link.address, sample.t))
                         break
+            # Before: an answer may come while this publishes.
+            published.append((sample.t, time.monotonic()))
             for link in self._links:
                 link.publish(sample, self.clock_s + sample.t)
-            published.append((sample.t, time.monotonic()))
             return None if found is None else replace(self._reaction, kind=found.kind)
 
         run = self.plant.run(command, on_sample=watch, to_end=True)
