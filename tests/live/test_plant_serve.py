@@ -5,7 +5,10 @@ from __future__ import annotations
 import json
 import math
 import os
+import signal
 import socket
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -183,6 +186,25 @@ def test_an_answer_belongs_to_the_sample_before_it(tmp_path: Path) -> None:
     assert trip is not None
     assert trip[0] == min(stamp for stamp in link.stamps if stamp >= 0.05)
     assert 0 <= trip[1] < 0.003
+
+
+def test_an_interrupt_ends_what_runs_until_interrupted(port: int, tmp_path: Path) -> None:
+    text = EXPERIMENT.read_text().replace("duration_s = 1.0", "duration_s = 0.1")
+    (tmp_path / "short.toml").write_text(text)
+    words = [sys.executable, "-c", "from bumpstop.cli.main import main; main()", "plant", "serve"]
+    words += [str(tmp_path / "short.toml"), "--rtde", str(port), "--runs", "0", "--pause-s", "0.1"]
+    words += ["--out", str(tmp_path / "out"), "--json"]
+    client = Client(lambda: RtdeSource("127.0.0.1", port, joints=7, frequency_hz=250), "")
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        client.start()
+        end = time.monotonic() + 20
+        while not (tmp_path / "out" / "run_2" / "truth.toml").exists() and time.monotonic() < end:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=20)
+    client.end()
+    assert (process.returncode, err) == (0, "")
+    assert len(json.loads(out)["runs"]) >= 1
 
 
 def test_refusals(port: int, capsys: pytest.CaptureFixture[str]) -> None:

@@ -93,6 +93,10 @@ def serve(
             done.append(_as_json(one, written))
             if not as_json:
                 _print(len(done), one, written)
+    except KeyboardInterrupt:
+        # It is the end that was asked for; what has been done counts.
+        if runs:
+            raise
     finally:
         bench.close()
     if as_json:
