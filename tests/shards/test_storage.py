@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ import bumpstop as bs
 from bumpstop.shards import ResultFolder, Workers
 from bumpstop.shards.run import complete, compute_missing
 from bumpstop.shards.storage import LocalStorage
+from bumpstop.shards.workers import compute_group
 from collision.cases import control_group
 from study.run_cases import Squares
 
@@ -66,9 +68,67 @@ def test_a_place_that_processes_do_not_see_is_named() -> None:
     job = Squares(control_group())
     store = ResultFolder("memory://bumpstop/unseen", job)
     store.open(job)
-    with pytest.raises(bs.InputError, match=r"^--out: the worker on .* does not see 'memory://bumpstop/unseen'; give"):
+    with pytest.raises(bs.InputError, match=r"^--out: 'memory://bumpstop/unseen' holds no settings\.toml of this run"):
         complete(job, store, Workers(processes=1))
     assert store.storage.sizes("") == {}
+
+
+@pytest.mark.parametrize("workers", [Workers(), Workers(threads=3), Workers(processes=2)])
+@pytest.mark.parametrize("lost", ["removed", "moved", "settings"])
+def test_a_folder_that_is_lost_meanwhile_is_not_made_anew(lost: str, workers: Workers, tmp_path: Path) -> None:
+    """What is computed after that would be kept where nobody looks for it."""
+    out = tmp_path / "out"
+    job = Squares(control_group(), count=40)
+    store = ResultFolder(out, job)
+    store.open(job)
+    seen = []
+
+    def lose(done: int, total: int) -> None:
+        seen.append(done)
+        if len(seen) == 2:
+            if lost == "settings":
+                (out / "settings.toml").unlink()
+                return
+            out.rename(tmp_path / "elsewhere")
+            if lost == "removed":
+                shutil.rmtree(tmp_path / "elsewhere")
+
+    with (
+        store.storage.lock(None),
+        pytest.raises(bs.InputError, match=r"^--out: '.*out' (holds no settings|cannot be used)"),
+    ):
+        complete(job, store, workers, progress=lose)
+    assert seen[-1] < 40
+    assert out.exists() == (lost == "settings")
+    assert not (out / "settings.toml").exists()
+    if lost == "moved":
+        moved = ResultFolder(tmp_path / "elsewhere", job)
+        moved.open(job)
+        complete(job, moved, workers)
+
+
+def test_a_result_is_not_joined_where_its_settings_are_gone(tmp_path: Path) -> None:
+    job = Squares(control_group())
+    store = ResultFolder(tmp_path, job)
+    store.open(job)
+    compute_missing(job, store, Workers())
+    (tmp_path / "settings.toml").unlink()
+    with pytest.raises(bs.InputError, match=r"holds no settings\.toml of this run"):
+        store.finish(job.summarise)
+    assert not (tmp_path / "rows.parquet").exists()
+
+
+def test_a_worker_makes_no_folder(tmp_path: Path) -> None:
+    """Others would see its settings, and put their shards there."""
+    job = Squares(control_group())
+    store = ResultFolder(tmp_path / "out", job)
+    with pytest.raises(bs.InputError, match="holds no settings"):
+        compute_group(job, store, [0])
+    with pytest.raises(bs.InputError, match="cannot be used"):
+        store.put(0, job.shard(0))
+    with pytest.raises(FileNotFoundError):
+        store.storage.write("settings.toml", b"")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_place_that_never_gives_back_what_was_written_is_given_up(

@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import platform
 import tomllib
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from bumpstop.collision.scenario.keys import MADE_BY
@@ -72,12 +74,8 @@ class ResultFolder:
         self._volume_shards = job.volume_shards
         self.made = False
 
-    def __getstate__(self) -> dict[str, Any]:
-        """What is sent to a worker: it has not made the folder."""
-        return self.__dict__ | {"made": False}
-
     def open(self, job: ShardedJob, command: str = "") -> None:
-        """Make the folder, or check that it is this job's.
+        """Make the folder, or check that it is this job's; what begins a run does it, once.
 
         Args:
             job: whose rows it holds.
@@ -96,6 +94,26 @@ class ResultFolder:
                 self.made = True
         except OSError as error:
             raise self._unwritable(error) from None
+
+    def check_there(self) -> None:
+        """Check that what :meth:`open` has made is still there, and seen from here, without making anything.
+
+        Shards that are put into another folder than that are where nobody looks for them.
+
+        Raises:
+            InputError: there are no settings of this job.
+        """
+        try:
+            settings = self.storage.read(SETTINGS)
+        except FileNotFoundError:
+            settings = b""
+        except OSError as error:
+            raise self._unwritable(error) from None
+        if self.fingerprint.encode() not in settings:
+            problem = f"{str(self.storage)!r} holds no {SETTINGS} of this run, seen from {platform.node()}"
+            raise InputError(
+                "--out", problem, "give a folder that all workers see, and leave it there until it is done"
+            )
 
     # --- Shards -------------------------------------------------------------------------------------------------
 
@@ -153,12 +171,13 @@ class ResultFolder:
             raise self._unwritable(error) from None
 
     def discard(self) -> None:
-        """Leave the folder to others: this run has made it, and nothing can be computed."""
-        if not self.made or any(map(self._is_shard, self.storage.sizes("shards"))):
-            return
-        self.storage.delete(SETTINGS)
-        self.storage.remove_folder("shards")
-        self.storage.remove_folder("")
+        """Leave the folder to others, if that is possible: this run has made it, and nothing can be computed."""
+        with suppress(OSError):
+            if not self.made or any(map(self._is_shard, self.storage.sizes("shards"))):
+                return
+            self.storage.delete(SETTINGS)
+            self.storage.remove_folder("shards")
+            self.storage.remove_folder("")
 
     # --- The result ---------------------------------------------------------------------------------------------
 
@@ -193,7 +212,9 @@ class ResultFolder:
 
         Raises:
             DamagedError: a shard or a file of the result is not what was written.
+            InputError: the folder is not there any more, or cannot be written.
         """
+        self.check_there()
         try:
             known = dict(self.manifest().get("files", {}))
             files: dict[str, str] = {}
@@ -359,8 +380,7 @@ class ResultFolder:
         )
 
     def _unwritable(self, error: OSError) -> InputError:
-        problem = f"{str(self.storage)!r} cannot be used ({error.filename or self.storage}: {error.strerror or error})"
-        return InputError("--out", problem, "give another folder")
+        return self.storage.unusable(error)
 
 
 def settings_text(job: ShardedJob, fingerprint: str, command: str) -> str:

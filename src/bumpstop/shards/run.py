@@ -183,8 +183,8 @@ def compute_missing(
     try:
         workers.compute(job, store, list(groups_of(missing, job.batch_size, workers.count)), keep)
     except InputError:
-        # Other shares may already compute in the folder, although none of their shards is there yet.
-        if n == 1:
+        # Other shares, or workers elsewhere, may compute in the folder although none of their shards is there yet.
+        if n == 1 and not workers.cluster:
             store.discard()
         raise
     return account

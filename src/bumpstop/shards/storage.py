@@ -27,6 +27,11 @@ class Storage(ABC):
     def __str__(self) -> str:
         """The place, as errors name it."""
 
+    def unusable(self, error: OSError) -> InputError:
+        """What a person is told of an error of the place."""
+        problem = f"{str(self)!r} cannot be used ({error.filename or self}: {error.strerror or error})"
+        return InputError("--out", problem, "give another folder")
+
     @abstractmethod
     def make(self) -> None:
         """Make the place where it is missing."""
@@ -37,7 +42,7 @@ class Storage(ABC):
 
     @abstractmethod
     def write(self, name: str, content: bytes) -> None:
-        """Write a file; OSError where that fails."""
+        """Write a file; OSError where that fails, as in a folder that is gone."""
 
     @abstractmethod
     def write_rows(self, name: str, rows: pl.DataFrame, metadata: dict[str, str]) -> str:
@@ -67,7 +72,7 @@ class Storage(ABC):
             share: name of a share of the shards, which others may accompany with other shares; None: the whole job.
 
         Raises:
-            InputError: somebody else holds it.
+            InputError: somebody else holds it, or the place cannot be used.
         """
         yield
 
@@ -105,11 +110,11 @@ class LocalStorage(Storage):
         try:
             write_bytes(self.path / name, content, durable=True)
         except FileNotFoundError:
-            (self.path / name).parent.mkdir(parents=True, exist_ok=True)
+            self._make_folder_of(name)
             write_bytes(self.path / name, content, durable=True)
 
     def write_rows(self, name: str, rows: pl.DataFrame, metadata: dict[str, str]) -> str:  # noqa: D102
-        (self.path / name).parent.mkdir(parents=True, exist_ok=True)
+        self._make_folder_of(name)
         with replacing(self.path / name, durable=True) as waiting:
             rows.write_parquet(waiting, metadata=metadata)
             with waiting.open("rb") as file:
@@ -152,18 +157,30 @@ class LocalStorage(Storage):
         except ModuleNotFoundError:  # a system without such locks
             yield
             return
-        (self.path / "shards").mkdir(parents=True, exist_ok=True)
         held = []
+
+        def opened(name: str, flags: int) -> int:
+            try:
+                self._make_folder_of("shards/")
+                held.append(os.open(self.path / name, flags, 0o644))
+            except OSError as error:
+                raise self.unusable(error) from None
+            return held[-1]
+
         try:
-            held.append(os.open(self.path, os.O_RDONLY))
-            self._take(held[0], fcntl.LOCK_EX if share is None else fcntl.LOCK_SH)
+            self._take(opened("", os.O_RDONLY), fcntl.LOCK_EX if share is None else fcntl.LOCK_SH)
             if share is not None:
-                held.append(os.open(self.path / "shards" / f".share-{share}", os.O_RDWR | os.O_CREAT, 0o644))
-                self._take(held[1], fcntl.LOCK_EX)
+                self._take(opened(f"shards/.share-{share}", os.O_RDWR | os.O_CREAT), fcntl.LOCK_EX)
             yield
         finally:
             for handle in held:
                 os.close(handle)
+
+    def _make_folder_of(self, name: str) -> None:
+        """Make the folder of a file inside the place; never the place itself, which may have been moved away."""
+        below = name.rpartition("/")[0]
+        if below:
+            (self.path / below).mkdir(exist_ok=True)
 
     def _take(self, handle: int, kind: int) -> None:
         import fcntl

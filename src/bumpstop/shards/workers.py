@@ -103,8 +103,10 @@ class Workers:
 
 
 def compute_group(job: ShardedJob, folder: ResultFolder | None, numbers: list[int]) -> list[Receipt]:
-    """Compute some shards and keep them; what every worker does."""
+    """Compute some shards and keep them in a folder that is there; what every worker does."""
     begin = time.perf_counter()
+    if folder is not None:
+        folder.check_there()
     shards = job.shard_batch(numbers)
     sizes = [0 if folder is None else folder.put(n, rows) for n, rows in zip(numbers, shards, strict=True)]
     seconds = (time.perf_counter() - begin) / max(1, len(numbers))
@@ -166,18 +168,7 @@ def _begin_process(job: ShardedJob, folder: ResultFolder | None) -> None:
 
 def _compute_here(numbers: list[int]) -> list[Receipt]:
     job, folder = _OF_THIS_PROCESS
-    if folder is not None:
-        _check_seen(job, folder)
     return compute_group(job, folder, numbers)
-
-
-def _check_seen(job: ShardedJob, folder: ResultFolder) -> None:
-    """A worker that does not find the settings would put its shards where nobody looks for them."""
-    folder.open(job)
-    if folder.made:
-        folder.discard()
-        problem = f"the worker on {os.uname().nodename} does not see {str(folder.storage)!r}"
-        raise InputError("--out", problem, "give a place that all workers see")
 
 
 def _in_processes(
@@ -261,7 +252,6 @@ def _compute_checked(job: ShardedJob, folder: ResultFolder, numbers: list[int]) 
     if job.fingerprint() != folder.fingerprint:
         problem = f"the worker on {os.uname().nodename} has another build, version, instruction set or input files"
         raise InputError("--cluster", problem, "install the same there; BUMPSTOP_TARGET chooses an instruction set")
-    _check_seen(job, folder)
     return compute_group(job, folder, numbers)
 
 
