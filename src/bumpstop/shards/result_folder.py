@@ -6,27 +6,23 @@ import hashlib
 import io
 import json
 import platform
-import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from bumpstop.collision.scenario.keys import MADE_BY
 from bumpstop.errors import InputError
-from bumpstop.shards.sharded_job import to_jsonable, versions
+from bumpstop.shards.settings_file import SETTINGS, damage, differing, read_made_by, settings_text
+from bumpstop.shards.sharded_job import to_jsonable
 from bumpstop.shards.storage import Location, Storage, storage_at
-from bumpstop.text_files import to_toml
 
 if TYPE_CHECKING:
     import polars as pl
 
     from bumpstop.shards.sharded_job import ShardedJob
 
-SETTINGS, MANIFEST, SUMMARY = "settings.toml", "manifest.json", "summary.json"
+MANIFEST, SUMMARY = "manifest.json", "summary.json"
 # Bytes behind the rows of a shard that say whose they are.
 _SEAL_SIZE = hashlib.sha256().digest_size
-# Last key of [made_by]: of all text before it.
-_CHECKSUM = b"checksum = "
 # Key of the Parquet file's own metadata, with the job's fingerprint.
 _STUDY = "study"
 
@@ -245,13 +241,10 @@ class ResultFolder:
     def damaged_settings(self) -> list[str]:
         """Whether the settings file is another than was written, in one sentence; empty: it is not."""
         try:
-            text, last, checksum = self.storage.read(SETTINGS).rpartition(_CHECKSUM)
+            what = damage(self.storage.read(SETTINGS))
         except OSError as error:
             return [DamagedError(SETTINGS, str(self.storage), f"cannot be read ({error.strerror})").problem]
-        if last and checksum == f'"{hashlib.sha256(text).hexdigest()}"\n'.encode():
-            return []
-        what = "is not as it was written" if last else "holds no checksum: edited, or of an earlier version"
-        return [DamagedError(SETTINGS, str(self.storage), what).problem]
+        return [DamagedError(SETTINGS, str(self.storage), what).problem] if what else []
 
     def missing_manifest(self) -> list[str]:
         """Whether a result has lost its manifest, in one sentence; empty: it has not.
@@ -361,17 +354,10 @@ class ResultFolder:
             raise InputError("--out", problem, "give another folder, or delete this one")
 
     def _check(self, settings: bytes, job: ShardedJob) -> None:
-        made_by: Any
-        try:
-            made_by = tomllib.loads(settings.decode("utf-8")).get(MADE_BY, {})
-        except (UnicodeDecodeError, tomllib.TOMLDecodeError):
-            made_by = {}
-        if not isinstance(made_by, dict):
-            made_by = {}
+        made_by = read_made_by(settings)
         if made_by.get("fingerprint") == self.fingerprint:
             return
-        fresh = {"study": job.name} | job.settings() | versions()
-        differ = [key for key, value in fresh.items() if made_by.get(key) != _toml_value(value)]
+        differ = differing(made_by, job)
         what = f"differs in {', '.join(differ)}" if differ else "differs in the scenario, its files or the code"
         raise InputError(
             "--out",
@@ -381,24 +367,3 @@ class ResultFolder:
 
     def _unwritable(self, error: OSError) -> InputError:
         return self.storage.unusable(error)
-
-
-def settings_text(job: ShardedJob, fingerprint: str, command: str) -> str:
-    """The settings file of a job: its document, what made the folder in ``[made_by]``, and a checksum of all that."""
-    made_by = {"study": job.name, **job.settings(), **versions(), "fingerprint": fingerprint}
-    if command:
-        made_by["command"] = command
-    made_by = {key: _toml_value(value) for key, value in made_by.items() if value is not None}
-    # A comment ends with its line, and holds no control characters.
-    shown = "".join(c if c.isprintable() else repr(c)[1:-1] for c in command)
-    what, tables = job.document()
-    head = f"# {what}. Made by: {shown}\n" if command else f"# {what}.\n"
-    text = head + to_toml(tables | {MADE_BY: made_by})
-    return f'{text}{_CHECKSUM.decode()}"{hashlib.sha256(text.encode("utf-8")).hexdigest()}"\n'
-
-
-def _toml_value(value: Any) -> Any:
-    """Settings are numbers, texts and lists of them; what has more structure is kept as JSON text."""
-    if isinstance(value, dict) or (isinstance(value, list) and any(isinstance(item, dict | list) for item in value)):
-        return json.dumps(value)
-    return value

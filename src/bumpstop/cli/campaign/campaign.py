@@ -157,7 +157,7 @@ def _opened(location: str, *, to_read: bool = False) -> tuple[Campaign, ResultFo
     from bumpstop.campaign import parse_campaign
     from bumpstop.collision.scenario.keys import MADE_BY
     from bumpstop.shards import ResultFolder
-    from bumpstop.shards.result_folder import SETTINGS
+    from bumpstop.shards.settings_file import SETTINGS
     from bumpstop.shards.storage import storage_at
     from bumpstop.text_files import parse_toml
 
