@@ -6,7 +6,7 @@ import errno
 import os
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from bumpstop.errors import InputError
@@ -27,6 +27,31 @@ def check_folder(folder: Path | None, option: str = "--out") -> None:
         why = error.strerror or str(error)
     if why:
         raise InputError(option, f"{str(folder)!r} cannot be written ({why})", "give another folder")
+
+
+def check_no_job(folder: Path | None) -> None:
+    """Refuse the folder of a study or campaign, before any work is done: others' settings would make it useless.
+
+    Raises:
+        InputError: it is one, or what is left of one.
+    """
+    if folder is None:
+        return
+    from bumpstop.shards.result_folder import MANIFEST
+    from bumpstop.shards.settings_file import SETTINGS, read_made_by
+
+    made_by = {}
+    with suppress(OSError):
+        made_by = read_made_by((folder / SETTINGS).read_bytes())
+    left = [name for name in (MANIFEST, "shards", "rows") if os.path.lexists(folder / name)]
+    if "fingerprint" in made_by:
+        kind = "a campaign" if made_by.get("study") == "campaign" else "a study"
+        what = f"{kind} ({SETTINGS})"
+    elif left:
+        what = f"{left[0]} of a study or campaign"
+    else:
+        return
+    raise InputError("--out", f"{str(folder)!r} holds {what}", "give another folder")
 
 
 def check_file(file: Path | None, option: str = "--out") -> None:

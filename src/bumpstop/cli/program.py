@@ -54,12 +54,13 @@ def command(
 
     Exit status, of the program as given: 0 acceptable, 3 not acceptable, 4 inconclusive, 2 bad input.
     """
-    from bumpstop.cli.folders import check_folder
+    from bumpstop.cli.folders import check_folder, check_no_job
     from bumpstop.cli.progress import progress
     from bumpstop.collision import load_scenario
     from bumpstop.program.evaluation import evaluate_program
 
     check_folder(out)
+    check_no_job(out)
     if out is not None:
         from bumpstop.program.writing import check_target
 

@@ -79,6 +79,7 @@ def command(
 
     Exit status: 0 acceptable, 3 not acceptable, 4 inconclusive, 2 bad input; of many, that of the worst.
     """
+    from bumpstop.cli.folders import check_no_job
     from bumpstop.cli.progress import progress
     from bumpstop.collision import evaluate, load_scenario
     from bumpstop.register.register_file import is_register
@@ -88,6 +89,7 @@ def command(
         from bumpstop.cli.register.evaluate import evaluate_many
 
         return evaluate_many(scenarios, changed, samples=sampled, seed=seed, threads=threads, as_json=as_json, out=out)
+    check_no_job(out)
     checked = load_scenario(scenarios[0], changed)
     uncertain = None
     try:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from bumpstop.cli.folders import check_folder
+from bumpstop.cli.folders import check_folder, check_no_job
 from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
 from bumpstop.text_files import list_items
@@ -51,6 +51,7 @@ def command(
     wanted = _speeds(speeds)
     # Before the runs, which may take minutes.
     check_folder(out)
+    check_no_job(out)
     with as_options(_OPTIONS):
         made = CollisionExperiment(
             name=name,
