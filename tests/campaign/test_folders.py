@@ -46,3 +46,18 @@ def test_another_command_does_not_write_into_the_folder_of_a_job(
     what = "manifest.json of a study or campaign" if kind == "without settings" else "a campaign (settings.toml)"
     assert line == f"error: --out: '{out}' holds {what}; give another folder"
     assert contents(out) == before
+
+
+@pytest.mark.parametrize("command", ["resume", "status", "merge", "report"])
+def test_the_folder_of_something_else_is_named(command: str, tmp_path: Path) -> None:
+    study, other = tmp_path / "study", tmp_path / "other"
+    assert run("study", "workspace", EXAMPLE, "--poses", 2, "--out", study).status == 0
+    assert run("evaluate", EXAMPLE, "--out", other).status in (0, 3)
+    refused = run("campaign", command, study)
+    assert (refused.status, refused.out) == (2, "")
+    assert (
+        refused.err == f"error: {study}: is the folder of a study (workspace), not of a campaign; campaign run FILE\n"
+    )
+    refused = run("campaign", command, other)
+    assert (refused.status, refused.out) == (2, "")
+    assert refused.err == f"error: {other}: is the folder of something else, not of a campaign; campaign run FILE\n"

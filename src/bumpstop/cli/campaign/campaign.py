@@ -154,23 +154,25 @@ def report(
 
 def _opened(location: str, *, to_read: bool = False) -> tuple[Campaign, ResultFolder]:
     """The campaign that a folder is of, by its settings; what another build has computed can be read alone."""
-    from bumpstop.campaign import parse_campaign
-    from bumpstop.collision.scenario.keys import MADE_BY
+    from bumpstop.campaign import Campaign, parse_campaign
     from bumpstop.shards import ResultFolder
-    from bumpstop.shards.settings_file import SETTINGS
+    from bumpstop.shards.settings_file import SETTINGS, read_made_by
     from bumpstop.shards.storage import storage_at
-    from bumpstop.text_files import parse_toml
 
     storage = storage_at(location)
     try:
-        text = storage.read(SETTINGS).decode("utf-8")
+        content = storage.read(SETTINGS)
+        text = content.decode("utf-8")
     except FileNotFoundError:
         raise InputError(location, "is no folder of a campaign: it has no settings.toml", "campaign run FILE") from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{location}/{SETTINGS}", f"cannot be read ({error})", "wanted the file as written") from None
+    made_by = read_made_by(content)
+    if made_by and made_by.get("study") != Campaign.name:
+        what = f"a study ({made_by['study']})" if "study" in made_by else "something else"
+        raise InputError(location, f"is the folder of {what}, not of a campaign", "campaign run FILE")
     campaign = parse_campaign(text, f"{location}/{SETTINGS}", Path())
     if to_read:
-        made_by = parse_toml(text, f"{location}/{SETTINGS}").get(MADE_BY, {})
         return campaign, ResultFolder(storage, campaign, str(made_by.get("fingerprint", "")))
     store = ResultFolder(storage, campaign)
     store.open(campaign)
