@@ -5,12 +5,13 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import re
 import secrets
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING
 
 if TYPE_CHECKING:
     import polars as pl
@@ -63,16 +64,31 @@ def write_bytes(path: str | os.PathLike[str], content: bytes, *, durable: bool =
         waiting.write_bytes(content)
 
 
-def write_parquet(path: str | os.PathLike[str], rows: pl.DataFrame, metadata: dict[str, str] | None = None) -> None:
+def write_parquet(
+    path: str | os.PathLike[str], rows: pl.DataFrame, metadata: dict[str, str] | None = None, *, durable: bool = False
+) -> None:
     """Write a Parquet file whole or not at all; OSError where it cannot be written."""
-    with replacing(path) as waiting:
-        rows.write_parquet(waiting, metadata=metadata)
+    with _opened(path, durable=durable) as file:
+        rows.write_parquet(file, metadata=metadata)
 
 
 def write_csv(path: str | os.PathLike[str], rows: pl.DataFrame) -> None:
     """Write a CSV file whole or not at all; OSError where it cannot be written."""
-    with replacing(path) as waiting:
-        rows.write_csv(waiting)
+    with _opened(path) as file:
+        rows.write_csv(file)
+
+
+@contextmanager
+def _opened(path: str | os.PathLike[str], *, durable: bool = False) -> Iterator[IO[bytes]]:
+    """Give a file that polars writes to: it takes no path that is not UTF-8, and has errors of its own kinds."""
+    with replacing(path, durable=durable) as waiting, waiting.open("wb") as file:
+        try:
+            yield file
+        except Exception as error:
+            number = re.search(r"\(os error (\d+)\)", str(error))
+            if number is None:
+                raise
+            raise OSError(int(number[1]), os.strerror(int(number[1]))) from None
 
 
 def _wait_for_disk(path: Path) -> None:

@@ -131,6 +131,19 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
         raise InputError(str(path), f"cannot be written ({why})") from None
 
 
+def encoded(text: str, field: str) -> bytes:
+    """A text in UTF-8.
+
+    Raises:
+        InputError: about ``field``: it holds what is no text, as the name of a file may.
+    """
+    try:
+        return text.encode("utf-8")
+    except UnicodeEncodeError as error:
+        problem = f"{text[max(0, error.start - 20) : error.end]!r} is no text"
+        raise InputError(field, problem, "wanted names of files in UTF-8") from None
+
+
 def running_command() -> str:
     """The ``bumpstop`` command that runs, as a shell takes it; empty in any other program."""
     return shell_command(["bumpstop", *sys.argv[1:]]) if Path(sys.argv[0]).name == "bumpstop" else ""

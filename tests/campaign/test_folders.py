@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from bumpstop.campaign import Campaign
 from bumpstop.shards import ResultFolder, Workers
 from bumpstop.shards.run import compute_missing
+from campaign.cases import computed, result
 from cli.support import EXAMPLE, REPOSITORY, run
 
 PROGRAMS = REPOSITORY / "examples" / "programs"
@@ -61,3 +63,32 @@ def test_the_folder_of_something_else_is_named(command: str, tmp_path: Path) -> 
     refused = run("campaign", command, other)
     assert (refused.status, refused.out) == (2, "")
     assert refused.err == f"error: {other}: is the folder of something else, not of a campaign; campaign run FILE\n"
+
+
+@pytest.mark.parametrize("command", ["campaign", "speed-limits", "evaluate"])
+def test_files_whose_names_are_no_text_are_refused_before_any_work(command: str, tmp_path: Path) -> None:
+    """Settings are UTF-8, and could not name them."""
+    home, out = tmp_path / os.fsdecode(b"q\xff"), tmp_path / "out"
+    home.mkdir()
+    scenario = EXAMPLE.read_text(encoding="utf-8")
+    table = REPOSITORY / "src" / "bumpstop" / "contact" / "data" / "bgia2011.toml"
+    (home / "mine.toml").write_bytes(table.read_bytes().replace(b'name = "bgia2011"', b'name = "mine"'))
+    (home / "hand.toml").write_text(scenario.replace('"bgia2011"', '"mine.toml"'))
+    (home / "c.toml").write_text(
+        'poses = 2\ndirections = ["down"]\nspeeds_mm_s = [50]\n[[robots]]\nscenario = "hand.toml"\n'
+    )
+    arguments = {
+        "campaign": ("campaign", "run", home / "c.toml"),
+        "speed-limits": ("study", "speed-limits", home / "hand.toml"),
+        "evaluate": ("evaluate", home / "hand.toml"),
+    }
+    refused = run(*arguments[command], "--out", out)
+    assert refused.status == 2
+    assert refused.err.startswith("error: scenario: '")
+    assert refused.err.endswith("is no text; wanted names of files in UTF-8\n")
+    assert command == "evaluate" or not out.exists()
+
+
+def test_a_campaign_is_kept_where_the_name_is_no_text(campaign: Campaign, whole: Path, tmp_path: Path) -> None:
+    out = tmp_path / os.fsdecode(b"b\xff")
+    assert result(computed(campaign, out)) == result(whole)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import hashlib
 import math
 import os
 import re
@@ -11,11 +13,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import polars as pl
 import pytest
 
 import bumpstop as bs
-from bumpstop.output_files import replacing, write_bytes
+from bumpstop.output_files import replacing, write_bytes, write_csv, write_parquet
+from bumpstop.recording.formats.parquet_excel import read_parquet
+from bumpstop.shards.storage import LocalStorage
 from bumpstop.text_files import parse_toml, write_text
+from bumpstop.view.point_rows import read_rows
 
 SOURCE = Path(bs.__file__).parent
 
@@ -45,25 +51,76 @@ def test_links_are_followed_and_what_is_no_file_is_written_as_it_is(tmp_path: Pa
     assert not Path("/dev/null").is_file()
 
 
-def test_a_full_disk_is_named_and_leaves_nothing(tmp_path: Path) -> None:
-    """A limit of the size of files stands for it: the system ends a write in the middle, too."""
+def limited(code: str, path: Path) -> subprocess.CompletedProcess[str]:
+    """Run code where no file may be longer than 4096 bytes."""
 
-    def limited() -> None:
+    def limit() -> None:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
 
-    out = tmp_path / "cell.toml"
-    code = "from bumpstop.text_files import parse_toml, write_text; import sys; write_text(sys.argv[1], 'x' * 9000)"
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(out)],
+    return subprocess.run(
+        [sys.executable, "-c", code, str(path)],
         env=os.environ | {"PYTHONPATH": str(SOURCE.parent)},
-        preexec_fn=limited,
+        preexec_fn=limit,
         capture_output=True,
         text=True,
         check=False,
     )
+
+
+def test_a_full_disk_is_named_and_leaves_nothing(tmp_path: Path) -> None:
+    """A limit of the size of files stands for it: the system ends a write in the middle, too."""
+
+    out = tmp_path / "cell.toml"
+    code = "from bumpstop.text_files import parse_toml, write_text; import sys; write_text(sys.argv[1], 'x' * 9000)"
+    done = limited(code, out)
     assert "cannot be written (File too large)" in done.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        "write_parquet(path / 'rows', rows)",
+        "write_csv(path / 'rows', rows)",
+        "LocalStorage(path).write_rows('rows', rows, {})",
+    ],
+)
+def test_a_disk_that_is_full_in_the_middle_of_a_table_is_an_error_of_the_system(write: str, tmp_path: Path) -> None:
+    """Polars has kinds of its own for it."""
+    code = f"""
+import sys
+from pathlib import Path
+import numpy as np
+import polars as pl
+from bumpstop.output_files import write_csv, write_parquet
+from bumpstop.shards.storage import LocalStorage
+path, rows = Path(sys.argv[1]), pl.DataFrame({{"x": np.random.default_rng(1).random(9000)}})
+try:
+    {write}
+except OSError as error:
+    print(error.errno, error.strerror, error.filename)
+"""
+    done = limited(code, tmp_path)
+    assert done.stderr == ""
+    assert done.stdout == f"{errno.EFBIG} File too large {tmp_path}/rows\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_tables_are_written_and_read_under_names_that_are_no_text(tmp_path: Path) -> None:
+    folder = tmp_path / os.fsdecode(b"b\xff")
+    folder.mkdir()
+    rows = pl.DataFrame({"t": [0.0, 0.1, 0.2, 0.3], "q_1": [0.0, 0.1, 0.0, 0.1]})
+    write_csv(folder / "rows.csv", rows)
+    assert (folder / "rows.csv").read_text().startswith("t,q_1\n0.0,0.0\n")
+    write_parquet(folder / "rows.parquet", rows, {"robot": "mine"})
+    table = read_parquet(folder / "rows.parquet")
+    assert (table.names, table.robot, table.rows_read) == (("t", "q_1"), "mine", 4)
+    assert table.fetch([1])[:, 0].tolist() == [0.0, 0.1, 0.0, 0.1]
+    assert read_rows(folder / "rows.parquet")["q_1"].tolist() == [0.0, 0.1, 0.0, 0.1]
+    storage = LocalStorage(folder)
+    checksum = storage.write_rows("rows/0.parquet", rows, {})
+    assert hashlib.sha256(storage.read("rows/0.parquet")).hexdigest() == checksum
 
 
 def test_errors_name_the_file_that_was_asked_for(tmp_path: Path) -> None:
@@ -73,9 +130,7 @@ def test_errors_name_the_file_that_was_asked_for(tmp_path: Path) -> None:
 
 def test_every_module_writes_through_the_one_writer() -> None:
     """Names of methods that would write under the name itself."""
-    own = re.compile(
-        r"\.(?:write_text|write_bytes|savefig|to_csv)\(|\.write_(?:parquet|csv)\((?!waiting|joined|content)"
-    )
+    own = re.compile(r"\.(?:write_text|write_bytes|savefig|to_csv)\(|\.write_(?:parquet|csv)\((?!file|joined|content)")
     # Figures go into memory, or under the name that output_files.replacing lends.
     allowed = {"benchmark.py": 1, "display.py": 2, "output_files.py": 1, "picture.py": 1, "recorder.py": 1}
     for path in SOURCE.rglob("*.py"):

@@ -11,7 +11,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from bumpstop.errors import InputError
-from bumpstop.shards.settings_file import SETTINGS, damage, differing, read_made_by, settings_text
+from bumpstop.shards.settings_file import SETTINGS, damage, differing, read_made_by, settings_content
 from bumpstop.shards.sharded_job import to_jsonable
 from bumpstop.shards.storage import Location, Storage, storage_at
 
@@ -78,15 +78,17 @@ class ResultFolder:
             command: that made it, kept in the settings.
 
         Raises:
-            InputError: it holds another job, or rows without settings, or cannot be written.
+            InputError: it holds another job, or rows without settings, or cannot be written, or the job has files whose
+                names are no text.
         """
         try:
             try:
                 self._check(self.storage.read(SETTINGS), job)
             except FileNotFoundError:
                 self._refuse_orphans()
+                settings = settings_content(job, self.fingerprint, command)
                 self.storage.make()
-                self.storage.write(SETTINGS, settings_text(job, self.fingerprint, command).encode("utf-8"))
+                self.storage.write(SETTINGS, settings)
                 self.made = True
         except OSError as error:
             raise self._unwritable(error) from None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from bumpstop.collision.scenario.keys import MADE_BY
 from bumpstop.shards.sharded_job import versions
-from bumpstop.text_files import to_toml
+from bumpstop.text_files import encoded, to_toml
 
 if TYPE_CHECKING:
     from bumpstop.shards.sharded_job import ShardedJob
@@ -19,8 +19,12 @@ SETTINGS = "settings.toml"
 _CHECKSUM = b"checksum = "
 
 
-def settings_text(job: ShardedJob, fingerprint: str, command: str) -> str:
-    """The settings file of a job; ``command`` made its folder."""
+def settings_content(job: ShardedJob, fingerprint: str, command: str) -> bytes:
+    """The settings file of a job; ``command`` made its folder.
+
+    Raises:
+        InputError: the scenario names a file whose name is no text.
+    """
     made_by = {"study": job.name, **job.settings(), **versions(), "fingerprint": fingerprint}
     if command:
         made_by["command"] = command
@@ -29,8 +33,8 @@ def settings_text(job: ShardedJob, fingerprint: str, command: str) -> str:
     shown = "".join(c if c.isprintable() else repr(c)[1:-1] for c in command)
     what, tables = job.document()
     head = f"# {what}. Made by: {shown}\n" if command else f"# {what}.\n"
-    text = head + to_toml(tables | {MADE_BY: made_by})
-    return f'{text}{_CHECKSUM.decode()}"{hashlib.sha256(text.encode("utf-8")).hexdigest()}"\n'
+    content = encoded(head + to_toml(tables | {MADE_BY: made_by}), "scenario")
+    return content + _CHECKSUM + f'"{hashlib.sha256(content).hexdigest()}"\n'.encode()
 
 
 def read_made_by(settings: bytes) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bumpstop.errors import InputError
-from bumpstop.output_files import replacing, write_bytes
+from bumpstop.output_files import write_bytes, write_parquet
 
 if TYPE_CHECKING:
     import polars as pl
@@ -115,10 +115,9 @@ class LocalStorage(Storage):
 
     def write_rows(self, name: str, rows: pl.DataFrame, metadata: dict[str, str]) -> str:  # noqa: D102
         self._make_folder_of(name)
-        with replacing(self.path / name, durable=True) as waiting:
-            rows.write_parquet(waiting, metadata=metadata)
-            with waiting.open("rb") as file:
-                return hashlib.file_digest(file, "sha256").hexdigest()
+        write_parquet(self.path / name, rows, metadata, durable=True)
+        with (self.path / name).open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
 
     def delete(self, name: str) -> None:  # noqa: D102
         (self.path / name).unlink(missing_ok=True)

@@ -149,7 +149,9 @@ def read_rows(file: Path) -> dict[str, np.ndarray]:
 
     known = {*_TIP, *_VELOCITY, *_DIRECTION, *(column for column, _ in _VALUES)}
     try:
-        names = [name for name in pl.read_parquet_schema(file) if name in known or name.startswith("q_")]
-        return {column.name: column.to_numpy() for column in pl.read_parquet(file, columns=names, glob=False)}
+        with file.open("rb") as content:
+            names = [name for name in pl.read_parquet_schema(content) if name in known or name.startswith("q_")]
+        with file.open("rb") as content:
+            return {column.name: column.to_numpy() for column in pl.read_parquet(content, columns=names)}
     except (pl.exceptions.PolarsError, OSError) as error:
         raise InputError(str(file), f"cannot be read ({str(error).splitlines()[0]})", "wanted rows.parquet") from None

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from bumpstop.errors import InputError
 from bumpstop.output_files import write_bytes, write_parquet
+from bumpstop.text_files import encoded
 
 if TYPE_CHECKING:
     from bumpstop.collision import CollisionResult
@@ -29,18 +30,15 @@ def write_outputs(result: CollisionResult, folder: Path, uncertain: UncertainRes
     from bumpstop.collision.tables import result_table
     from bumpstop.report import write_report
 
+    settings = encoded(settings_toml(result, uncertain), "scenario")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        write_bytes(folder / "settings.toml", settings_toml(result, uncertain).encode("utf-8"))
+        write_bytes(folder / "settings.toml", settings)
         write_parquet(folder / "law.parquet", result_table(result))
         return write_report(result, folder, uncertain=uncertain)
-    except UnicodeEncodeError as error:
-        text = error.object[max(0, error.start - 20) : error.end]
-        raise InputError("scenario", f"{text!r} is no text", "wanted names of files in UTF-8") from None
     except OSError as error:
         raise InputError(
             "--out",
-            # The Parquet writer puts everything into the message.
             f"{str(folder)!r} cannot be written ({error.filename or folder}: {error.strerror or error})",
             "give another folder",
         ) from None

@@ -30,17 +30,20 @@ def parquet(path: Path, shown: str, columns: list[str] | None, rows: int | None)
     import polars as pl
 
     try:
+        # Polars takes no path that is not UTF-8, and a bracket in one for a pattern.
         if columns is not None:
-            # A bracket in the name of a file is no pattern.
-            found = pl.read_parquet(path, columns=sorted(set(columns)), glob=False)
+            with path.open("rb") as file:
+                found = pl.read_parquet(file, columns=sorted(set(columns)))
             if found.height != rows:
                 problem = f"cannot be read as Parquet (it says that it has {rows} rows, and has {found.height})"
                 raise InputError(shown, problem, _DAMAGED)
             return {}, _numbers(found, columns)
-        table = pl.scan_parquet(path, glob=False)
-        schema = table.collect_schema()
-        said = pl.read_parquet_metadata(path)
-        count = int(table.select(pl.len()).collect().item())
+        with path.open("rb") as file:
+            table = pl.scan_parquet(file)
+            schema = table.collect_schema()
+            count = int(table.select(pl.len()).collect().item())
+        with path.open("rb") as file:
+            said = pl.read_parquet_metadata(file)
     except InputError:
         raise
     except Exception as error:  # polars raises many kinds for a damaged file
