@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -96,7 +97,7 @@ def identification(
             load_m=_three("--load-m", load_m),
         )
         plan = plan_identification(arm, settings)
-    files = ["plan.toml"]
+    files, removed = ["plan.toml"], list[str]()
     with writing(out):
         seconds = []
         for experiment in plan.experiments:
@@ -105,13 +106,17 @@ def identification(
             if out is not None:
                 files += write_path(out, f"joint_{experiment.joint + 1}", path, arm, rate)
         if out is not None:
+            removed = _remove_others(out, files)
             save_plan(plan, out / "plan.toml", robot=named)
     if as_json:
-        typer.echo(json.dumps(_as_json(plan, seconds, files if out is not None else []), allow_nan=False, indent=2))
+        answer = _as_json(plan, seconds, files if out is not None else [], removed)
+        typer.echo(json.dumps(answer, allow_nan=False, indent=2))
         return
     _print(plan, seconds)
     if out is not None:
         typer.echo(f"plan: {out / 'plan.toml'}, trajectories beside it as .csv and .json")
+        if removed:
+            typer.echo(f"removed, as they are of another plan: {', '.join(removed)}")
 
 
 def named_robot(name: str, base: str | None, tip: str | None) -> tuple[Robot, dict[str, str]]:
@@ -141,6 +146,17 @@ def write_path(folder: Path, name: str, path: TimedPath, arm: Robot, rate: float
     return [f"{name}.csv", f"{name}.json"]
 
 
+def _remove_others(folder: Path, files: list[str]) -> list[str]:
+    """Remove the trajectories of a former plan that the new one does not have; returns their names."""
+    if not (folder / "plan.toml").exists():
+        return []
+    found = [path for path in folder.iterdir() if re.fullmatch(r"joint_[1-9][0-9]*\.(csv|json)", path.name)]
+    others = sorted(path for path in found if path.name not in files)
+    for path in others:
+        path.unlink()
+    return [path.name for path in others]
+
+
 def _share(option: str, percent: float, least: float = 0.0) -> float:
     if not (0 < percent <= 100 and percent >= least):
         wanted = f"{least:g} to 100" if least else "above 0, at most 100"
@@ -168,7 +184,7 @@ def _numbers(option: str, text: str, count: int | None = None) -> list[float]:
     return found
 
 
-def _as_json(plan: IdentificationPlan, seconds: list[float], files: list[str]) -> dict[str, Any]:
+def _as_json(plan: IdentificationPlan, seconds: list[float], files: list[str], removed: list[str]) -> dict[str, Any]:
     joints = [
         {
             "joint": one.joint + 1,
@@ -188,7 +204,13 @@ def _as_json(plan: IdentificationPlan, seconds: list[float], files: list[str]) -
         {"joint": lost.joint + 1, "name": lost.name, "reason": lost.reason, "remedy": lost.remedy}
         for lost in plan.unobservable
     ]
-    return {"robot": plan.robot.name, "joints": joints, "unobservable": unobservable, "files": files}
+    return {
+        "robot": plan.robot.name,
+        "joints": joints,
+        "unobservable": unobservable,
+        "files": files,
+        "removed": removed,
+    }
 
 
 def _print(plan: IdentificationPlan, seconds: list[float]) -> None:
@@ -197,7 +219,9 @@ def _print(plan: IdentificationPlan, seconds: list[float]) -> None:
 
     console = Console(highlight=False, markup=False, soft_wrap=True, width=max(Console().width, 120))
     arm = plan.robot
-    typer.echo(f"{arm.title or arm.name}: {len(plan.experiments)} of {arm.dof} joints, {sum(seconds) / 60:.0f} min")
+    minutes = sum(seconds) / 60
+    length = f"{minutes:.1f} min" if minutes < 10 else f"{minutes:.0f} min"
+    typer.echo(f"{arm.title or arm.name}: {len(plan.experiments)} of {arm.dof} joints, {length}")
     table = Table(box=None, pad_edge=False)
     for heading in ("", "joint", "stroke, deg", "gravity, Nm", "deg/s", "clear, mm", "held while", "min"):
         table.add_column(heading, justify="left" if heading == "joint" else "right", no_wrap=True)

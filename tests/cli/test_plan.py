@@ -1,0 +1,39 @@
+"""``bumpstop plan identification``: what it prints and leaves."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from cli.support import run, strict_json
+
+QUICK = ("--repeats", 2)
+
+
+def test_trajectories_of_another_plan_do_not_stay_beside_the_new(tmp_path: Path) -> None:
+    """They would be taken for its own, and run on another arm."""
+    mine = tmp_path / "joint_x.csv"
+    mine.write_text("mine")
+    (tmp_path / "joint_9.csv").write_text("a recording, as no plan was here")
+    first = run("plan", "identification", "--robot", "sia5d", "--out", tmp_path, *QUICK)
+    assert (first.status, first.err) == (0, "")
+    assert "removed" not in first.out
+    before = {path.name for path in tmp_path.iterdir()} - {mine.name}
+    assert "joint_9.csv" in before
+    second = run("plan", "identification", "--robot", "ur10e", "--out", tmp_path, "--json", *QUICK)
+    assert (second.status, second.err) == (0, "")
+    found = strict_json(second.out)
+    assert set(found["removed"]) == before - set(found["files"])
+    assert {"joint_6.csv", "joint_6.json"} <= set(found["removed"])
+    assert {path.name for path in tmp_path.iterdir()} == {*found["files"], mine.name}
+    (tmp_path / "joint_7.json").write_text("{}")
+    third = run("plan", "identification", "--robot", "ur10e", "--out", tmp_path, *QUICK)
+    assert "removed, as they are of another plan: joint_7.json\n" in third.out
+
+
+def test_minutes_have_a_digit_where_they_are_few() -> None:
+    found = run("plan", "identification", "--robot", "ur10e", "--repeats", 1, "--ramps", 0, "--holds", 0)
+    minutes = re.search(r"joints, (\S+) min", found.out)
+    assert minutes is not None
+    assert float(minutes[1]) < 10
+    assert re.fullmatch(r"\d\.\d", minutes[1])
