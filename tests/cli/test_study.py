@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import html
 import json
+import os
 import re
 from pathlib import Path
 
@@ -12,8 +14,9 @@ import polars as pl
 import pytest
 
 from bumpstop.detection.tuning.residual_record import write_residuals
+from bumpstop.output_files import write_bytes
 from bumpstop.study.study import Study
-from cli.support import EXAMPLE, run, strict_json
+from cli.support import EXAMPLE, REPOSITORY, run, strict_json
 
 SLOW = ("--set", "motion.velocity_mm_s=[0, 0, -10]")
 QUICK = {
@@ -256,3 +259,18 @@ def test_body_parts_without_a_verdict_say_why(tmp_path: Path) -> None:
     # Three parts on two areas: in the table of speeds, and in that of all collisions at one speed.
     assert page.count("no verdict<") == 12
     assert ">none<" not in page.split("All 8 collisions")[0]
+
+
+def test_a_disk_that_is_full_at_the_slower_trajectory_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(path: Path, content: bytes) -> None:
+        if path == tmp_path / "retimed.json":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        write_bytes(path, content)
+
+    monkeypatch.setattr("bumpstop.study.speed.trajectory_writing.write_bytes", full)
+    scenario = REPOSITORY / "examples" / "06_pick_and_place_trajectory.toml"
+    result = run("study", "speed-limits", scenario, "--out", tmp_path)
+    assert result.status == 2
+    assert (
+        result.err == f"error: --out: '{tmp_path}' cannot be written (No space left on device); give another folder\n"
+    )

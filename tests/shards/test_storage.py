@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 from collections.abc import Iterator
@@ -146,3 +147,35 @@ def test_a_place_that_never_gives_back_what_was_written_is_given_up(
     monkeypatch.setattr(LocalStorage, "read", forgetful)
     with pytest.raises(bs.InputError, match=r"000003\.arrow' is damaged, .* although it was written anew;"):
         complete(job, store, Workers())
+
+
+@pytest.mark.parametrize("share", [None, "1-of-2"])
+def test_a_place_that_cannot_be_locked_is_told_as_the_user_s(
+    share: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Any, flags: int, mode: int = 0o777) -> int:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "open", full)
+        with pytest.raises(bs.InputError, match=r"^--out: .* cannot be used \(.*: Read-only file system\); give"):
+            LocalStorage(tmp_path).lock(share).__enter__()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "shards").write_bytes(b"")
+    with pytest.raises(bs.InputError, match=r"^--out: .* cannot be used \(.*shards: File exists\)"):
+        LocalStorage(tmp_path / "out").lock(share).__enter__()
+
+
+def test_a_folder_that_a_file_replaces_is_named(tmp_path: Path) -> None:
+    job, out = Squares(control_group()), tmp_path / "out"
+    store = ResultFolder(out, job)
+    store.open(job)
+
+    def replace(done: int, total: int) -> None:
+        if done == 0:
+            shutil.rmtree(out)
+            out.write_bytes(b"")
+
+    with pytest.raises(bs.InputError, match=r"^--out: .* cannot be used \(.*: Not a directory\)"):
+        compute_missing(job, store, Workers(), progress=replace)
+    assert out.read_bytes() == b""

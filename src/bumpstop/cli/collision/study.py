@@ -13,6 +13,7 @@ import typer
 from bumpstop.cli.collision.evaluate import MAX_THREADS, change, whole
 from bumpstop.cli.command_group import group
 from bumpstop.cli.completion import complete_body, complete_setting, complete_variable
+from bumpstop.cli.folders import writing
 from bumpstop.cli.progress import progress
 
 if TYPE_CHECKING:
@@ -90,7 +91,8 @@ def execute(
     if out is not None:
         from bumpstop.report.studies.study import write_study_report
 
-        title, parts, notes = report(rows, summary)
+        with writing(out):
+            title, parts, notes = report(rows, summary)
         page = write_study_report(study, title, parts, out, notes=notes)
     if as_json:
         typer.echo(json.dumps(to_jsonable(summary) | {"seconds": round(seconds, 3)}, allow_nan=False, indent=2))
