@@ -260,6 +260,8 @@ def test_a_cell_keeps_all_but_the_motion() -> None:
         (["{place}.dat"], "holds data of a KRL program"),
         (["{place}.script", "--max-speed", "0"], "--max-speed: 0 mm/s cannot be used"),
         (["{place}.script", "-o", "{folder}"], "is where the program is"),
+        (["{place}.script", "-o", "loop"], "--out: 'loop' cannot be written (Not a directory)"),
+        (["loop", "-o", "out"], "loop: there is no such file"),
         (["empty.mod"], "has no move that is understood as RAPID"),
     ],
 )
@@ -272,6 +274,7 @@ def test_refusals(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("empty.mod").write_text("MODULE m ENDMODULE")
+    Path("loop").symlink_to("loop")
     words = [word.format(place=EXAMPLES / "place", folder=EXAMPLES) for word in arguments]
     with pytest.raises(SystemExit) as ended:
         main(["program", *words, "--scenario", str(EXAMPLES / "cell.toml")])

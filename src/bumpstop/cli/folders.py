@@ -21,7 +21,8 @@ def check_folder(folder: Path | None, option: str = "--out") -> None:
     if folder is None:
         return
     try:
-        there = next(place for place in (folder, *folder.parents) if place.exists())
+        # A link that leads nowhere is there, too: no folder can be made in its place.
+        there = next(place for place in (folder, *folder.parents) if place.exists() or place.is_symlink())
         why = "Not a directory" if not there.is_dir() else "" if os.access(there, os.W_OK) else "Permission denied"
     except OSError as error:  # on the way there is a folder that may not be looked into
         why = error.strerror or str(error)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +22,7 @@ def check_target(path: Path, folder: Path) -> None:
     Raises:
         InputError: it is.
     """
-    if folder.resolve() == path.resolve().parent:
+    if Path(os.path.realpath(folder)) == Path(os.path.realpath(path)).parent:
         raise InputError("--out", f"{str(folder)!r} is where the program is", "give another folder")
 
 
