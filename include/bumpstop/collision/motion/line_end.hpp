@@ -35,7 +35,7 @@ inline void cut_line(const CollisionSetup& setup, PathEnd why, int met_step, con
     bool standing = std::all_of(rate, rate + n, [](double r) { return r == 0; });
     while (!standing && int(path.braking.size()) < longest) {
         for (int sub = 0; sub < motion.substeps; ++sub, ++substep) {
-            double change[max_joints], saturation[max_joints], tightened[max_joints];
+            double change[max_joints] = {}, saturation[max_joints], tightened[max_joints];
             for (int f = 0; f < n; ++f) tightened[f] = 1 / profile.of(f, substep);
             standing = limited_change(motion, full, standstill, state, change, saturation, tightened,
                                       motion.deceleration.independent);
