@@ -24,6 +24,7 @@ _NOISE_SDS = 6.0
 OFFSET_SHARE, MIN_OFFSET_N = 0.01, 1.0
 # A zero that moves by more than this share shortly before contact spoils the peak: the rise up to the trigger is less.
 _MOVING_SHARE = 0.03
+_LOAD_SHARE = 0.1
 # Medians of n samples differ by more than this many times their noise over the root of n once in 10 000 times.
 _MEDIAN_SDS = 7.0
 MIN_BASELINE = 5
@@ -131,11 +132,13 @@ def _moving(
     if size >= MIN_BASELINE:
         moved, noise = _step(curve.force[free[:size]], curve.force[free[-size:]])
         if abs(moved) > max(MIN_OFFSET_N, OFFSET_SHARE * peak, noise):
+            # What rises so far may be a load, which belongs to the peak.
+            load = moved > _LOAD_SHARE * peak
             text = (
                 f"The zero moves by {moved:.3g} N before contact: what the gauge shows shortly before it was taken "
-                "away."
+                f"away{', but it may be a load' if load else ''}."
             )
-            found.append(GaugeFault("drift", 1, text, repaired=True))
+            found.append(GaugeFault("drift", 1, text, repaired=True, spoils=load))
     half = before.size // 2
     moved, noise = _step(curve.force[before[:half]], curve.force[before[-half:]])
     if abs(moved) > max(MIN_OFFSET_N, _MOVING_SHARE * peak, noise):
