@@ -66,9 +66,7 @@ def find_contact(curve: GaugeCurve, trigger: float, *, extrapolate: bool) -> Gau
     onset = _crossing(curve, first, trigger)
     if extrapolate:
         onset = _begin(curve, first, onset)
-    # What the recording begins with is no touch, but a zero that moved.
-    seen = np.flatnonzero((begins[: own + 1] > 0) | (tops[: own + 1] >= _TOUCH_SHARE * force[highest]))
-    return GaugeContact(first, onset, tuple(_before(time[begins[seen]], tops[seen])))
+    return GaugeContact(first, onset, tuple(_before(time[begins[: own + 1]], tops[: own + 1], hard, force[highest])))
 
 
 def samples_before(curve: GaugeCurve, first: int, trigger: float) -> npt.NDArray[np.intp]:
@@ -115,15 +113,10 @@ def _contacts(curve: GaugeCurve, trigger: float) -> tuple[npt.NDArray[np.intp], 
     return begins, ends
 
 
-def _before(begins: FloatArray, tops: FloatArray) -> list[GaugeFault]:
-    """Faults of what is before the last of some contacts.
-
-    Args:
-        begins: of the contacts [s].
-        tops: their highest forces [N].
-    """
-    own, peak = begins.size - 1, float(tops[-1])
-    collisions = np.flatnonzero(tops[:own] >= _TOUCH_SHARE * peak)
+def _before(begins: FloatArray, tops: FloatArray, hard: npt.NDArray[np.intp], peak: float) -> list[GaugeFault]:
+    """Faults of what is before the last of some contacts."""
+    own = begins.size - 1
+    collisions = hard[hard < own]
     found = []
     touches = own - collisions.size
     if touches:

@@ -10,20 +10,27 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
-from bumpstop.measure.reading.gauge_contact import late_fault
+from bumpstop.measure.reading.gauge_contact import find_contact, late_fault, samples_before
 from bumpstop.measure.reading.gauge_curve import GaugeCurve, GaugeFormat, load_gauge_curve
 from bumpstop.measure.reading.gauge_fault import GaugeFault
 from bumpstop.measure.reading.gauge_faults import curve_faults, sampling_faults
 from bumpstop.measure.reading.gauge_pressure import corrected_pressure
-from bumpstop.measure.reading.gauge_zero import MIN_BASELINE, MIN_OFFSET_N, OFFSET_SHARE, zeroed_gauge
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from bumpstop.arrays import FloatArray
 
+# Contact begins where the force passes this share of the peak, unless a trigger is told.
+_TRIGGER_SHARE = 0.03
+_NOISE_SDS = 6.0
+# A zero that is off by more than a share of the peak, and by more than this, is told [N].
+_OFFSET_SHARE, _MIN_OFFSET_N = 0.01, 1.0
 # What is left is taken over this long after the first half second [s].
 _LASTING_S = 0.5
+_MIN_BASELINE = 5
+# A recording that begins with more than this share of its highest force, and ends elsewhere, begins in contact.
+_IN_CONTACT = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,11 +121,22 @@ def analyse(curve: GaugeCurve, trigger_N: float | None = None) -> GaugeReading:
     """
     raw, faults = curve.force, list(sampling_faults(curve))
     timeless = any(fault.name == "wrong_column" for fault in faults)
-    gauge = zeroed_gauge(curve, trigger_N)
-    zeroed, contact, force = gauge.curve, gauge.contact, gauge.curve.force
-    first, onset, peak = contact.first, contact.onset, float(force.max())
-    known = math.isfinite(gauge.zero)
-    faults += (*gauge.faults, *contact.faults)
+    zero, noise, before = _baseline(raw)
+    force = raw - zero
+    if -force.min() > force.max():
+        force = -force
+        faults.append(GaugeFault("inverted", 1, "The force is negative: it was turned over.", repaired=True))
+    peak = float(force.max())
+    if before and abs(zero) > max(_MIN_OFFSET_N, _OFFSET_SHARE * peak):
+        text = f"The gauge shows {zero:.3g} N before contact: that was taken away."
+        faults.append(GaugeFault("shifted", 1, text, repaired=True))
+    zeroed = replace(curve, force=force)
+    trigger = trigger_N
+    if trigger is None:
+        trigger = max(_TRIGGER_SHARE * peak, _NOISE_SDS * noise if math.isfinite(noise) else 0.0)
+    contact = find_contact(zeroed, trigger, extrapolate=trigger_N is None and before)
+    first, onset = contact.first, contact.onset
+    faults += contact.faults
     since = curve.time - onset
     early = (since >= 0) & (since <= FIRST_PHASE_S)
     early[first] = True
@@ -126,14 +144,15 @@ def analyse(curve: GaugeCurve, trigger_N: float | None = None) -> GaugeReading:
     at = int(np.flatnonzero(early)[np.argmax(force[early])])
     summit, summit_time = _summit(curve.time, force, at)
     lasting = late & (since <= FIRST_PHASE_S + _LASTING_S)
-    drift = _drift(force, gauge.trigger, at)
-    pressure, pressure_faults = corrected_pressure(curve, gauge.before)
+    drift = _drift(force, trigger, at)
+    at_rest = samples_before(zeroed, first, trigger) if before else np.arange(0)
+    pressure, pressure_faults = corrected_pressure(curve, at_rest)
     zeroed = replace(zeroed, pressure=pressure)
     faults += pressure_faults
-    faults += curve_faults(zeroed, raw, at, first, onset, summit, known)
+    faults += curve_faults(zeroed, raw, at, first, onset, summit, before)
     if not any(fault.name == "wrong_column" for fault in faults):
         faults += late_fault(zeroed, at, onset)
-    if math.isfinite(drift) and abs(drift) > max(MIN_OFFSET_N, OFFSET_SHARE * peak):
+    if math.isfinite(drift) and abs(drift) > max(_MIN_OFFSET_N, _OFFSET_SHARE * peak):
         text = f"The gauge shows {drift:.3g} N more after the contact than before it."
         faults.append(GaugeFault("drift", 1, text))
     return GaugeReading(
@@ -144,9 +163,9 @@ def analyse(curve: GaugeCurve, trigger_N: float | None = None) -> GaugeReading:
         peak_time=summit_time - onset,
         lasting_N=float(force[late].max()) if late.any() else math.nan,
         left_N=float(np.median(force[lasting])) if lasting.any() else math.nan,
-        zero_N=gauge.zero,
+        zero_N=zero if before else math.nan,
         drift_N=drift,
-        noise_N=gauge.noise,
+        noise_N=noise,
         peak_pressure_N_cm2=_highest(pressure, early),
         lasting_pressure_N_cm2=_highest(pressure, late),
         rate_hz=1.0 / curve.step,
@@ -159,6 +178,25 @@ def _highest(pressure: FloatArray | None, rows: npt.NDArray[np.bool_]) -> float:
     """Highest of some samples; NaN where none of them has a number."""
     known = np.array([]) if pressure is None else pressure[rows & np.isfinite(pressure)]
     return float(known.max()) if known.size else math.nan
+
+
+def _baseline(force: FloatArray) -> tuple[float, float, bool]:
+    """Force before contact, its standard deviation, and whether the recording has such a time."""
+    span = float(force.max() - force.min())
+    if span == 0:
+        return 0.0, math.nan, False
+    # Until the force first leaves what it begins with.
+    away = np.abs(force - np.median(force[:_MIN_BASELINE])) > 0.1 * span
+    count = int(np.argmax(away)) if away.any() else force.size
+    # The rise itself is no baseline.
+    count = count - max(1, count // 10) if count > _MIN_BASELINE else count
+    if count < _MIN_BASELINE:
+        return 0.0, math.nan, False
+    begin, highest = force[:count], float(np.abs(force).max())
+    zero, end = float(np.median(begin)), float(np.median(force[-_MIN_BASELINE:]))
+    one_sign = min(float(force.max()), -float(force.min())) < 0.02 * highest
+    in_contact = one_sign and abs(zero) > _IN_CONTACT * highest and abs(end - zero) > 0.1 * highest
+    return (0.0, math.nan, False) if in_contact else (zero, float(begin.std()), True)
 
 
 def _summit(time: FloatArray, force: FloatArray, at: int) -> tuple[float, float]:
@@ -185,4 +223,4 @@ def _drift(force: FloatArray, trigger: float, at: int) -> float:
     pressed = np.flatnonzero(tail >= max(trigger, 0.1 * float(force.max())))
     free = tail[int(pressed[-1]) + 1 :] if pressed.size else tail
     free = free[free.size // 2 :]
-    return float(np.median(free)) if free.size >= MIN_BASELINE else math.nan
+    return float(np.median(free)) if free.size >= _MIN_BASELINE else math.nan
