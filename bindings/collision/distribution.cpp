@@ -23,8 +23,8 @@ LinearQuantity& with_moments(CollisionDistribution& self, const std::string& nam
     return found;
 }
 
-// The slots of every panel in an array are alike: alarms before the first tick in contact, that tick and later ones, and at
-// last no detection.
+// The slots of every panel in an array are alike: alarms before the first tick in contact, that tick and later ones,
+// and at last no detection.
 struct ArraySlots {
     explicit ArraySlots(const PiecewiseDensity& density) {
         for (const PiecewiseDensity::Panel& panel : density.panel) {

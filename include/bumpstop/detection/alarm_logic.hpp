@@ -1,5 +1,5 @@
 /// @file
-/// From residuals to alarms: thresholds, arming, two channels, and an alarm that is latched until it is acknowledged.
+/// From residuals to alarms: thresholds, arming, two channels, and an alarm that stands until it is acknowledged.
 #pragma once
 
 #include <array>
@@ -40,7 +40,7 @@ struct AlarmSettings {
     double arming_delay = 0;            ///< after a motion begins [s]
     double rest_time = 0.1;             ///< the arm rests once all joints were below rest_speed for this long [s]
     double low_hz = 0.5, high_hz = 30;  ///< cut-off frequencies of the band-pass channel
-    /// While an alarm is latched, a residual over its threshold begins another event if all were below for this long
+    /// While an alarm stands, a residual over its threshold begins another event if all were below for this long
     /// [s]; infinite: never.
     double event_pause = 0.1;
 };
@@ -63,7 +63,7 @@ class AlarmLogic {
 
     /// Takes a tick at time t [s], `dt` after the last one: residuals, rates, accelerations and the standard errors of
     /// the torque (or null), by joint and finite, in arrays of max_joints numbers. True: an event begins with this
-    /// tick. It raises the alarm, or comes while one is latched.
+    /// tick. It raises the alarm, or comes while one stands.
     bool update(double t, double dt, const double* residual, const double* qd, const double* qdd,
                 const double* sd) noexcept {
         const ThresholdModel& model = settings_.thresholds;
@@ -101,9 +101,9 @@ class AlarmLogic {
         const bool armed = resting_ || t - motion_begin_ >= settings_.arming_delay;
         const bool over = (over_ | over_fast_) != 0;
         masked_ = !armed && over;
-        const bool latched = state_ == DetectorState::alarm;
+        const bool stood = state_ == DetectorState::alarm;
         over_armed_ = armed && over;
-        if (!latched) state_ = armed ? DetectorState::monitoring : DetectorState::arming;
+        if (!stood) state_ = armed ? DetectorState::monitoring : DetectorState::arming;
         // After ticks without a residual the time below the thresholds starts again.
         if (!has_residual_) below_since_ = t;
         has_residual_ = true;
@@ -111,7 +111,7 @@ class AlarmLogic {
             event_over_ = event_over_ || t - below_since_ >= settings_.event_pause;
             return false;
         }
-        const bool begins = !latched || event_over_;
+        const bool begins = !stood || event_over_;
         state_ = DetectorState::alarm;
         below_since_ = t;
         event_over_ = false;

@@ -25,7 +25,7 @@ struct FittedMotor {
     double sign_speed = 1;  ///< above 0 [rad/s or m/s]
     double coulomb = 0, viscous = 0, rotor = 0, offset = 0, bend = 0;
     double top_speed = std::numeric_limits<double>::infinity();  ///< infinite: there is no bend term
-    double load = 0;
+    double load = 0;                                             ///< only of a motor of a single joint [1]
     double presliding = 0;  ///< travel over which the sign reverses [rad or m]; 0: the sign follows the speed at once
 };
 

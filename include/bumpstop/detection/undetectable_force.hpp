@@ -191,7 +191,8 @@ inline double undetectable_force_along(const Point3<double>* column, const Resid
 
 /// Result of a UndetectablePoseMonitor for a pose.
 struct PoseWarning {
-    double force = 0;      ///< largest undetectable force [N]; NaN where the pose is not finite
+    double force =
+        0;  ///< largest undetectable force [N]; infinite where a direction is undetectable; NaN where the pose is not finite
     bool warning = false;  ///< the force exceeds the limit
     bool entered = false;  ///< the warning begins with this pose
 };

@@ -103,7 +103,8 @@ void inverse_dynamics(const Chain& chain, const Inertias& inertias, const JointM
         const T uyz = yz - wd.x, uzy = yz + wd.x;
         const double hx = mass.first[0], hy = mass.first[1];
         force[i] = {uxy * hy - minus_uxx * hx, uyx * hx - minus_uyy * hy, uzx * hx + uzy * hy};
-        // First moment times a, and the integral of (r x U r) dm without its terms in `zz`, which is zero here.
+        // First moment times a, and the integral of (r x U r) dm without its terms in `mass.zz`, which is 0 where the
+        // joint is revolute.
         moment[i] = {a.z * hy + uzy * mass.yy + (zz - yy) * mass.yz + uzx * mass.xy - uyx * mass.xz,
                      uxy * mass.yz - uzx * mass.xx + (xx - zz) * mass.xz - uzy * mass.xy - a.z * hx,
                      a.y * hx + uyx * mass.xx - uxy * mass.yy + (yy - xx) * mass.xy +

@@ -88,7 +88,7 @@ class CausalDerivative {
             derivative_weights<L>({x, weight_.data(), scratch[0], scratch[1], {scratch[2], rate, acceleration}, padded},
                                   degree_);
         }
-        // Coefficients are applied to differences from the new sample, so its own does not matter.
+        // Coefficients are applied to differences from the new sample, so its own is 0: the slot still holds the one that leaves.
         rate[slot_] = acceleration[slot_] = 0;
         // Stored by age, and twice in a row, so that the ring may begin anywhere.
         for (int k = 0; k < window_; ++k) {

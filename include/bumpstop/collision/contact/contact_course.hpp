@@ -5,6 +5,7 @@
 #include <span>
 
 #include "bumpstop/collision/contact/contact_dynamics.hpp"
+#include "bumpstop/math/interruption.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 

@@ -3,7 +3,7 @@
 #pragma once
 
 #include "bumpstop/collision/contact/contact_propagator.hpp"
-#include "bumpstop/collision/contact/hermite_polynomial.hpp"
+#include "bumpstop/collision/contact/hermite_interpolant.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
@@ -20,7 +20,7 @@ struct ContactState {
     double force = 0;                    ///< of the contact [N]
     double peak = 0;                     ///< greatest force so far [N]
     double lasting = 0;                  ///< greatest force after the transient phase [N]
-    double max_penetration = -HUGE_VAL;  ///< greatest penetration while arm and body are apart: negative [m]
+    double max_penetration = -HUGE_VAL;  ///< greatest penetration while arm and body are apart [m]
     double elapsed = 0;                  ///< since the first touch [s]
     double duration = 0;                 ///< time in contact so far [s]
     double speed = 0;                    ///< of the reference in the step before [m/s]
@@ -146,8 +146,8 @@ class ContactDynamics {
     }
 
     /// The force over a time, from its value, rate and second rate at the begin and the end.
-    static HermitePolynomial force_polynomial(double value0, double rate0, double second0, double value1, double rate1,
-                                              double second1, double time) {
+    static HermiteInterpolant force_interpolant(double value0, double rate0, double second0, double value1,
+                                                double rate1, double second1, double time) {
         const double square = time * time;
         return {value0, rate0 * time, second0 * square, value1, rate1 * time, second1 * square};
     }
@@ -170,8 +170,8 @@ class ContactDynamics {
                 if (slope > 0 && rate[point] < 0 && highest + slope * by_->piece > known) {
                     double second = point == 0 ? before.force_second_rate : block.on_demand(in, point - 1);
                     if (piece == 0) second += by_->force_by_speed[2] * change + by_->force_by_ramp[2] * at.ramp;
-                    highest = std::max(highest, force_polynomial(value, slope, second, force[point], rate[point],
-                                                                 block.on_demand(in, point), by_->piece)
+                    highest = std::max(highest, force_interpolant(value, slope, second, force[point], rate[point],
+                                                                  block.on_demand(in, point), by_->piece)
                                                     .maximum());
                 }
                 at.record_force(highest, force[point], point * by_->piece, (point + 1) * by_->piece);
@@ -201,9 +201,9 @@ class ContactDynamics {
                 const bool turns = before.force_rate > 0 && after.force_rate < 0;
                 double highest = std::max(before.force, after.force);
                 if (turns || changes) {
-                    const HermitePolynomial force =
-                        force_polynomial(before.force, before.force_rate, before.force_second_rate, after.force,
-                                         after.force_rate, after.force_second_rate, time);
+                    const HermiteInterpolant force =
+                        force_interpolant(before.force, before.force_rate, before.force_second_rate, after.force,
+                                          after.force_rate, after.force_second_rate, time);
                     if (turns) highest = std::max(highest, force.maximum());
                     if (changes) share = force.root();
                 }
@@ -214,8 +214,8 @@ class ContactDynamics {
                 at.max_penetration = std::max(at.max_penetration, after.penetration);
                 // The force of a body with damping ends while it is still compressed: then the force shows the touch.
                 if (changes && before.penetration < 0)
-                    share = HermitePolynomial(before.penetration, before.penetration_rate * time, after.penetration,
-                                              after.penetration_rate * time)
+                    share = HermiteInterpolant(before.penetration, before.penetration_rate * time, after.penetration,
+                                               after.penetration_rate * time)
                                 .root();
                 else if (changes)
                     share = before.force < 0 ? before.force / (before.force - after.force) : 0.0;

@@ -259,7 +259,7 @@ class ContactOutcomes {
                 cached.size() == nodes ? std::move(cached[g])
                                        : ContactCollision(reactions_, panels_[first].tick,
                                                           0.5 * (low + high) + 0.5 * (high - low) * rule_.node[g]);
-            simulate_reactions(collision, probability.detected, [&](std::size_t slot, const Outcome& outcome) {
+            simulate_detections(collision, probability.detected, [&](std::size_t slot, const Outcome& outcome) {
                 const double value[] = {outcome.peak, outcome.lasting, outcome.duration, collision.force(int(slot))};
                 for (std::size_t q = 0; q < quantities; ++q) set(q * slots_ + slot, value[q]);
             });
@@ -273,7 +273,7 @@ class ContactOutcomes {
     /// Calls set(slot, outcome) for detections from the first to the last that have a probability. Successive ones
     /// whose probabilities add up to next to nothing are interpolated between their neighbours.
     template <class Set>
-    static void simulate_reactions(ContactCollision& collision, const std::vector<double>& chance, Set set) {
+    static void simulate_detections(ContactCollision& collision, const std::vector<double>& chance, Set set) {
         std::size_t first = 0, end = chance.size();
         while (first < end && !(chance[first] > 0)) ++first;
         while (end > first && !(chance[end - 1] > 0)) --end;

@@ -200,29 +200,29 @@ struct ContactPropagator {
         const detail::PaddedMatrix pressed = system.matrix(true), alone = system.matrix(false);
         in_contact = Transitions(pressed, piece);
         apart = Transitions(alone, piece);
-        std::array<Row, 5> row;  // force, its rate and second rate in contact; penetration and its rate apart
-        row[0] = system.force();
-        row[1] = system.rate(row[0], pressed);
-        row[2] = system.rate(row[1], pressed);
-        row[3] = system.penetration();
-        row[4] = system.rate(row[3], alone);
+        std::array<Row, 5> rows;  // force, its rate and second rate in contact; penetration and its rate apart
+        rows[0] = system.force();
+        rows[1] = system.rate(rows[0], pressed);
+        rows[2] = system.rate(rows[1], pressed);
+        rows[3] = system.penetration();
+        rows[4] = system.rate(rows[3], alone);
         jump = system.jump();
         reaction_jump = system.reaction_jump();
         for (std::size_t m = 0; m < force_by_speed.size(); ++m) {
-            force_by_speed[m] = row[m][std::size_t(states) + 1];
+            force_by_speed[m] = rows[m][std::size_t(states) + 1];
             for (int j = 0; j < states; ++j) {
-                force_by_speed[m] += row[m][std::size_t(j)] * reaction_jump[std::size_t(j)];
-                force_by_ramp[m] += row[m][std::size_t(j)] * (jump[std::size_t(j)] - reaction_jump[std::size_t(j)]);
+                force_by_speed[m] += rows[m][std::size_t(j)] * reaction_jump[std::size_t(j)];
+                force_by_ramp[m] += rows[m][std::size_t(j)] * (jump[std::size_t(j)] - reaction_jump[std::size_t(j)]);
             }
         }
         block_steps = pieces > ContactBlock::points ? 0 : ContactBlock::points / pieces;
         if (block_steps > 0) {
-            block_in_contact = ContactBlock(in_contact, pieces, system, {&row[0], 2}, row[2]);
-            block_apart = ContactBlock(apart, pieces, system, {&row[3], 1}, row[4]);
+            block_in_contact = ContactBlock(in_contact, pieces, system, {&rows[0], 2}, rows[2]);
+            block_apart = ContactBlock(apart, pieces, system, {&rows[3], 1}, rows[4]);
         }
-        outputs = detail::PaddedMatrix(int(row.size()), states + 2);
-        for (std::size_t i = 0; i < row.size(); ++i)
-            for (int j = 0; j < states + 2; ++j) outputs(int(i), j) = row[i][std::size_t(j)];
+        outputs = detail::PaddedMatrix(int(rows.size()), states + 2);
+        for (std::size_t i = 0; i < rows.size(); ++i)
+            for (int j = 0; j < states + 2; ++j) outputs(int(i), j) = rows[i][std::size_t(j)];
         residual = detail::PaddedMatrix(dof, states);
         for (int i = 0; i < dof; ++i) {
             const Row row = system.residual(i);

@@ -15,6 +15,11 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// The body that the arm hits: a damped spring against the ground or against a mass, which may stand on a spring.
 ///
+/// | body | stiffness | mass | ground_stiffness |
+/// |---|---|---|---|
+/// | clamped | of the body | 0 | |
+/// | free to move | of the body | of the body | 0 |
+/// | gauge | of its pad | of what moves | of its spring |
 struct ContactBody {
     double stiffness = 0;         ///< K [N/m]
     double damping = 0;           ///< c [Ns/m]
@@ -112,9 +117,9 @@ class ContactSystem {
     int coordinates() const { return 2 * arm_.dof + (body_.mass > 0 ? 1 : 0); }
     int states() const { return 2 * coordinates(); }
     int size() const { return states() + 2; }
-    /// Natural frequency of links and body on the contact spring, without gears and servo [rad/s]; 0: both are rigid.
+    /// Natural frequency of links and body on the contact spring, without gears and servo [rad/s]; 0: a rigid arm and a clamped body.
     double frequency() const { return frequency_; }
-    /// Half the period of that oscillation, which is how long such a contact lasts [s]; 0: both are rigid.
+    /// Half the period of that oscillation, which is how long such a contact lasts [s]; 0 likewise.
     double half_oscillation() const { return frequency_ > 0 ? std::numbers::pi / frequency_ : 0; }
 
     detail::PaddedMatrix matrix(bool in_contact) const {

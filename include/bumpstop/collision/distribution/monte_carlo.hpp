@@ -174,7 +174,7 @@ class MonteCarlo {
             if (k % many_ticks == 0) allow_interruption();
             const T force = max(s_[k] - offset, T(0.0)) * stiffness_;
             const bool contact = any(force > T(0.0));
-            auto fired = T(0.0) > T(1.0);
+            auto fired = mask_of<T>(false);
             MaskOf<T> over[max_joints];
             T noise[max_joints], residual[max_joints];
             PhiloxBlock<IntOf<T>> block{};
@@ -192,7 +192,7 @@ class MonteCarlo {
                     const auto far =
                         abs(a * force + detector_.mean[w]) < T(detector_.threshold[w] - 4 * detector_.sd[w]);
                     if (all(far & (draw.p > T(beyond_four_sd)))) {
-                        over[w] = T(0.0) > T(1.0);
+                        over[w] = mask_of<T>(false);
                         continue;
                     }
                     noise[w] = draw.normal() * detector_.sd[w] + detector_.mean[w];
@@ -292,7 +292,7 @@ class MonteCarlo {
                                    : detector_.correlation * (noise[j] - mean) + innovation * white + mean;
                 }
             }
-            MaskOf<T> fired = T(0.0) > T(1.0), over[max_joints];
+            MaskOf<T> fired = mask_of<T>(false), over[max_joints];
             for (int w = 0; w < detector_.monitored; ++w) {
                 const int j = detector_.joint[w];
                 over[w] = abs(noise[j] + contact[j]) > T(detector_.threshold[w]);

@@ -32,13 +32,13 @@ inline void cut_line(const CollisionSetup& setup, PathEnd why, int met_step, con
     std::copy_n(q, chain.dof, state.q);
     std::copy_n(qd, chain.dof, state.qd);
     double substep = 0;
-    bool standing = std::all_of(rate, rate + n, [](double r) { return r == 0; });
-    while (!standing && int(path.braking.size()) < longest) {
+    bool at_rest = std::all_of(rate, rate + n, [](double r) { return r == 0; });
+    while (!at_rest && int(path.braking.size()) < longest) {
         for (int sub = 0; sub < motion.substeps; ++sub, ++substep) {
             double change[max_joints] = {}, saturation[max_joints], tightened[max_joints];
             for (int f = 0; f < n; ++f) tightened[f] = 1 / profile.of(f, substep);
-            standing = limited_change(motion, full, standstill, state, change, saturation, tightened,
-                                      motion.deceleration.independent);
+            at_rest = limited_change(motion, full, standstill, state, change, saturation, tightened,
+                                     motion.deceleration.independent);
             for (int f = 0; f < n; ++f) {
                 const int j = motion.free_joint[f];
                 state.qd[j] += change[f];

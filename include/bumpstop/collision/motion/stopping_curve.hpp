@@ -36,7 +36,7 @@ inline double max_distance_on_line(const LinePath& path, int step) {
     return most;
 }
 
-/// Largest number of simulated reactions that begin before that to tick 0.
+/// About the largest number of simulated reactions that begin before that to tick 0.
 inline constexpr int max_early_reactions = 16;
 
 /// The ticks before tick 0 whose reactions are simulated: evenly spaced, the earliest and the latest among them.
@@ -103,8 +103,9 @@ inline void widen_by_latency(const CollisionSetup& setup, Reach reach, bool ever
 }
 
 /// Where another joint becomes the limiting one, the overtravel has a switching point as a function of the tick.
-/// Reactions that begin up to a stopping time before it cross it on their way. So the ticks are split there, and those
-/// whose reactions cross it form a range of their own, in which every tick is simulated.
+/// Reactions that begin up to an overtravel before it, which is half a stopping time at the speed of the line, cross it
+/// on their way. So the ticks are split there, and those whose reactions cross it form a range of their own, in which
+/// every tick is simulated.
 inline void split_at_switches(const CollisionSetup& setup, const LinePath& path, int curve,
                               const OvertravelTolerance& tolerance, std::vector<TickRange>& ranges) {
     const MotionSettings& motion = setup.motion;

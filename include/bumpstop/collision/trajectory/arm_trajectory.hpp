@@ -260,7 +260,7 @@ class ArmTrajectory {
         bool forward = true;
         spline_.at(u, state.q, state.qd, second);
         const BrakeProfile profile = brake_profile(setup_.chain, motion, state.q, state.qd, reverses);
-        // A law with a stopping time gives the deceleration along the path; otherwise the joints' limits do.
+        // A law with stopping times gives the deceleration along the path; otherwise the joints' limits do.
         const bool timed =
             !deceleration.constant() && deceleration.law != DecelerationLaw::ramp && profile.stop_time > 0;
         const double slowdown = timed ? 1 / profile.stop_time : 0;                  // of v [1/s]
@@ -286,8 +286,9 @@ class ArmTrajectory {
                 acceleration_overload_ = std::max(acceleration_overload_, acceleration_overload);
             }
             for (int sub = 0; sub < motion.substeps; ++sub) {
-                const double w =
-                    substep + sub < slowing ? -slowdown : at_limits * profile.of(0, substep + sub);  // dv/dt
+                const double w = substep + sub < slowing ? -slowdown  // dv/dt
+                                 : timed                 ? at_limits
+                                                         : at_limits * profile.of(0, substep + sub);
                 v = std::max(target, v + motion.substep() * w);
                 u = std::clamp(u + motion.substep() * v, 0.0, end);
             }

@@ -10,9 +10,9 @@
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// The polynomial on 0 to 1 that takes the values, slopes and second derivatives given at both ends.
-class HermitePolynomial {
+class HermiteInterpolant {
   public:
-    HermitePolynomial(double value0, double slope0, double second0, double value1, double slope1, double second1)
+    HermiteInterpolant(double value0, double slope0, double second0, double value1, double slope1, double second1)
         : c_{value0, slope0, second0 * 0.5} {
         const double value = value1 - c_[0] - c_[1] - c_[2], slope = slope1 - c_[1] - second0,
                      second = second1 - second0;
@@ -21,7 +21,7 @@ class HermitePolynomial {
         c_[5] = 6 * value - 3 * slope + 0.5 * second;
     }
     /// Without second derivatives: the cubic.
-    HermitePolynomial(double value0, double slope0, double value1, double slope1) : c_{value0, slope0} {
+    HermiteInterpolant(double value0, double slope0, double value1, double slope1) : c_{value0, slope0} {
         const double value = value1 - value0;
         c_[2] = 3 * value - 2 * slope0 - slope1;
         c_[3] = slope0 + slope1 - 2 * value;
