@@ -50,6 +50,13 @@ def test_another_command_does_not_write_into_the_folder_of_a_job(
     assert contents(out) == before
 
 
+def test_names_alone_make_no_job(tmp_path: Path) -> None:
+    for name in ("shards", "rows"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "manifest.json").write_text('{"name": "a page"}', encoding="utf-8")
+    assert run("evaluate", EXAMPLE, "--out", tmp_path).status in (0, 3)
+
+
 @pytest.mark.parametrize("command", ["resume", "status", "merge", "report"])
 def test_the_folder_of_something_else_is_named(command: str, tmp_path: Path) -> None:
     study, other = tmp_path / "study", tmp_path / "other"

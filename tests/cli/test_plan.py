@@ -31,6 +31,14 @@ def test_trajectories_of_another_plan_do_not_stay_beside_the_new(tmp_path: Path)
     assert "removed, as they are of another plan: joint_7.json\n" in third.out
 
 
+def test_files_beside_a_plan_of_measurements_stay(tmp_path: Path) -> None:
+    (tmp_path / "plan.toml").write_text("[[contact]]\n")
+    (tmp_path / "joint_9.csv").write_text("a recording")
+    found = run("plan", "identification", "--robot", "ur10e", "--out", tmp_path, *QUICK)
+    assert (found.status, "removed" in found.out) == (0, False)
+    assert (tmp_path / "joint_9.csv").read_text() == "a recording"
+
+
 def test_minutes_have_a_digit_where_they_are_few() -> None:
     found = run("plan", "identification", "--robot", "ur10e", "--repeats", 1, "--ramps", 0, "--holds", 0)
     minutes = re.search(r"joints, (\S+) min", found.out)

@@ -44,7 +44,12 @@ def check_no_job(folder: Path | None) -> None:
     made_by = {}
     with suppress(OSError):
         made_by = read_made_by((folder / SETTINGS).read_bytes())
-    left = [name for name in (MANIFEST, "shards", "rows") if os.path.lexists(folder / name)]
+    # Other programs, too, have folders and a manifest of these names: only files of a job tell.
+    files = (("shards", "*.arrow"), ("rows", "*.parquet"))
+    left = [name for name, pattern in files if any((folder / name).glob(pattern))]
+    with suppress(OSError):
+        if b'"fingerprint"' in (folder / MANIFEST).read_bytes():
+            left.insert(0, MANIFEST)
     if "fingerprint" in made_by:
         kind = "a campaign" if made_by.get("study") == "campaign" else "a study"
         what = f"{kind} ({SETTINGS})"

@@ -148,7 +148,13 @@ def write_path(folder: Path, name: str, path: TimedPath, arm: Robot, rate: float
 
 def _remove_others(folder: Path, files: list[str]) -> list[str]:
     """Remove the trajectories of a former plan that the new one does not have; returns their names."""
-    if not (folder / "plan.toml").exists():
+    from bumpstop.identification.design.plan_file import KIND
+
+    try:
+        # A plan of measurements has a file of this name, too.
+        if f'kind = "{KIND}"' not in (folder / "plan.toml").read_text(encoding="utf-8"):
+            return []
+    except (OSError, UnicodeDecodeError):
         return []
     found = [path for path in folder.iterdir() if re.fullmatch(r"joint_[1-9][0-9]*\.(csv|json)", path.name)]
     others = sorted(path for path in found if path.name not in files)

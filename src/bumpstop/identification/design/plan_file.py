@@ -17,7 +17,8 @@ from bumpstop.identification.dynamics.fit_file import chain_of
 from bumpstop.model import Robot
 from bumpstop.text_files import parse_toml, read_text, toml_value, write_text
 
-_KIND = "identification_plan"
+# Of the file.
+KIND = "identification_plan"
 _TOP = {"kind", "robot", "base", "tip", "home", "settings", "experiment", "unobservable"}
 _ANGLES = {"half_stroke"}
 _EXPERIMENT = {
@@ -35,7 +36,7 @@ def save_plan(plan: IdentificationPlan, path: str | Path, *, robot: dict[str, st
         robot: ``robot`` as a scenario names it, with ``base`` and ``tip`` where a URDF needs them.
     """
     arm = plan.robot
-    lines = [f'kind = "{_KIND}"', *(f"{key} = {toml_value(value)}" for key, value in robot.items())]
+    lines = [f'kind = "{KIND}"', *(f"{key} = {toml_value(value)}" for key, value in robot.items())]
     lines += [f"home = {_pose(arm, plan.home)}  # deg (m of sliding joints); where every trajectory begins and ends"]
     lines += ["", "[settings]"]
     for key, value in asdict(plan.settings).items():
@@ -83,8 +84,8 @@ def load_plan(path: str | Path) -> IdentificationPlan:
     """
     where = str(path)
     data = parse_toml(read_text(path, "wanted a plan that bumpstop wrote"), where)
-    if data.get("kind") != _KIND:
-        raise InputError(where, "is no plan", f'wanted kind = "{_KIND}", as bumpstop plan identification writes it')
+    if data.get("kind") != KIND:
+        raise InputError(where, "is no plan", f'wanted kind = "{KIND}", as bumpstop plan identification writes it')
     _known(data, _TOP, where)
     robot = chain_of(data, Path(path).parent)
     try:
