@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import os
@@ -102,3 +103,35 @@ def test_what_a_slow_terminal_does_not_take_is_counted(tmp_path: Path) -> None:
     assert file.getvalue().count("source lost: one is missing\n") == 1001
     assert file.getvalue().endswith("collisions: 0\n")
     assert "standard output is too slow: 500 lines or messages were left out" in view.problems()
+
+
+class Disk(io.StringIO):
+    """Full or not."""
+
+    full = True
+
+    def write(self, text: str) -> int:
+        if self.full:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return super().write(text)
+
+
+def test_every_failure_is_said_and_its_end(tmp_path: Path) -> None:
+    disk, found = Disk(), list[str]()
+    view = MonitorView(loaded(tmp_path), Console(file=disk, width=200), "scripted")
+    with view:
+        for full_now in (True, False, True, False):
+            disk.full = full_now
+            view.source_event(SourceEvent(SourceEventKind.LOST, "one is missing"), 0.0)
+            wait_for(view, found)
+    fails = "standard output cannot be written (No space left on device); monitoring goes on"
+    assert found == [fails, "standard output can be written again"] * 2
+    assert view.problems() == ["standard output: 2 lines or messages were lost"]
+
+
+def wait_for(view: MonitorView, found: list[str]) -> None:
+    """Until the view says something of itself."""
+    end, before = time.monotonic() + 10, len(found)
+    while len(found) == before and time.monotonic() < end:
+        time.sleep(0.02)
+        found += view.problems()

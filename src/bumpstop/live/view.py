@@ -113,6 +113,7 @@ class MonitorView(BackgroundOutput):
             self._live.console.print(shown, markup=False, highlight=False)
         else:
             self._console.print(shown, markup=False, highlight=False)
+        self.wrote = True
 
     def tick(self, tick: MonitorTick) -> None:
         """The last one is shown."""
@@ -152,6 +153,7 @@ class MonitorView(BackgroundOutput):
             self._next_draw = now + _DRAW_S
             self._live.start()
             self._live.refresh()
+            self.wrote = True
         if self._live is None and self._monitor is not None and now >= self._next_line:
             self._next_line = now + _LINE_S
             self._say(self.line())

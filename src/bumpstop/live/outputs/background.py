@@ -57,6 +57,7 @@ class BackgroundOutput(ABC):
         self._last: MonitorTick | DataLoss | None = None
         self._next_status = -math.inf
         self.lost = self.pending = 0
+        self.wrote = False
         self._thread: threading.Thread | None = threading.Thread(target=self._run, name=self.what, daemon=True)
 
     def start(self) -> None:
@@ -111,7 +112,10 @@ class BackgroundOutput(ABC):
 
     @abstractmethod
     def write(self, batch: Sequence[Told]) -> None:
-        """Write what was told, so that a process that is killed has it; ``pending`` is how much may be lost."""
+        """Write what was told, so that a process that is killed has it.
+
+        ``pending`` is how much is lost if this fails, and ``wrote`` that something was written, where none is pending.
+        """
 
     @abstractmethod
     def finish(self) -> None:
@@ -137,7 +141,7 @@ class BackgroundOutput(ABC):
         self.lost += dropped
         if dropped:
             self._problems.append(f"{self.what} is too slow: {dropped} lines or messages were left out")
-        self.pending = 0
+        self.pending, self.wrote = 0, False
         try:
             self.write(batch)
         except OSError as error:
@@ -146,6 +150,6 @@ class BackgroundOutput(ABC):
                 self._problems.append(f"{self.what} cannot be written ({error.strerror or error}); monitoring goes on")
             self._failing = True
         else:
-            if self._failing and self.pending:
+            if self._failing and (self.pending or self.wrote):
                 self._failing = False
                 self._problems.append(f"{self.what} can be written again")
