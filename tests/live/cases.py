@@ -63,20 +63,25 @@ def at(sample: JointSample, **changes: object) -> JointSample:
 
 
 class ScriptedSource:
-    """Gives what it is told to: samples, events, or None for a read in which nothing came."""
+    """Gives what it is told to: samples, events, or None for a twentieth of a second in which nothing comes."""
 
     name = "scripted"
 
     def __init__(self, script: Iterable[JointSample | SourceEvent | None]) -> None:
-        self._script = iter(script)
+        self._script, self._silent_s = iter(script), 0.0
 
     def open(self) -> None:
         """Nothing to do."""
 
     def read(self, timeout_s: float) -> JointSample | SourceEvent | None:
-        item = next(self._script, SourceEvent(SourceEventKind.ENDED, "the script is at its end"))
-        if item is None:
-            time.sleep(timeout_s)
+        if self._silent_s < 1e-6:
+            item = next(self._script, SourceEvent(SourceEventKind.ENDED, "the script is at its end"))
+            self._silent_s = 0.05 if item is None else 0.0
+        if self._silent_s:
+            waited_s = min(timeout_s, self._silent_s)
+            time.sleep(waited_s)
+            self._silent_s -= waited_s
+            return None
         return replace(item, received_s=time.monotonic()) if isinstance(item, JointSample) else item
 
     def close(self) -> None:

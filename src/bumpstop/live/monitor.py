@@ -86,6 +86,8 @@ class Monitor:
         self._limiter = EventLimiter()
         given = self._settings.stop_after_s
         self._stop_after = stop_time(detector.period_s, self._settings.speed) if given is None else given
+        # What comes during a longer read would count as having waited.
+        self._longest_read_s = min(_LONGEST_READ_S, 0.25 * self._stop_after)
         self._lag = LagCheck(self._stop_after, self._settings.speed)
         # A source that begins may take a while.
         self._begin_after = max(_FIRST_S, self._stop_after) if given is None else given
@@ -186,10 +188,10 @@ class Monitor:
                 return item
             self._lag.nothing_waits(time.monotonic())
         begin = time.monotonic()
-        item = self._source.read(min(_LONGEST_READ_S, max(0.0, end - begin)))
-        if item is None and time.monotonic() - begin > 2 * _LONGEST_READ_S:
+        item = self._source.read(min(self._longest_read_s, max(0.0, end - begin)))
+        if item is None and time.monotonic() - begin > 2 * self._longest_read_s:
             # Who was held up in a read does not know what came meanwhile.
-            item = self._source.read(_LONGEST_READ_S)
+            item = self._source.read(self._longest_read_s)
         if item is None:
             self._lag.nothing_waits(time.monotonic())
         return item
@@ -261,7 +263,9 @@ class Monitor:
             self._was_judged = False
         else:
             arming = own == _ARMING
-            self._count(arming=arming, masked=out.masked_while_arming)
+            self.arming += arming
+            self.judged += not arming
+            self.masked_while_arming += arming and out.masked_while_arming
             share = np.abs(residual) / tick.threshold
             np.maximum(self.largest_share, share, out=self.largest_share)
             unit = self._units.look(sample.stamp_s, signal, residual)
@@ -280,13 +284,6 @@ class Monitor:
         if changed and not before:
             text = f"the residuals look like a payload of {self._kernel.payload_change():+.3g} kg that nobody declared"
             self._found(SourceEventKind.PAYLOAD_CHANGED, text, 1, sample.received_s)
-
-    def _count(self, *, arming: bool, masked: bool) -> None:
-        if arming:
-            self.arming += 1
-            self.masked_while_arming += masked
-        else:
-            self.judged += 1
 
     def _alarm(self, tick: MonitorTick, fast: FloatArray) -> None:
         self.alarms += 1
