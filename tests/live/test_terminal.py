@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import io
 import json
 import os
@@ -17,7 +16,9 @@ from rich.console import Console
 
 from bumpstop.live import SourceEvent, SourceEventKind
 from bumpstop.live.monitor import Monitor
+from bumpstop.live.unbuffered_text import UnbufferedText, standard_output, warn
 from bumpstop.live.view import MonitorView
+from bumpstop.terminal import terminal
 from live.cases import ScriptedSource, loaded
 from live.test_processes import arguments
 
@@ -105,28 +106,22 @@ def test_what_a_slow_terminal_does_not_take_is_counted(tmp_path: Path) -> None:
     assert "standard output is too slow: 500 lines or messages were left out" in view.problems()
 
 
-class Disk(io.StringIO):
-    """Full or not."""
-
-    full = True
-
-    def write(self, text: str) -> int:
-        if self.full:
-            raise OSError(errno.ENOSPC, "No space left on device")
-        return super().write(text)
-
-
 def test_every_failure_is_said_and_its_end(tmp_path: Path) -> None:
-    disk, found = Disk(), list[str]()
-    view = MonitorView(loaded(tmp_path), Console(file=disk, width=200), "scripted")
+    """What was lost is not printed later."""
+    disk, found = os.open(tmp_path / "disk", os.O_WRONLY | os.O_CREAT), list[str]()
+    full_disk, writing = os.open("/dev/full", os.O_WRONLY), os.dup(disk)
+    view = MonitorView(loaded(tmp_path), terminal(UnbufferedText(writing, "utf-8")), "scripted")
     with view:
-        for full_now in (True, False, True, False):
-            disk.full = full_now
-            view.source_event(SourceEvent(SourceEventKind.LOST, "one is missing"), 0.0)
+        for number, goes_to in enumerate((full_disk, disk, full_disk, disk)):
+            os.dup2(goes_to, writing)
+            view.source_event(SourceEvent(SourceEventKind.LOST, f"number {number}"), 0.0)
             wait_for(view, found)
     fails = "standard output cannot be written (No space left on device); monitoring goes on"
     assert found == [fails, "standard output can be written again"] * 2
     assert view.problems() == ["standard output: 2 lines or messages were lost"]
+    assert (tmp_path / "disk").read_text() == "source lost: number 1\nsource lost: number 3\n"
+    for descriptor in (disk, full_disk, writing):
+        os.close(descriptor)
 
 
 def wait_for(view: MonitorView, found: list[str]) -> None:
@@ -135,3 +130,28 @@ def wait_for(view: MonitorView, found: list[str]) -> None:
     while len(found) == before and time.monotonic() < end:
         time.sleep(0.02)
         found += view.problems()
+
+
+def test_a_pipe_that_does_not_block_is_waited_for(tmp_path: Path) -> None:
+    reading, writing = os.pipe()
+    full(writing)
+    os.set_blocking(writing, False)
+    view = MonitorView(loaded(tmp_path), terminal(UnbufferedText(writing, "utf-8")), "scripted")
+    with view:
+        view.source_event(SourceEvent(SourceEventKind.LOST, "one is missing"), 0.0)
+        time.sleep(0.3)
+        got = os.read(reading, 1 << 20)
+        view.conclude(["collisions: 0"])
+    got += os.read(reading, 1 << 20)
+    assert got.lstrip(b"x") == b"source lost: one is missing\ncollisions: 0\n"
+    assert view.problems() == []
+    os.close(reading)
+    os.close(writing)
+
+
+def test_closed_streams_are_none(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    for name in ("stdout", "stderr"):
+        with (tmp_path / name).open("w") as file:
+            monkeypatch.setattr(f"sys.{name}", file)
+    assert standard_output() is None
+    warn("nobody sees this")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from bumpstop.live.output import CollisionAlarm, MonitorTick
 from bumpstop.live.outputs.background import BackgroundOutput
-from bumpstop.live.unbuffered_text import warn
+from bumpstop.live.unbuffered_text import UnbufferedText, warn
 from bumpstop.terminal import table
 
 if TYPE_CHECKING:
@@ -113,6 +113,12 @@ class MonitorView(BackgroundOutput):
             self._live.console.print(shown, markup=False, highlight=False)
         else:
             self._console.print(shown, markup=False, highlight=False)
+        self._check()
+
+    def _check(self) -> None:
+        """What was printed is written."""
+        if isinstance(self._console.file, UnbufferedText):
+            self._console.file.check()
         self.wrote = True
 
     def tick(self, tick: MonitorTick) -> None:
@@ -153,7 +159,7 @@ class MonitorView(BackgroundOutput):
             self._next_draw = now + _DRAW_S
             self._live.start()
             self._live.refresh()
-            self.wrote = True
+            self._check()
         if self._live is None and self._monitor is not None and now >= self._next_line:
             self._next_line = now + _LINE_S
             self._say(self.line())
@@ -163,6 +169,7 @@ class MonitorView(BackgroundOutput):
         if self._live is not None:
             self._live.stop()
             self._live = None
+            self._check()
         for line in self._conclusion:
             self._say(line)
 
