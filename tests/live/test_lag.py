@@ -11,6 +11,7 @@ import pytest
 
 from bumpstop.arrays import FloatArray
 from bumpstop.live import JointSample, SourceEvent, SourceEventKind
+from bumpstop.live.lag_check import LagCheck
 from bumpstop.live.monitor import Monitor, MonitorSettings
 from bumpstop.live.summary import MonitorSummary
 from live.cases import DT, Heard, ScriptedSource, at, loaded, motion, samples
@@ -88,3 +89,13 @@ def test_a_sender_that_is_late_is_no_lag(
     summary, _ = watch(tmp_path, due, 0.0, stop_after_s)
     assert set(summary.found) <= ({"stopped"} if "waits" in name or stop_after_s < 0.1 else set()), name
     assert summary.alarm_latency_ms["largest"] < 100
+
+
+def test_a_stamp_that_does_not_rise_shows_no_lag() -> None:
+    check = LagCheck(0.1)
+    check.nothing_waits(0.0)
+    check.look(0.0, 0.0)
+    check.look(0.01, 0.5)
+    assert check.lag_s > 0.4
+    check.look(0.01, 0.6)
+    assert check.lag_s == 0.0

@@ -46,6 +46,7 @@ class LagCheck:
             received_s: ``time.monotonic()`` when it was received [s].
         """
         if math.isinf(self._speed) or not self._begun or not stamp_s > self._stamp:
+            self.lag_s = 0.0
             return ""
         self._stamp, offset = stamp_s, received_s - stamp_s / self._speed
         lag = max(0.0, offset - self._base)
