@@ -221,7 +221,9 @@ def test_what_is_wrong_with_the_stream_is_named(tmp_path: Path, name: str) -> No
     for kind, count in wanted.items():
         found = summary.found.get(str(kind), 0)
         assert found == count, (name, summary.found)
-    assert set(summary.found) <= {str(kind) for kind in wanted} | ({"lost"} if "again" in name else set())
+    # A busy machine may hold the monitor itself up.
+    others = {"lagging"} | ({"lost"} if "again" in name else set())
+    assert set(summary.found) <= {str(kind) for kind in wanted} | others
     told = {kind for kind, count in wanted.items() if count}
     assert told <= set(heard.kinds())
     missing = sum(summary.no_data.values()) + summary.dropped
@@ -318,6 +320,8 @@ def test_the_terminal_says_why_there_are_no_data(tmp_path: Path) -> None:
         lines.append(view.line())
 
     script = [*log, *[None] * 8]
+    # Rates count from the monitor that the view saw first.
+    view = MonitorView(loaded(tmp_path), Console(file=io.StringIO()), "scripted")
     Monitor(loaded(tmp_path), ScriptedSource(script), [view], MonitorSettings(stop_after_s=0.1)).run(every)
     assert re.fullmatch(rf"INACTIVE: {age}, no data \(stopped\), 0 alarms", lines[-1])
 
