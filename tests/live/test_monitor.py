@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import io
 import itertools
 import math
-import re
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 from scipy.interpolate import CubicSpline
 
 from bumpstop.detection import Detector, DetectorSettings, Thresholds, save_detector
@@ -25,7 +21,7 @@ from bumpstop.live.monitor import Monitor, MonitorSettings
 from bumpstop.live.sources.names import SourceOptions, source_of
 from bumpstop.live.summary import MonitorSummary
 from bumpstop.live.unit_check import UnitCheck
-from bumpstop.live.view import MonitorView, alarm_line
+from bumpstop.live.view import alarm_line
 from bumpstop.recording import Recording
 from detection.moving_arms import UR5E
 from live.cases import DT, FILLING, NAMES, THRESHOLD_NM, Heard, N, ScriptedSource, at, loaded, motion, samples
@@ -296,34 +292,6 @@ def test_a_source_of_another_rate_is_refused(tmp_path: Path) -> None:
     save_detector(fast, tmp_path / "fast.detector")
     with pytest.raises(InputError, match=r"gives a sample every 0.002 s; the detector is made for one every 0.001 s"):
         source_of("rtde://10.0.0.2", LoadedDetector.load(tmp_path / "fast.detector"))
-
-
-def test_the_terminal_says_why_there_are_no_data(tmp_path: Path) -> None:
-    log = samples(motion(100))
-    frozen = [at(log[99], stamp_s=log[99].stamp_s + DT * i) for i in range(1, 400)]
-    view = MonitorView(loaded(tmp_path), Console(file=io.StringIO()), "scripted")
-    age = r"last sample \d+ ms ago"
-    for script, words in (
-        (log[:3], rf"INACTIVE: {age}, no data \(filling\), 0 alarms"),
-        (log, rf"MONITORING: {age}, worst joint \w+ at \d+ % of its threshold, 0 alarms"),
-        ([*log, *frozen], rf"INACTIVE: {age}, no data \(frozen\), 0 alarms"),
-    ):
-        monitor = Monitor(loaded(tmp_path), ScriptedSource([]), [view])
-        for one in script:
-            monitor.take(at(one, received_s=time.monotonic()))
-        view.every(monitor)
-        assert re.fullmatch(words, view.line())
-    lines: list[str] = []
-
-    def every(monitor: Monitor) -> None:
-        view.every(monitor)
-        lines.append(view.line())
-
-    script = [*log, *[None] * 8]
-    # Rates count from the monitor that the view saw first.
-    view = MonitorView(loaded(tmp_path), Console(file=io.StringIO()), "scripted")
-    Monitor(loaded(tmp_path), ScriptedSource(script), [view], MonitorSettings(stop_after_s=0.1)).run(every)
-    assert re.fullmatch(rf"INACTIVE: {age}, no data \(stopped\), 0 alarms", lines[-1])
 
 
 def test_currents_for_torques_are_recognised(tmp_path: Path) -> None:

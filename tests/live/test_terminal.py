@@ -6,6 +6,7 @@ import io
 import json
 import os
 import pty
+import re
 import subprocess
 import threading
 import time
@@ -15,11 +16,11 @@ import pytest
 from rich.console import Console
 
 from bumpstop.live import SourceEvent, SourceEventKind
-from bumpstop.live.monitor import Monitor
+from bumpstop.live.monitor import Monitor, MonitorSettings
 from bumpstop.live.unbuffered_text import UnbufferedText, standard_output, warn
 from bumpstop.live.view import MonitorView
 from bumpstop.terminal import terminal
-from live.cases import ScriptedSource, loaded
+from live.cases import DT, ScriptedSource, at, loaded, motion, samples
 from live.test_processes import arguments
 
 PAGE = b"x" * 1024
@@ -155,3 +156,31 @@ def test_closed_streams_are_none(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
             monkeypatch.setattr(f"sys.{name}", file)
     assert standard_output() is None
     warn("nobody sees this")
+
+
+def test_the_terminal_says_why_there_are_no_data(tmp_path: Path) -> None:
+    log = samples(motion(100))
+    frozen = [at(log[99], stamp_s=log[99].stamp_s + DT * i) for i in range(1, 400)]
+    view = MonitorView(loaded(tmp_path), Console(file=io.StringIO()), "scripted")
+    age = r"last sample \d+ ms ago"
+    for script, words in (
+        (log[:3], rf"INACTIVE: {age}, no data \(filling\), 0 alarms"),
+        (log, rf"MONITORING: {age}, worst joint \w+ at \d+ % of its threshold, 0 alarms"),
+        ([*log, *frozen], rf"INACTIVE: {age}, no data \(frozen\), 0 alarms"),
+    ):
+        monitor = Monitor(loaded(tmp_path), ScriptedSource([]), [view])
+        for one in script:
+            monitor.take(at(one, received_s=time.monotonic()))
+        view.every(monitor)
+        assert re.fullmatch(words, view.line())
+    lines: list[str] = []
+
+    def every(monitor: Monitor) -> None:
+        view.every(monitor)
+        lines.append(view.line())
+
+    script = [*log, *[None] * 8]
+    # Rates count from the monitor that the view saw first.
+    view = MonitorView(loaded(tmp_path), Console(file=io.StringIO()), "scripted")
+    Monitor(loaded(tmp_path), ScriptedSource(script), [view], MonitorSettings(stop_after_s=0.1)).run(every)
+    assert re.fullmatch(rf"INACTIVE: {age}, no data \(stopped\), 0 alarms", lines[-1])

@@ -92,3 +92,16 @@ def test_a_collision_after_a_lasting_load_is_not_told(tmp_path: Path) -> None:
     assert fault.name == "late"
     assert fault.text.startswith("The highest force, 98")
     assert "comes 3.02 s after the begin of contact, which shows 15" in fault.text
+
+
+@pytest.mark.parametrize("rise", [2.0, 3.0])
+def test_a_slow_press_is_told_and_counts(tmp_path: Path, rise: float) -> None:
+    """Its force of the first half second is that of the first phase, however high it gets later."""
+    time = np.arange(-0.5, 4.0, 1e-3)
+    force = 60 * (1 - np.cos(np.pi * np.clip(time / rise, 0, 1)))
+    reading = read_gauge(write(tmp_path / "press.csv", time, force))
+    assert reading.usable
+    (fault,) = (each for each in reading.faults if each.name == "late")
+    assert fault.text.endswith("the gauge was pressed slowly.")
+    assert reading.lasting_N == pytest.approx(120, rel=1e-3)
+    assert reading.peak_N < 40

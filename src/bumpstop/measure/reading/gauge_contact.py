@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
 # A gauge that shows less than the trigger for so long is free again [s].
 _FREE_S = 0.05
-# The zero is taken over so long before contact [s].
-_BEFORE_S = 0.2
 # What stays below this share of the highest force is a touch, no collision.
 _TOUCH_SHARE = 1 / 3
 
@@ -51,13 +49,13 @@ def find_contact(curve: GaugeCurve, trigger: float, *, extrapolate: bool) -> Gau
         extrapolate: whether the onset is led back to zero along the rise.
     """
     force, time = curve.force, curve.time
-    begins, ends = _contacts(curve, trigger)
+    begins = _begins(curve, trigger)
     highest = int(np.argmax(force))
     count = int(np.searchsorted(begins, highest, side="right"))
     if not count:
         onset = _crossing(curve, highest, trigger)
         return GaugeContact(highest, onset, ())
-    begins, ends = begins[:count], ends[:count]
+    begins = begins[:count]
     tops = np.maximum.reduceat(force[: highest + 1], begins)
     hard = np.flatnonzero(tops >= _TOUCH_SHARE * force[highest])
     near = hard[time[highest] - time[begins[hard]] <= FIRST_PHASE_S]
@@ -69,48 +67,39 @@ def find_contact(curve: GaugeCurve, trigger: float, *, extrapolate: bool) -> Gau
     return GaugeContact(first, onset, tuple(_before(time[begins[: own + 1]], tops[: own + 1], hard, force[highest])))
 
 
-def samples_before(curve: GaugeCurve, first: int, trigger: float) -> npt.NDArray[np.intp]:
-    """Samples shortly before a contact, since the gauge was touched last; the rise itself is none of them.
-
-    Args:
-        curve: zeroed, pressing positive.
-        first: the first sample in contact.
-        trigger: force from which there is contact [N].
-    """
-    touched = np.flatnonzero(curve.force[:first] >= trigger)
-    begin = int(np.searchsorted(curve.time, curve.time[first] - _BEFORE_S))
-    begin = max(begin, int(touched[-1]) + 1 if touched.size else 0)
-    return np.arange(begin, first - max(1, (first - begin) // 10))
-
-
 def late_fault(curve: GaugeCurve, at: int, onset: float) -> list[GaugeFault]:
     """Whether the highest sample of the first phase is far below what comes later in the same contact.
+
+    A force that rises at once, after the first phase, is that of a collision of a gauge that was loaded before; the peak
+    is another then. One that rises slowly is a press: its two phases are what they are.
 
     Args:
         curve: zeroed, pressing positive.
         at: the highest sample of the first phase.
         onset: when contact begins [s].
     """
-    highest = int(np.argmax(curve.force))
-    if curve.force[at] >= _TOUCH_SHARE * curve.force[highest]:
+    force, time = curve.force, curve.time
+    highest = int(np.argmax(force))
+    low = _TOUCH_SHARE * force[highest]
+    if force[at] >= low:
         return []
+    rises_from = np.flatnonzero(force[:highest] < low)[-1]
+    sudden = bool(time[highest] - time[rises_from] <= FIRST_PHASE_S)
     text = (
-        f"The highest force, {curve.force[highest]:.4g} N, comes {curve.time[highest] - onset:.3g} s after the begin "
-        f"of contact, which shows {curve.force[at]:.4g} N in its first {FIRST_PHASE_S:g} s: the gauge was loaded "
-        "before the collision, or pressed slowly."
+        f"The highest force, {force[highest]:.4g} N, comes {time[highest] - onset:.3g} s after the begin of contact, "
+        f"which shows {force[at]:.4g} N in its first {FIRST_PHASE_S:g} s: the gauge was "
+        f"{'loaded before the collision' if sudden else 'pressed slowly'}."
     )
-    return [GaugeFault("late", 1, text, spoils=True)]
+    return [GaugeFault("late", 1, text, spoils=sudden)]
 
 
-def _contacts(curve: GaugeCurve, trigger: float) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """First samples of all contacts, and the samples after their last."""
+def _begins(curve: GaugeCurve, trigger: float) -> npt.NDArray[np.intp]:
+    """First samples of all contacts."""
     above = np.concatenate([[False], curve.force >= trigger, [False]])
     edges = np.flatnonzero(np.diff(above))
     begins, ends = edges[::2], edges[1::2]
-    if begins.size:
-        free = curve.time[begins[1:]] - curve.time[ends[:-1] - 1] >= _FREE_S
-        begins, ends = begins[np.append(True, free)], ends[np.append(free, True)]
-    return begins, ends
+    free = curve.time[begins[1:]] - curve.time[ends[:-1] - 1] >= _FREE_S
+    return np.concatenate([begins[:1], begins[1:][free]])
 
 
 def _before(begins: FloatArray, tops: FloatArray, hard: npt.NDArray[np.intp], peak: float) -> list[GaugeFault]:

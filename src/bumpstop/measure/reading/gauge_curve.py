@@ -13,7 +13,7 @@ import numpy as np
 from bumpstop.errors import InputError
 from bumpstop.measure.reading.gauge_columns import UNITS, GaugeColumn, Quantity, find_column
 from bumpstop.measure.reading.gauge_preamble import stated_range, stated_rates
-from bumpstop.measure.reading.text_table import TextTable, read_text_table
+from bumpstop.measure.reading.text_table import TextTable, is_figure, read_text_table
 from bumpstop.text_files import as_path
 
 if TYPE_CHECKING:
@@ -221,7 +221,7 @@ def _overlong(table: TextTable) -> list[int]:
     Raises:
         InputError: they are many.
     """
-    rows = [row for row, cells in table.beyond.items() if re.fullmatch(r"[+-]?[0-9][0-9.,]*(e[+-]?[0-9]+)?", cells[0])]
+    rows = [row for row, cells in table.beyond.items() if is_figure(cells[0])]
     if len(rows) > _MAX_OVERLONG_SHARE * len(table.rows):
         table.refuse_long_rows(rows)
     return rows

@@ -17,11 +17,8 @@ if TYPE_CHECKING:
 
 # Equal samples at the top; of a smooth peak there are at least such a share beside them in the next digits.
 _MIN_FLAT, _NEAR_DIGITS, _SMOOTH = 3, 8, 0.25
-_AT_END, _SHORTLY_BEYOND, _BEYOND = (
-    0.999,
-    1.005,
-    1.02,
-)  # of the device's range; a reading that is farther beyond it is none of that device
+# Shares of the device's range: noise about its end, and the farthest reading of that device.
+_AT_END, _SHORTLY_BEYOND, _BEYOND = 0.999, 1.005, 1.02
 # From the begin of contact to the peak.
 _MIN_RISE_SAMPLES = 5
 _MIN_RATE_HZ = 500.0

@@ -9,8 +9,6 @@ import numpy as np
 from bumpstop.measure.reading.gauge_fault import GaugeFault
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
     from bumpstop.arrays import FloatArray
     from bumpstop.measure.reading.gauge_curve import GaugeCurve
 
@@ -21,17 +19,17 @@ _OFFSET_SHARE, _MIN_OFFSET = 0.01, 0.5
 _MAX_PRESSURE = 2000.0
 
 
-def corrected_pressure(curve: GaugeCurve, before: npt.NDArray[np.intp]) -> tuple[FloatArray | None, list[GaugeFault]]:
+def corrected_pressure(curve: GaugeCurve, free: int) -> tuple[FloatArray | None, list[GaugeFault]]:
     """Pressure from zero on, pressing positive [N/cm2], with what was changed or is wrong.
 
     Args:
         curve: as recorded.
-        before: samples before contact; none: the zero is not known.
+        free: how many samples it begins with before contact; 0: the zero is not known.
     """
     if curve.pressure is None:
         return None, []
     pressure, name = curve.pressure, curve.columns[2]
-    at_rest = pressure[before][np.isfinite(pressure[before])]
+    at_rest = pressure[:free][np.isfinite(pressure[:free])]
     zero = float(np.median(at_rest)) if at_rest.size >= _MIN_BASELINE else 0.0
     known = pressure[np.isfinite(pressure)] - zero
     if not known.size:

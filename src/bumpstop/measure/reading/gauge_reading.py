@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
-from bumpstop.measure.reading.gauge_contact import find_contact, late_fault, samples_before
+from bumpstop.measure.reading.gauge_contact import find_contact, late_fault
 from bumpstop.measure.reading.gauge_curve import GaugeCurve, GaugeFormat, load_gauge_curve
 from bumpstop.measure.reading.gauge_fault import GaugeFault
 from bumpstop.measure.reading.gauge_faults import curve_faults, sampling_faults
@@ -121,7 +121,8 @@ def analyse(curve: GaugeCurve, trigger_N: float | None = None) -> GaugeReading:
     """
     raw, faults = curve.force, list(sampling_faults(curve))
     timeless = any(fault.name == "wrong_column" for fault in faults)
-    zero, noise, before = _baseline(raw)
+    zero, noise, free = _baseline(raw)
+    before = free > 0
     force = raw - zero
     if -force.min() > force.max():
         force = -force
@@ -145,8 +146,7 @@ def analyse(curve: GaugeCurve, trigger_N: float | None = None) -> GaugeReading:
     summit, summit_time = _summit(curve.time, force, at)
     lasting = late & (since <= FIRST_PHASE_S + _LASTING_S)
     drift = _drift(force, trigger, at)
-    at_rest = samples_before(zeroed, first, trigger) if before else np.arange(0)
-    pressure, pressure_faults = corrected_pressure(curve, at_rest)
+    pressure, pressure_faults = corrected_pressure(curve, free)
     zeroed = replace(zeroed, pressure=pressure)
     faults += pressure_faults
     faults += curve_faults(zeroed, raw, at, first, onset, summit, before)
@@ -180,23 +180,23 @@ def _highest(pressure: FloatArray | None, rows: npt.NDArray[np.bool_]) -> float:
     return float(known.max()) if known.size else math.nan
 
 
-def _baseline(force: FloatArray) -> tuple[float, float, bool]:
-    """Force before contact, its standard deviation, and whether the recording has such a time."""
+def _baseline(force: FloatArray) -> tuple[float, float, int]:
+    """Force before contact, its standard deviation, and how many samples it has; none where it begins in contact."""
     span = float(force.max() - force.min())
     if span == 0:
-        return 0.0, math.nan, False
+        return 0.0, math.nan, 0
     # Until the force first leaves what it begins with.
     away = np.abs(force - np.median(force[:_MIN_BASELINE])) > 0.1 * span
     count = int(np.argmax(away)) if away.any() else force.size
     # The rise itself is no baseline.
     count = count - max(1, count // 10) if count > _MIN_BASELINE else count
     if count < _MIN_BASELINE:
-        return 0.0, math.nan, False
+        return 0.0, math.nan, 0
     begin, highest = force[:count], float(np.abs(force).max())
     zero, end = float(np.median(begin)), float(np.median(force[-_MIN_BASELINE:]))
     one_sign = min(float(force.max()), -float(force.min())) < 0.02 * highest
     in_contact = one_sign and abs(zero) > _IN_CONTACT * highest and abs(end - zero) > 0.1 * highest
-    return (0.0, math.nan, False) if in_contact else (zero, float(begin.std()), True)
+    return (0.0, math.nan, 0) if in_contact else (zero, float(begin.std()), count)
 
 
 def _summit(time: FloatArray, force: FloatArray, at: int) -> tuple[float, float]:

@@ -171,14 +171,14 @@ def _is_like_later(cells: list[list[str]], row: int) -> bool:
 def _are_alike(row: list[str], other: list[str]) -> bool:
     both = [(a, b) for a, b in zip(row, other, strict=False) if a and b]
     longest = max(sum(map(bool, row)), sum(map(bool, other)))
-    return 2 * len(both) > longest and all(_is_figure(a) == _is_figure(b) for a, b in both)
+    return 2 * len(both) > longest and all(is_figure(a) == is_figure(b) for a, b in both)
 
 
 def _may_begin(row: list[str], width: int) -> bool:
-    return len(row) == width and (_is_figure(row[0]) or sum(map(_is_figure, row)) >= 2)
+    return len(row) == width and (is_figure(row[0]) or sum(map(is_figure, row)) >= 2)
 
 
-def _is_figure(cell: str) -> bool:
+def is_figure(cell: str) -> bool:
     """Whether a cell is a number, with or without thousands marks."""
     return re.fullmatch(r"[+-]?[.,]?[0-9][0-9., '\u00a0\u202f\u2019]*([eE][+-]?[0-9]+)?", cell) is not None
 
