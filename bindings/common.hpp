@@ -93,6 +93,7 @@ void bind_dynamics(nb::module_& module);
 void bind_signal(nb::module_& module);
 void bind_joint(nb::module_& module);
 void bind_detection(nb::module_& module);
+void bind_detector_settings(nb::module_& module);
 void bind_sensitivity(nb::module_& module);
 void bind_workspace(nb::module_& module);
 void bind_contact(nb::module_& module);
