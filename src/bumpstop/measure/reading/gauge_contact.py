@@ -70,8 +70,8 @@ def find_contact(curve: GaugeCurve, trigger: float, *, extrapolate: bool) -> Gau
 def late_fault(curve: GaugeCurve, at: int, onset: float) -> list[GaugeFault]:
     """Whether the highest sample of the first phase is far below what comes later in the same contact.
 
-    A force that rises at once, after the first phase, is that of a collision of a gauge that was loaded before; the peak
-    is another then. One that rises slowly is a press: its two phases are what they are.
+    A force that rises at once, after the first phase, is that of a collision of a gauge that was loaded before; the
+    peak is another then. One that rises slowly is a press: its two phases are what they are.
 
     Args:
         curve: zeroed, pressing positive.
