@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -80,8 +81,8 @@ class Findings:
         self.items.append(text)
 
     def progress(self, text: str) -> None:
-        """Print how far the comparison is; nothing of it is kept."""
-        print(f"      {text}", flush=True)
+        """Tell on standard error how far the comparison is; nothing of it is kept."""
+        print(f"      {self.name}: {text}", file=sys.stderr, flush=True)
 
     def check(self, what: str, passed: object, detail: str = "") -> None:
         """Add and print a check; ``passed`` counts by its truth."""

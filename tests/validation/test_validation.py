@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import sys
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +15,12 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
+from validation.__main__ import main
+
 import bumpstop as bs
 from collision.cases import control_group
 from identification.recorded import there
-from validation import __main__ as program
-from validation import facts, page, scores
+from validation import comparisons, facts, page, scores
 from validation import findings as found_by
 
 NEEDS = {
@@ -38,21 +41,22 @@ def results(folder: Path) -> dict[str, Any]:
     return loaded
 
 
-# They race with processes and clocks of this machine: that belongs to `make validate`, on an idle one.
-OF_THE_MACHINE = {"closed_loop", "faults", "live", "scale"}
 # Instruction sets and threads are compared by tests of every law: collision/test_batch.py, test_in_python.py, and
 # collision/distribution/test_exact_law.py.
 ELSEWHERE = {"instruction_sets"}
 
 
-@pytest.mark.parametrize("name", [name for name in program.COMPARISONS if name not in OF_THE_MACHINE | ELSEWHERE])
+# Those that run alone belong to `make validate`, on an idle machine.
+@pytest.mark.parametrize(
+    "name", [name for name in comparisons.COMPARISONS if name not in comparisons.ALONE | ELSEWHERE]
+)
 def test_quick(name: str, tmp_path: Path) -> None:
     for file in NEEDS.get(name, []):
         if not (facts.folder() / "facts" / f"{file}.toml").is_file():
             pytest.skip(f"{file}.toml is not in {facts.folder() / 'facts'}: set BUMPSTOP_SHARED")
     if (name == "tx40" and not there("tx40")) or (name == "generic_fit" and not there("panda")):
         pytest.skip(f"the recording that {name} needs is absent: set BUMPSTOP_SHARED")
-    status = program.main(["--quick", "--only", name, "--out", str(tmp_path)])
+    status = main(["--quick", "--only", name, "--out", str(tmp_path)])
     found = results(tmp_path)["comparisons"][name]
     assert [check["what"] for check in found["checks"] if not check["passed"]] == []
     assert found["checks"]
@@ -69,9 +73,9 @@ def test_interrupted_keeps_what_was_found(
     def interrupt(findings: found_by.Findings, *, quick: bool) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(program.COMPARISONS["drives"], "compare", interrupt)
-    only = ["--only", "convergence", "--only", "drives", "--only", "gains"]
-    assert program.main(["--quick", *only, "--out", str(tmp_path)]) == 130
+    monkeypatch.setattr(comparisons.COMPARISONS["drives"], "compare", interrupt)
+    only = ["--only", "convergence", "--only", "drives", "--only", "gains", "--jobs", "1"]
+    assert main(["--quick", *only, "--out", str(tmp_path)]) == 130
     assert "not run: drives, gains" in capsys.readouterr().out
     found = results(tmp_path)
     assert list(found["comparisons"]) == ["convergence"]
@@ -81,12 +85,33 @@ def test_interrupted_keeps_what_was_found(
     assert "Not run yet: drives, gains." in (tmp_path / "index.html").read_text()
 
 
+def test_side_by_side_finds_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    told = {}
+    for jobs in ("1", "2"):
+        only = ["--only", "drives", "--only", "convergence", "--jobs", jobs]
+        assert main(["--quick", *only, "--out", str(tmp_path / jobs)]) == 0
+        printed = capsys.readouterr().out
+        told[jobs] = {line for line in printed.splitlines() if "PASS" in line}
+    assert told["1"] == told["2"] != set()
+    one, two = (results(tmp_path / jobs) for jobs in ("1", "2"))
+    assert list(one["comparisons"]) == list(two["comparisons"]) == ["drives", "convergence"]
+    for name, found in one["comparisons"].items():
+        assert {**found, "seconds": 0} == {**two["comparisons"][name], "seconds": 0}
+
+
+def test_a_process_that_dies_is_a_failed_check(capsys: pytest.CaptureFixture[str]) -> None:
+    ended: Future[tuple[found_by.Findings, str]] = Future()
+    ended.set_exception(BrokenProcessPool("a process died"))
+    assert not comparisons._result(ended, "drives").passed
+    assert "a process died" in capsys.readouterr().out
+
+
 def test_missing_facts_fail_and_say_where_they_were_looked_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("BUMPSTOP_SHARED", str(tmp_path / "nowhere"))
     for name in NEEDS:
-        assert program.main(["--quick", "--only", name, "--out", str(tmp_path)]) == 1
+        assert main(["--quick", "--only", name, "--out", str(tmp_path)]) == 1
         assert "BUMPSTOP_SHARED" in capsys.readouterr().out
         assert not results(tmp_path)["passed"]
 
@@ -108,15 +133,15 @@ def test_reference_off_by_one_percent_fails(
     (tmp_path / "facts").mkdir()
     (tmp_path / "facts" / "reference_results.toml").write_text(text)
     monkeypatch.setenv("BUMPSTOP_SHARED", str(tmp_path))
-    assert program.main(["--quick", "--only", "reference", "--out", str(tmp_path)]) == status
+    assert main(["--quick", "--only", "reference", "--out", str(tmp_path)]) == status
 
 
 def test_an_error_in_a_comparison_is_a_failed_check(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(findings: found_by.Findings, *, quick: bool) -> None:
         raise ZeroDivisionError("on purpose")
 
-    monkeypatch.setattr(program.COMPARISONS["two_laws"], "compare", broken)
-    assert program.main(["--only", "two_laws", "--out", str(tmp_path)]) == 1
+    monkeypatch.setattr(comparisons.COMPARISONS["two_laws"], "compare", broken)
+    assert main(["--only", "two_laws", "--out", str(tmp_path)]) == 1
     [check] = results(tmp_path)["comparisons"]["two_laws"]["checks"]
     assert "on purpose" in check["detail"]
 
