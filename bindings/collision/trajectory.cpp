@@ -129,13 +129,14 @@ void bind_trajectory(nb::module_& module) {
         .def(
             "integrate",
             [](const ArmTrajectory& self, const GaussianThresholds& detector, const Contact& contact, Vector onset,
-               Matrix normal) {
+               Matrix normal, int threads) {
                 return unlocked([&] {
                     return OnsetDistributions(
-                        integrate_onsets<NativeLanes>(self, onsets_of(onset, normal), detector, contact), self.dof());
+                        integrate_onsets<NativeLanes>(self, onsets_of(onset, normal), detector, contact, threads),
+                        self.dof());
                 });
             },
-            nb::arg("detector"), nb::arg("contact"), nb::arg("onset"), nb::arg("normal"))
+            nb::arg("detector"), nb::arg("contact"), nb::arg("onset"), nb::arg("normal"), nb::arg("threads"))
         .def(
             "monte_carlo",
             [](const ArmTrajectory& self, const GaussianThresholds& detector, const Contact& contact, Vector onset,

@@ -88,6 +88,9 @@ LONG: dict[str, Callable[[], object]] = {
     "a batch": lambda: bs.evaluate_batch(control_group(), *many_poses(200_000)),
     "a batch in two threads": lambda: bs.evaluate_batch(control_group(), *many_poses(200_000), threads=2),
     "a trajectory": lambda: bs.evaluate(trajectory(simulation__step_s=1e-4, detector__feedback_period_s=1e-4)),
+    "a trajectory in two threads": lambda: bs.evaluate(
+        trajectory(simulation__step_s=1e-4, detector__feedback_period_s=1e-4), threads=2
+    ),
     "runs of a trajectory": lambda: bs.evaluate(trajectory(), samples=60_000, threads=2),
     "predictions": lambda: predict_batch(control_group(), *many_poses(1_000_000)),
 }  # fmt: skip

@@ -16,6 +16,7 @@ from bumpstop.program.evaluation import ProgramResult, evaluate_program
 from bumpstop.program.safe_speed import greatest_factor, highest_safe
 from bumpstop.program.segment import MoveSegment
 from bumpstop.program.trajectories.trajectory_segment import TrajectorySegment
+from bumpstop.program.worst_onset import worst_onset
 from bumpstop.study.speed.onset_shares import onset_shares
 from program.corpora import EXAMPLES, bell, cell, segments
 
@@ -87,6 +88,20 @@ def test_no_place_is_worse_than_the_worst(tmp_path: Path) -> None:
     for k in (t.size // 3, 2 * t.size // 3):
         whole = bs.evaluate(result.cell.of(file, float(t[k])))
         assert whole.peak_force.quantile(0.999) == pytest.approx(force[k], rel=1e-6)
+
+
+def test_a_place_that_is_too_hard_is_enough_and_another_is_not() -> None:
+    problem = cell().problem(across().at(1.0))
+    assert problem.trajectory is not None
+    time, hardest = worst_onset(problem)
+    near, about = worst_onset(problem, near=time, enough=0.99 * hardest)
+    assert (near, about) == (pytest.approx(time, abs=1e-3), pytest.approx(hardest, rel=1e-4))
+    early = 0.1 * problem.trajectory.duration
+    assert worst_onset(problem, near=early) == (time, hardest)
+    near, about = worst_onset(problem, near=early, enough=0.0)
+    assert near == pytest.approx(early, abs=0.05)
+    assert 0 < about < hardest
+    assert worst_onset(problem, threads=3) == (time, hardest)
 
 
 def test_only_slower_raises_nothing(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bumpstop.cli.collision.evaluate import INCONCLUSIVE, NOT_ACCEPTABLE, change
+from bumpstop.cli.collision.study import Threads
 
 if TYPE_CHECKING:
     from bumpstop.program.evaluation import ProgramResult, SegmentResult
@@ -45,6 +46,7 @@ def command(
     only_slower: Annotated[
         bool, typer.Option("--only-slower", help="Lower speeds that are too high, and raise none.")
     ] = False,
+    threads: Threads = 2,
     changes: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Replace a key, e.g. --set contact.body=lower_arm_wrist."),
@@ -67,7 +69,9 @@ def command(
         check_target(program, out)
     checked = [load_scenario(file, dict(change(text) for text in changes or [])) for file in scenario]
     with progress("judging segments") as share:
-        result = evaluate_program(program, *checked, max_speed_mm_s=max_speed, faster=not only_slower, progress=share)
+        result = evaluate_program(
+            program, *checked, max_speed_mm_s=max_speed, faster=not only_slower, threads=threads, progress=share
+        )
     files = []
     if out is not None:
         from bumpstop.program.writing import write_program

@@ -45,7 +45,7 @@ def evaluate(
         samples: None to integrate; else the number of runs to draw. Measured residuals cannot be integrated: None then
             means 100 000 runs. Of more than a million runs only the first million are kept one by one.
         seed: of the runs, 0 to 2^64 - 1. The same seed gives the same runs, whatever the threads.
-        threads: that draw runs, 1 to 256.
+        threads: that draw runs, or integrate over the times of contact of a trajectory, 1 to 256.
         refinement: multiplies the order of the quadrature, 1 to 100. 2 shows that 1 is converged.
         progress: told the share of the runs that are done.
 
@@ -62,7 +62,7 @@ def evaluate(
         samples = RESAMPLED_RUNS
     if problem.trajectory is not None:
         if samples is None:
-            return integrate_trajectory(problem, evaluate, refinement=refinement)
+            return integrate_trajectory(problem, evaluate, refinement=refinement, threads=threads)
         return in_blocks(
             lambda first, size: monte_carlo_trajectory(
                 problem, evaluate, samples=size, seed=block_seed(seed, first), threads=threads

@@ -21,10 +21,14 @@ from bumpstop.study.requirement.risk import allowed_force
 from bumpstop.text_files import write_text
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from bumpstop.arrays import FloatArray
     from bumpstop.collision.verdict.verdict import Verdict
     from bumpstop.model import Robot
 
+# Time of a motion at which contact with a body is hardest [s], and its peak force over the allowed one.
+WorstOnset = tuple[float, float]
 # Keys that say where the body is on a line; on a trajectory contact begins at any time.
 _OFFSET = ("offset_law", "offset_sd_s", "offset_mm")
 _PLACEHOLDER = "segment.csv"
@@ -77,12 +81,14 @@ class Cell:
     Args:
         scenario: of a line or a trajectory, whose motion, pose and offset are not used, but for the start.
         others: of the same arm and start.
+        threads: that share the times of contact; they do not change what is found.
 
     Raises:
         InputError: a scenario cannot judge trajectories, names no body region, or is of another arm or start.
     """
 
-    def __init__(self, scenario: Scenario, *others: Scenario) -> None:
+    def __init__(self, scenario: Scenario, *others: Scenario, threads: int = 1) -> None:
+        self.threads = threads
         if scenario.uncertainty:
             problem = "is not taken into account for programs"
             raise InputError(
@@ -98,7 +104,7 @@ class Cell:
             data["contact"].pop("stiffness_N_mm", None)
         self.scenario = Scenario.from_dict(data, scenario.folder)
         self._check()
-        self.bodies: tuple[Cell, ...] = (self, *(Cell(other) for other in others))
+        self.bodies: tuple[Cell, ...] = (self, *(Cell(other, threads=threads) for other in others))
         for other in self.bodies[1:]:
             for what, same in (
                 ("robot", _robot(other.scenario) == _robot(scenario)),
@@ -161,13 +167,24 @@ class Cell:
         at: float | str = "uniform" if onset_s is None else onset_s
         return self.scenario.with_values({"motion.file": str(file), "motion.contact_onset_s": at})
 
-    def share(self, trajectory: Trajectory) -> float:
-        """Peak force that is exceeded with the accepted probability, over the allowed one, at the worst place and body.
+    def hardest(self, trajectory: Trajectory, place: float | None = None) -> list[WorstOnset]:
+        """Of each body, the time of the motion at which contact is hardest [s], and how hard it is then.
+
+        Args:
+            trajectory: the motion.
+            place: share of its duration at which contact is expected to be hard. Where it passes a limit there, that is
+                the answer, though it may be harder elsewhere or for a later body.
 
         Raises:
             InputError: the motion passes a limit of the robot.
         """
-        return max(worst_onset(body.problem(trajectory))[1] for body in self.bodies)
+        near = None if place is None else place * trajectory.duration
+        found: list[WorstOnset] = []
+        for body in self.bodies:
+            found.append(worst_onset(body.problem(trajectory), threads=self.threads, near=near, enough=1.0))
+            if place is not None and found[-1][1] > 1:
+                break
+        return found
 
     def tool_speed(self, trajectory: Trajectory) -> float:
         """Greatest of the tip [m/s]."""
@@ -188,18 +205,24 @@ class Cell:
         motion = checked_motion(Path(_PLACEHOLDER), rows, self.robot, step)
         return replace(self.at_rest, q=motion.position[0].copy(), trajectory=motion)
 
-    def judge(self, trajectory: Trajectory) -> Judgement:
-        """A contact at the worst place with the worst body."""
-        judged = [body._judge(trajectory) for body in self.bodies]
+    def judge(self, trajectory: Trajectory, hardest: Sequence[WorstOnset] | None = None) -> Judgement:
+        """A contact at the worst place with the worst body.
+
+        Args:
+            trajectory: the motion.
+            hardest: of each body, where it is known already.
+        """
+        known = [None] * len(self.bodies) if hardest is None else hardest
+        judged = [body._judge(trajectory, worst) for body, worst in zip(self.bodies, known, strict=True)]
         worst = max(judged, key=lambda one: (_RANK[one.conclusion] if one.share != 0 else 0, one.share))
         return replace(worst, share=max((one.share for one in judged if one.share > 0), default=worst.share))
 
-    def _judge(self, trajectory: Trajectory) -> Judgement:
+    def _judge(self, trajectory: Trajectory, known: WorstOnset | None) -> Judgement:
         """Of this body alone, by the function that ``bumpstop evaluate`` uses, from the file it reads."""
         speed = self.tool_speed(trajectory)
         try:
             problem = self.problem(trajectory)
-            worst, share = worst_onset(problem)
+            worst, share = known or worst_onset(problem, threads=self.threads)
             if share == 0:
                 return Judgement(None, "the contact point touches nothing on the way", share=0.0, tool_speed=speed)
             with tempfile.TemporaryDirectory() as folder:

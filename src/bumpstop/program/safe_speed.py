@@ -15,7 +15,7 @@ from bumpstop.study.speed.speed_search import MIN_SPEED, SearchRange, Tried, hig
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
-    from bumpstop.program.cell import Cell, Judgement
+    from bumpstop.program.cell import Cell, Judgement, WorstOnset
     from bumpstop.program.segment import Segment
 
 # How closely the speed is found, as a share. Motions are no longer than this share of the longest that are judged.
@@ -85,16 +85,24 @@ def highest_safe(segment: Segment, cell: Cell, most: float, present: Judgement) 
     """
     motion = segment.at(1.0)
     tool = cell.tool_speed(motion)
-    known = {1.0: present.share} if present.verdict is not None else {}
+    known: dict[float, list[WorstOnset]] = {}
+    found = {1.0: present.share} if present.verdict is not None else {}
+    # Where contact is too hard at one speed it mostly is at the next one tried, too: that place is looked at first.
+    place = present.worst_s / motion.duration if present.share > 1 else None
 
     def tried(rows: npt.NDArray[np.int64], speed: FloatArray) -> Tried:
+        nonlocal place
         factor = float(speed[0]) / tool
-        if factor not in known:
+        if factor not in found:
             try:
-                known[factor] = cell.share(segment.at(factor))
+                faster = segment.at(factor)
+                known[factor] = cell.hardest(faster, place)
+                time, found[factor] = max(known[factor], key=lambda one: one[1])
+                if found[factor] > 1:
+                    place = time / faster.duration
             except InputError:
-                known[factor] = math.inf  # a motion that cannot be
-        return np.array([known[factor] <= 1]), np.array([known[factor]])
+                found[factor] = math.inf  # a motion that cannot be
+        return np.array([found[factor] <= 1]), np.array([found[factor]])
 
     slowest = max(MIN_SPEED, tool * motion.duration / (_LONGEST * MAX_DURATION_S))
     within = SearchRange(
@@ -109,7 +117,7 @@ def highest_safe(segment: Segment, cell: Cell, most: float, present: Judgement) 
     limited_by = "max_speed" if factor >= most * (1 - 1e-12) else "limits"
     for _ in range(_EASINGS):
         motion = segment.at(factor)
-        judged = cell.judge(motion)
+        judged = cell.judge(motion, known.get(factor))
         if judged.verdict is None or judged.over <= judged.verdict.accepted_probability:
             break
         factor *= _EASE

@@ -22,11 +22,15 @@ if TYPE_CHECKING:
 
 # Control cycles looked at along a motion, times in each at the least, and in all at the least.
 _CYCLES, _PHASES, _TIMES = 173, 4, 173
+# Control cycles on either side of a time at which contact is expected to be hard.
+_ABOUT = 5
 # So often the distance of these times is halved about the hardest.
 _HALVINGS = 9
 
 
-def worst_onset(problem: CollisionProblem) -> tuple[float, float]:
+def worst_onset(
+    problem: CollisionProblem, *, threads: int = 1, near: float | None = None, enough: float = math.inf
+) -> tuple[float, float]:
     """Time of the trajectory at which contact is hardest [s], and how hard.
 
     That is the peak force that is exceeded with the accepted probability, over the allowed one; zero where the contact
@@ -34,6 +38,12 @@ def worst_onset(problem: CollisionProblem) -> tuple[float, float]:
 
     Within a control cycle the force falls as contact comes nearer to the tick that detects it, and rises abruptly where
     that is the next tick, by a fifth in stiff contacts. Each cycle has a crest of its own, which is searched for.
+
+    Args:
+        problem: of a trajectory, against a body with limits.
+        threads: that share the times.
+        near: time that is looked about first [s].
+        enough: where contact about that time is harder than this, no other time is looked at.
     """
     trajectory, accepted = problem.trajectory, problem.scenario.verdict.accepted_probability
     assert trajectory is not None
@@ -42,9 +52,14 @@ def worst_onset(problem: CollisionProblem) -> tuple[float, float]:
 
     def share(times: FloatArray) -> FloatArray:
         flat = np.clip(times.ravel(), 0.0, last)
-        return onset_shares(problem, flat, kernel).exceeded_with(accepted).reshape(times.shape)
+        return onset_shares(problem, flat, kernel, threads=threads).exceeded_with(accepted).reshape(times.shape)
 
     count = max(1, math.ceil(trajectory.duration / period))
+    if near is not None:
+        about = min(int(near / period), count - 1)
+        _, time, hardest = _crest(share, _spread(max(0, about - _ABOUT), min(count - 1, about + _ABOUT)), period)
+        if hardest > enough:
+            return float(np.clip(time, 0.0, last)), hardest
     cycles = _spread(0, count - 1)
     cycle, time, hardest = _crest(share, cycles, period)
     # Those that were left out between this one and its neighbours.
@@ -71,6 +86,11 @@ def _crest(share: Callable[[FloatArray], FloatArray], cycles: Cycles, period: fl
     best = shares.argmax(axis=1)
     rows = np.arange(cycles.size)
     time, height = times[rows, best], shares[rows, best]
+    # At an end of its cycle a time has its inner neighbour alone.
+    left, right = np.where(best == 0, 1, best - 1), np.where(best == phases - 1, phases - 2, best + 1)
+    beside = np.stack([shares[rows, left], shares[rows, right]], axis=1)
+    kept = _may_be_hardest(height, height[:, None] - beside)
+    cycles, time, height = cycles[kept], time[kept], height[kept]
     for _ in range(_HALVINGS):
         width /= 2
         beside = share(np.stack([time - width, time + width], axis=1))
@@ -79,9 +99,14 @@ def _crest(share: Callable[[FloatArray], FloatArray], cycles: Cycles, period: fl
         side = beside.argmax(axis=1)
         time = np.where(harder, time + np.where(side == 0, -width, width), time)
         height = np.maximum(height, beside.max(axis=1))
-        # On a slope the crest is no higher than as much again, and on a bend by less.
-        most = height + np.abs(fall).min(axis=1) + np.abs(fall).max(axis=1) / 8
-        kept = most >= height.max()
+        kept = _may_be_hardest(height, fall)
         cycles, time, height = cycles[kept], time[kept], height[kept]
     hardest = int(height.argmax())
     return int(cycles[hardest]), float(time[hardest]), float(height[hardest])
+
+
+def _may_be_hardest(height: FloatArray, fall: FloatArray) -> npt.NDArray[np.bool_]:
+    """Cycles whose crest may be the highest, by how much lower it is on either side of its height (cycles, 2)."""
+    # On a slope the crest is no higher than as much again, and on a bend by less.
+    most = height + np.abs(fall).min(axis=1) + np.abs(fall).max(axis=1) / 8
+    return np.asarray(most >= height.max())

@@ -2,6 +2,8 @@
 /// Distributions of contacts that begin at given times of a trajectory.
 #pragma once
 
+#include <atomic>
+
 #include "bumpstop/collision/integrate.hpp"
 #include "bumpstop/collision/trajectory/arm_trajectory.hpp"
 
@@ -105,17 +107,21 @@ OnsetDistribution integrate_onset(const ArmTrajectory& trajectory, double begin,
     return out;
 }
 
-/// The same of all onsets.
+/// The same of all onsets, which threads share.
 template <class T>
 std::vector<OnsetDistribution> integrate_onsets(const ArmTrajectory& trajectory, const Onsets& onsets,
-                                                const GaussianThresholds& detector, const Contact& contact) {
+                                                const GaussianThresholds& detector, const Contact& contact,
+                                                int threads) {
     const PreContactAlarms before(trajectory.setup(), detector, trajectory.ticks());
-    std::vector<OnsetDistribution> out;
-    for (std::size_t i = 0; i < onsets.count; ++i) {
-        const auto by = trajectory.propagator(onsets.time[i], onsets.normal_of(i), contact);
-        out.push_back(integrate_onset<T>(trajectory, onsets.time[i], onsets.normal_of(i), detector, contact,
-                                         by ? &*by : nullptr, before));
-    }
+    std::vector<OnsetDistribution> out(onsets.count);
+    std::atomic<std::size_t> next{0};
+    work_in_threads(std::clamp(threads, 1, std::max(1, int(onsets.count))), [&] {
+        for (std::size_t i = next++; i < onsets.count; i = next++) {
+            const auto by = trajectory.propagator(onsets.time[i], onsets.normal_of(i), contact);
+            out[i] = integrate_onset<T>(trajectory, onsets.time[i], onsets.normal_of(i), detector, contact,
+                                        by ? &*by : nullptr, before);
+        }
+    });
     return out;
 }
 

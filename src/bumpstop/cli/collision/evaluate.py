@@ -62,7 +62,7 @@ def command(
         typer.Option(
             parser=whole(1, MAX_THREADS),
             metavar="NUMBER",
-            help="Threads that sample, or that evaluate situations; they do not change the result.",
+            help="Threads that sample, or share times of contact or situations; they do not change the result.",
         ),
     ] = 2,
     changes: Annotated[

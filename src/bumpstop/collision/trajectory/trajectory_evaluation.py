@@ -34,7 +34,7 @@ _CONTACTS_AT_ONCE = 500
 
 
 def integrate_trajectory(
-    problem: CollisionProblem, evaluate: Evaluate, *, refinement: int = 1
+    problem: CollisionProblem, evaluate: Evaluate, *, refinement: int = 1, threads: int = 1
 ) -> TrajectoryCollisionResult:
     """Integrate over the time of contact and sensor noise; ``evaluate`` as :attr:`CollisionResult.evaluate`."""
     if problem.residuals is not None:
@@ -45,7 +45,7 @@ def integrate_trajectory(
     used = np.flatnonzero(times.weight > 0)
     begin, weight, K = times.begin[used], times.weight[used], problem.stiffness
     normal = np.ascontiguousarray(times.normal[used])
-    out = _onsets(problem, kernel, begin, normal)
+    out = _onsets(problem, kernel, begin, normal, threads)
     contact, tick, probability = out["onset"], out["tick"], out["probability"]
     free = problem.gives_way
     mass = weight[contact] * probability
@@ -143,14 +143,14 @@ _COLUMNS = (
 
 
 def _onsets(
-    problem: CollisionProblem, kernel: _native.Trajectory, begin: FloatArray, normal: FloatArray
+    problem: CollisionProblem, kernel: _native.Trajectory, begin: FloatArray, normal: FloatArray, threads: int
 ) -> dict[str, npt.NDArray[Any]]:
     """The distributions of onsets, some hundreds at a time: of slow motions each has thousands of detections."""
     parts: list[dict[str, npt.NDArray[Any]]] = []
     detections = 0
     for first in range(0, begin.size, _CONTACTS_AT_ONCE):
         own = slice(first, first + _CONTACTS_AT_ONCE)
-        found = kernel.integrate(problem.detector, problem.contact, begin[own], normal[own])
+        found = kernel.integrate(problem.detector, problem.contact, begin[own], normal[own], threads)
         part = {name: getattr(found, name) for name in _COLUMNS} | {"onset": found.onset + first}
         detections += found.onset.size
         if detections > _MAX_DETECTIONS:

@@ -56,7 +56,9 @@ class OnsetShares:
         return found
 
 
-def onset_shares(problem: CollisionProblem, begin: FloatArray, kernel: _native.Trajectory | None = None) -> OnsetShares:
+def onset_shares(
+    problem: CollisionProblem, begin: FloatArray, kernel: _native.Trajectory | None = None, *, threads: int = 1
+) -> OnsetShares:
     """Of collisions that begin at times (N,) [s], by the distribution of each.
 
     It is the integrated one of ``bumpstop evaluate`` with ``motion.contact_onset_s``: of a rigid or an elastic arm,
@@ -66,6 +68,7 @@ def onset_shares(problem: CollisionProblem, begin: FloatArray, kernel: _native.T
         problem: of a trajectory, against a body with limits.
         begin: times of the trajectory.
         kernel: of the problem, where it is known already.
+        threads: that share the times.
     """
     normal, speed = approach(problem, begin)
     moving = np.flatnonzero(speed > _MOVES)
@@ -73,7 +76,7 @@ def onset_shares(problem: CollisionProblem, begin: FloatArray, kernel: _native.T
         return OnsetShares(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0), len(begin))
     kernel = kernel or trajectory_kernel(problem)
     own = np.ascontiguousarray(normal[moving])
-    out = kernel.integrate(problem.detector, problem.contact, begin[moving], own)
+    out = kernel.integrate(problem.detector, problem.contact, begin[moving], own, threads)
     missed = np.flatnonzero(out.undetected > 0)
     undetected = undetected_forces(problem, begin[moving[missed]], own[missed])
     # The kernel gives a new array each time it is asked.
