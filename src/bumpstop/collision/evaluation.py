@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -61,11 +62,12 @@ def evaluate(
     elif problem.residuals is not None:
         samples = RESAMPLED_RUNS
     if problem.trajectory is not None:
+        another = partial(evaluate, threads=threads)
         if samples is None:
-            return integrate_trajectory(problem, evaluate, refinement=refinement, threads=threads)
+            return integrate_trajectory(problem, another, refinement=refinement, threads=threads)
         return in_blocks(
             lambda first, size: monte_carlo_trajectory(
-                problem, evaluate, samples=size, seed=block_seed(seed, first), threads=threads
+                problem, another, samples=size, seed=block_seed(seed, first), threads=threads
             ),
             samples,
             progress,
