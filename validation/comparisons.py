@@ -9,7 +9,6 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from typing import Protocol
 
 from validation import plant, urdf
@@ -145,10 +144,10 @@ def _run_told(name: str, *, quick: bool) -> tuple[Findings, str]:
 def _result(ended: Future[tuple[Findings, str]], name: str) -> Findings:
     try:
         findings, told = ended.result()
-    except BrokenProcessPool as error:
+    except Exception as error:  # the process has died, or its findings cannot be sent
         findings = Findings(name, COMPARISONS[name].TITLE)
         print(f"\n{name}: {findings.title}")
-        findings.check("The comparison's process lives to its end", False, str(error))
+        findings.check("The comparison's process tells what it finds", False, f"{type(error).__name__}: {error}")
     else:
         print(told, end="", flush=True)
     return findings

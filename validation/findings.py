@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from bumpstop.report.markup import Html
 from bumpstop.report.picture import Picture
 
 # A cell of a table: text, a number, or None where there is none.
@@ -65,14 +66,14 @@ class Findings:
     Attributes:
         name: as ``--only`` takes it.
         title: heading of its section.
-        items: checks, tables, pictures and paragraphs (str), in order.
+        items: checks, tables, drawn pictures (Html) and paragraphs (str), in order.
         figures: numbers for ``results.json`` that no table holds.
         seconds: how long it took.
     """
 
     name: str
     title: str
-    items: list[Check | Table | Picture | str] = field(default_factory=list)
+    items: list[Check | Table | Html | str] = field(default_factory=list)
     figures: dict[str, Any] = field(default_factory=dict)
     seconds: float = 0.0
 
@@ -99,8 +100,8 @@ class Findings:
         self.items.append(Table(caption, headings, formats, rows))
 
     def picture(self, picture: Picture) -> None:
-        """Add a picture."""
-        self.items.append(picture)
+        """Draw a picture and add it."""
+        self.items.append(picture.render().html())
 
     @property
     def checks(self) -> list[Check]:

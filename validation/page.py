@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from bumpstop.report.markup import Html, element, paragraph, table
-from bumpstop.report.picture import Picture
 from validation.findings import Check, Findings, Table
 
 _STYLE = """
@@ -134,8 +133,8 @@ def _section(findings: Findings) -> Html:
             waiting.append(element("li", _word(item.passed), f" {item.what}{detail}"))
         elif isinstance(item, Table):
             put(_table(item))
-        elif isinstance(item, Picture):
-            put(element("div", item.render().html(), class_="figures"))
+        elif isinstance(item, Html):
+            put(element("div", item, class_="figures"))
         else:
             put(paragraph(item))
     put(None)

@@ -88,13 +88,14 @@ def test_interrupted_keeps_what_was_found(
 def test_side_by_side_finds_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     told = {}
     for jobs in ("1", "2"):
-        only = ["--only", "drives", "--only", "convergence", "--jobs", jobs]
+        only = ["--only", "drives", "--only", "two_laws", "--jobs", jobs]
         assert main(["--quick", *only, "--out", str(tmp_path / jobs)]) == 0
         printed = capsys.readouterr().out
         told[jobs] = {line for line in printed.splitlines() if "PASS" in line}
     assert told["1"] == told["2"] != set()
-    one, two = (results(tmp_path / jobs) for jobs in ("1", "2"))
-    assert list(one["comparisons"]) == list(two["comparisons"]) == ["drives", "convergence"]
+    assert all("<figure" in (tmp_path / jobs / "index.html").read_text() for jobs in told)
+    one, two = (results(tmp_path / jobs) for jobs in told)
+    assert list(one["comparisons"]) == list(two["comparisons"]) == ["drives", "two_laws"]
     for name, found in one["comparisons"].items():
         assert {**found, "seconds": 0} == {**two["comparisons"][name], "seconds": 0}
 
