@@ -53,7 +53,7 @@ def as_markdown(findings: Any) -> list[str]:
             lines += ["", f"**{item.caption}**", ""]
             lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in cells]
             lines.append("")
-        elif isinstance(item, str):
+        elif type(item) is str:
             lines += ["", item, ""]
         else:
             raise TypeError(f"{findings.name}: no page shows a {type(item).__name__}")
