@@ -56,7 +56,8 @@ class Answer:
         Raises:
             InputError: it cannot be computed.
         """
-        answer = cls(evaluate(scenario.without_uncertainty()), pending=bool(scenario.uncertainty))
+        # Threads as of the command.
+        answer = cls(evaluate(scenario.without_uncertainty(), threads=2), pending=bool(scenario.uncertainty))
         # What a page says is computed here, in the thread that computes.
         _ = answer.figures
         return answer

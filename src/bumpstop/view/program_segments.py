@@ -47,7 +47,7 @@ class ProgramSegments:
             InputError: it cannot be read, or the scenario cannot judge it.
         """
         import_ruckig()
-        cell = Cell(scenario)
+        cell = Cell(scenario, threads=2)
         return cls(cell, read_source(path, cell, _MAX_SPEED), folder)
 
     @property
