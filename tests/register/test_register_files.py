@@ -254,6 +254,27 @@ def test_a_column_that_nothing_is_called_after_is_told_once(tmp_path: Path) -> N
     ]
 
 
+def test_a_row_that_begins_as_a_comment_is_refused(tmp_path: Path) -> None:
+    write_register(tmp_path)
+    path = tmp_path / "r.csv"
+    alone = "# made on Monday\n#,,,\n"
+    text = f"{alone}name,scenario,body,speed_mm_s\nA hand,cell.toml,hand_finger,50\n{alone}"
+    path.write_text(text, encoding="utf-8")
+    assert len(bs.load_register(path).situations) == 1
+    path.write_text(f"{text}#2 hand fast,cell.toml,,190\n", encoding="utf-8")
+    (told,) = faults_of(path)
+    assert told.startswith(f"{path} row 7: begins with '#' and has a cell for each column; remove the mark")
+
+
+def test_lines_of_a_damaged_csv_are_all_named(tmp_path: Path) -> None:
+    write_register(tmp_path)
+    path = tmp_path / "r.csv"
+    lines = ["name,scenario", 'a,"cell.toml', "b,cell.toml,", 'c,"cell".toml', "d,nowhere.toml"]
+    path.write_text("\n".join(lines), encoding="utf-8")
+    places = [told.removeprefix(f"{path} row ")[0] for told in faults_of(path)]
+    assert places == ["2", "3", "4", "5"]
+
+
 def test_no_register_at_all() -> None:
     with pytest.raises(bs.InputError, match="wanted the path of a register"):
         bs.load_register()

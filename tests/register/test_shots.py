@@ -63,6 +63,46 @@ def test_every_bad_cell_is_named(tmp_path: Path) -> None:
     assert "did you mean 'hand on the table'" in told[0]
 
 
+def told_of(path: Path) -> list[str]:
+    with pytest.raises(RegisterError) as refused:
+        load_shots(path, SITUATIONS)
+    return [str(fault).removeprefix(f"{path} ") for fault in refused.value.faults]
+
+
+def test_a_quotation_mark_that_is_not_closed_swallows_no_shot(tmp_path: Path) -> None:
+    made = 'hand on the table,{},50,88,80,97,{},"{}'
+    rows = [made.format(1, 84, "see sheet 4"), made.format(2, 500, 'hit hard"'), made.format(3, 84, "")]
+    told = told_of(write(tmp_path, f"{HEAD},note", *rows, "nobody,1,45,,,,99,"))
+    assert [line.partition(":")[0] for line in told] == ["row 2", "row 4", "row 5, situation"]
+    assert "has a cell that goes on in the next line" in told[0]
+
+
+def test_a_shot_that_begins_as_a_comment_is_refused(tmp_path: Path) -> None:
+    alone = ["# made on Monday, by Smith", "#,,,,,,"]
+    rows = ["hand on the table,1,50,88,80,97,84", "#hand on the table,2,50,88,80,97,500"]
+    (told,) = told_of(write(tmp_path, *alone, HEAD, *alone, *rows))
+    assert told == (
+        "row 7: begins with '#' and has a cell for each column; remove the mark, or the row: only a comment that "
+        "stands alone is passed over"
+    )
+
+
+def test_dots_beside_decimal_commas_are_refused(tmp_path: Path) -> None:
+    head = HEAD.replace(",", ";")
+    rows = ["hand on the table;1;50;81,5;70;92;1.250", "hand on the table;2;50.0;81;70;92;80"]
+    told = told_of(write(tmp_path, head, *rows))
+    assert [line.partition(":")[0] for line in told] == ["row 2, measured_peak_force_N", "row 3, speed_mm_s"]
+    assert "'1.250' has a dot, and the file has decimal commas" in told[0]
+    assert load_shots(write(tmp_path, head, rows[1]), SITUATIONS)[0].speed_mm_s == 50
+    assert load_shots(write(tmp_path, head, rows[0].replace(".", "")), SITUATIONS)[0].predicted_N == 81.5
+
+
+@pytest.mark.parametrize(("low", "high", "missing"), [("", "92", "low"), ("70", "", "high")])
+def test_half_a_band_is_refused(tmp_path: Path, low: str, high: str, missing: str) -> None:
+    (told,) = told_of(write(tmp_path, HEAD, f"hand on the table,1,50,81,{low},{high},120"))
+    assert told.startswith(f"row 2, predicted_{missing}_N: is missing")
+
+
 @pytest.mark.parametrize(
     "lines", [[], [HEAD], [HEAD.replace("shot,", ""), "a,1,1,1,1,1"], [f"{HEAD},shot", "a" + "," * 7]]
 )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 from bumpstop.collision.scenario.keys import value_of
 from bumpstop.collision.scenario.scenario_words import as_written
 from bumpstop.collision.scenario.uncertainty_table import flattened
+from bumpstop.csv_table import read_csv_table
 from bumpstop.errors import InputError, near_matches
 from bumpstop.register.rows import Row, unknown_key_of_row
 from bumpstop.register.statements import Statement, read_statements
@@ -105,39 +105,22 @@ def _dotted(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]
 
 
 def _read_csv(text: str, path: Path) -> RegisterFile:
-    lines = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), start=1)
-        if line.strip(" \t,;") and not line.lstrip().startswith("#")
-    ]
-    if not lines:
-        raise InputError(str(path), "is empty", _OF_CSV)
-    head = lines[0][1]
-    delimiter = max((";", "\t", ","), key=lambda mark: (head.count(mark), mark == ";"))
-    try:
-        cells = list(csv.reader((line for _, line in lines), delimiter=delimiter, skipinitialspace=True, strict=True))
-    except csv.Error as error:
-        raise InputError(str(path), f"is not valid CSV ({error})", "wanted one situation in each line") from None
-    if len(cells) != len(lines):
-        raise InputError(str(path), "has a cell that goes on in the next line", "wanted one situation in each line")
-    names = [name.strip() for name in cells[0]]
+    table = read_csv_table(text, path, _OF_CSV, "situation")
+    names, where = table.names, f"{path} row {table.head_line}"
     for name in names:
         if not name or names.count(name) > 1:
             problem = "has a column without a name" if not name else f"has two columns {as_written(name)}"
-            raise InputError(f"{path} row {lines[0][0]}", problem, _OF_CSV)
+            raise InputError(where, problem, _OF_CSV)
     for name in ("scenario", "name"):
         if name not in names:
-            raise InputError(f"{path} row {lines[0][0]}", f"has no column {name!r}", _OF_CSV)
+            raise InputError(where, f"has no column {name!r}", _OF_CSV)
     # Of a column that nothing is called after, every row would say the same.
     strange = {name: fault for name in names if (fault := unknown_key_of_row(name)) is not None}
-    where = f"{path} row {lines[0][0]}"
     faults = [InputError(f"{where}, {fault.field}", fault.problem, fault.valid) for fault in strange.values()]
     rows: list[Row] = []
-    for (number, _), row in zip(lines[1:], cells[1:], strict=True):
-        if len(row) != len(names):
-            problem = f"has {len(row)} cells, and there are {len(names)} columns"
-            valid = f"wanted one for each column; a cell that holds {delimiter!r} stands in quotation marks"
-            faults.append(InputError(f"{path} row {number}", problem, valid))
+    for number, row in table.rows:
+        if isinstance(row, InputError):
+            faults.append(row)
             continue
         filled = {name: _cell(name, cell) for name, cell in zip(names, row, strict=True) if cell.strip()}
         filled = {name: cell for name, cell in filled.items() if name not in strange}

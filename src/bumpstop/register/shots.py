@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from bumpstop.csv_table import read_csv_table
 from bumpstop.errors import InputError, near_matches
 from bumpstop.register.faults import RegisterError
 from bumpstop.register.situation import Situation
@@ -23,6 +23,7 @@ COLUMNS = (
     "measured_peak_force_N",
 )
 """Columns of a file of shots, in any order; others are passed over."""
+_NUMBERS = COLUMNS[2:]
 _MAX_FORCE_N, _MAX_SPEED_MM_S = 1e6, 1e5
 _WANTED = f"wanted a file of shots (CSV) with the columns {', '.join(COLUMNS)}"
 
@@ -69,38 +70,30 @@ def load_shots(path: str | os.PathLike[str], situations: Sequence[Situation]) ->
         situations: of the register that the shots belong to.
 
     Raises:
-        RegisterError: cells that cannot be used; it names them all.
+        RegisterError: rows and cells that cannot be used; it names them all.
         InputError: the file cannot be read, or lacks a column.
     """
     path = as_path(path, "shots")
-    lines = [
-        (number, line)
-        for number, line in enumerate(read_text(path, _WANTED).splitlines(), start=1)
-        if line.strip(" \t,;") and not line.lstrip().startswith("#")
-    ]
-    if len(lines) < 2:
-        raise InputError(str(path), "has no shots", _WANTED)
-    head = lines[0][1]
-    delimiter = max((";", "\t", ","), key=lambda mark: (head.count(mark), mark == ";"))
-    try:
-        cells = list(csv.reader((line for _, line in lines), delimiter=delimiter, skipinitialspace=True))
-    except csv.Error as error:
-        raise InputError(str(path), f"is not valid CSV ({error})", _WANTED) from None
-    names = [name.strip() for name in cells[0]]
+    table = read_csv_table(read_text(path, _WANTED), path, _WANTED, "shot")
     for column in COLUMNS:
-        if names.count(column) != 1:
-            problem = "is missing" if column not in names else "is there twice"
+        if table.names.count(column) != 1:
+            problem = "is missing" if column not in table.names else "is there twice"
             raise InputError(f"{path} column {column}", problem, _WANTED)
+    if not table.rows:
+        raise InputError(str(path), "has no shots", _WANTED)
+    numbers = {table.names.index(column) for column in _NUMBERS}
+    decimal_commas = table.delimiter != "," and any(
+        "," in row[i] for _, row in table.rows if not isinstance(row, InputError) for i in numbers
+    )
     faults: list[InputError] = []
     shots: list[Shot] = []
     known = {situation.name for situation in situations}
-    for (number, _), row in zip(lines[1:], cells[1:], strict=False):
-        reader = _Row(f"{path} row {number}", dict(zip(names, (cell.strip() for cell in row), strict=False)), faults)
-        if len(row) != len(names):
-            problem = f"has {len(row)} cells, and there are {len(names)} columns"
-            faults.append(InputError(f"{path} row {number}", problem, "wanted one for each column"))
+    for number, row in table.rows:
+        if isinstance(row, InputError):
+            faults.append(row)
             continue
-        shots.append(reader.shot(known, "," if delimiter == "," else "."))
+        cells = {name: cell.strip() for name, cell in zip(table.names, row, strict=True)}
+        shots.append(_Row(f"{path} row {number}", cells, faults, decimal_commas).shot(known))
     if faults:
         raise RegisterError(str(path), faults)
     return tuple(shots)
@@ -109,35 +102,45 @@ def load_shots(path: str | os.PathLike[str], situations: Sequence[Situation]) ->
 class _Row:
     """A row whose faults are gathered."""
 
-    def __init__(self, where: str, cells: dict[str, str], faults: list[InputError]) -> None:
-        self._where, self._cells, self._faults = where, cells, faults
+    def __init__(self, where: str, cells: dict[str, str], faults: list[InputError], decimal_commas: bool) -> None:
+        self._where, self._cells, self._faults, self._decimal_commas = where, cells, faults, decimal_commas
 
-    def shot(self, known: set[str], thousands: str) -> Shot:
+    def shot(self, known: set[str]) -> Shot:
         name = self._cells["situation"]
         if name not in known:
             self._fault("situation", f"{name!r} is not in the register", near_matches(name, sorted(known)))
-        speed = self._number("speed_mm_s", _MAX_SPEED_MM_S, thousands)
+        speed = self._number("speed_mm_s", _MAX_SPEED_MM_S)
         if math.isnan(speed) and not self._cells["speed_mm_s"]:
             self._fault("speed_mm_s", "is missing", f"wanted a number from 0 to {_MAX_SPEED_MM_S:g}")
-        low, high = (self._number(f"predicted_{end}_N", _MAX_FORCE_N, thousands) for end in ("low", "high"))
+        low, high = (self._number(f"predicted_{end}_N", _MAX_FORCE_N) for end in ("low", "high"))
+        for end, value, other in (("low", low, high), ("high", high, low)):
+            # Half a band would judge no peak, and leave the shot without a word.
+            column = f"predicted_{end}_N"
+            if math.isnan(value) and not self._cells[column] and not math.isnan(other):
+                self._fault(column, "is missing", "wanted both ends of the band, or neither")
         if low > high:
             self._fault("predicted_low_N", f"{low:g} is above predicted_high_N = {high:g}", "wanted low to high")
         return Shot(
             situation=name,
             shot=self._cells["shot"],
             speed_mm_s=speed,
-            predicted_N=self._number("predicted_peak_force_N", _MAX_FORCE_N, thousands),
+            predicted_N=self._number("predicted_peak_force_N", _MAX_FORCE_N),
             low_N=low,
             high_N=high,
-            measured_N=self._number("measured_peak_force_N", _MAX_FORCE_N, thousands),
+            measured_N=self._number("measured_peak_force_N", _MAX_FORCE_N),
         )
 
-    def _number(self, column: str, most: float, thousands: str) -> float:
+    def _number(self, column: str, most: float) -> float:
         text = self._cells[column]
         if not text:
             return math.nan
+        if self._decimal_commas and "." in text:
+            # 1.250 may be a thousand and more, and would be read as little more than one.
+            problem = f"{text[:40]!r} has a dot, and the file has decimal commas"
+            self._fault(column, problem, "wanted numbers with decimal commas and no marks between thousands")
+            return math.nan
         try:
-            value = float(text if thousands == "," else text.replace(",", "."))
+            value = float(text.replace(",", ".") if self._decimal_commas else text)
         except ValueError:
             value = math.nan
         if not 0 <= value <= most:
