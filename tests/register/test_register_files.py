@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 import bumpstop as bs
 from bumpstop.register import RegisterError
 from bumpstop.register.rows import MAX_NAME
+from bumpstop.text_files import to_toml
 from register.cases import EXAMPLES, SCENARIO, write_register
 
 ROWS_TOML = """
@@ -234,11 +236,48 @@ def test_the_payload_chooses_rows_of_a_stopping_table(tmp_path: Path) -> None:
     path = write_register(
         tmp_path,
         {"name": "a", "scenario": base, "payload_kg": 2, **reaction},
-        {"name": "b", "scenario": base, "payload_kg": 2, "reaction.payload_percent": 50, **reaction},
+        {"name": "b", "scenario": base, "reaction.payload_percent": 50, **reaction},
         {"name": "c", "scenario": base, "payload_kg": 2},
     )
-    a, b, c = (one.scenario.reaction for one in bs.load_register(path).situations)
-    assert (a.payload_kg, b.payload_kg, c.payload_kg) == (2, None, None)
+    found = bs.load_register(path).situations
+    assert [one.scenario.reaction.payload_kg for one in found] == [2, None, None]
+    assert [one.payload_kg for one in found] == [2, pytest.approx(6.25), 2], (
+        "half of the 12.5 kg that an UR10e is rated for"
+    )
+    (told,) = faults_of(write_register(tmp_path, {"name": "a", "payload_kg": 2, "reaction.payload_percent": 50}))
+    assert "payload_kg: and reaction.payload_percent are both given; give one of the two" in told
+
+
+@pytest.mark.parametrize("of_scenario", [{}, {"payload_kg": 1.0}, {"payload_percent": 10.0}])
+def test_the_payload_of_a_row_replaces_that_of_its_scenario(tmp_path: Path, of_scenario: dict[str, float]) -> None:
+    """And ``--set`` replaces both, as every other key; a situation has one payload, which is computed and shown."""
+    table = EXAMPLES.parent / "stopping" / "tm5_700.toml"
+    path = write_register(tmp_path, {"name": "row", "payload_kg": 3}, {"name": "scenario"})
+    cell = tmp_path / "cell.toml"
+    data = tomllib.loads((EXAMPLES / "ur10e_table.toml").read_text(encoding="utf-8"))
+    data["reaction"] |= {"deceleration": "table", "stopping_table": str(table), **of_scenario}
+    cell.write_text(to_toml(data), encoding="utf-8")
+
+    def payloads(**changes: object) -> list[tuple[float | None, float | None, float | None]]:
+        reactions = [(one, one.scenario.reaction) for one in bs.load_register(path, changes=changes).situations]
+        return [(one.payload_kg, reaction.payload_kg, reaction.payload_percent) for one, reaction in reactions]
+
+    kg, percent = (of_scenario.get(key) for key in ("payload_kg", "payload_percent"))
+    shown = kg if percent is None else pytest.approx(12.5 * percent / 100)
+    assert payloads() == [(3, 3, None), (shown, kg, percent)]
+    assert payloads(**{"reaction.payload_kg": 5.0}) == [(5, 5, None)] * 2
+    assert payloads(**{"reaction.payload_percent": 20.0}) == [(2.5, None, 20)] * 2
+    for one in bs.evaluate_register(bs.load_register(path)).results:
+        told = [value.value for value in one.inputs if "payload" in value.key]
+        assert len(told) == (one.situation.payload_kg is not None), told
+
+
+def test_the_payload_goes_into_a_stopping_table_that_changes_bring(tmp_path: Path) -> None:
+    table = EXAMPLES.parent / "stopping" / "tm5_700.toml"
+    path = write_register(tmp_path, {"name": "a", "scenario": str(EXAMPLES / "ur10e_table.toml"), "payload_kg": 2})
+    changes = {"reaction.deceleration": "table", "reaction.stopping_table": str(table)}
+    (found,) = bs.load_register(path, changes=changes).situations
+    assert found.scenario.reaction.payload_kg == 2
 
 
 def test_a_column_that_nothing_is_called_after_is_told_once(tmp_path: Path) -> None:

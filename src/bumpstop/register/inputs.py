@@ -163,7 +163,8 @@ def _robot_inputs(situation: Situation, result: CollisionResult) -> list[Input]:
             for name in train.status
             if name not in given
         ]
-    if situation.payload_kg is not None:
+    reaction = situation.scenario.reaction
+    if situation.payload_kg is not None and reaction.payload_kg is None and reaction.payload_percent is None:
         found.append(
             Input(
                 key="payload",

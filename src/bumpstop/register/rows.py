@@ -28,6 +28,7 @@ WORDS = {
 # Keys of a row that belong to the register alone.
 OWN = ("name", "scenario", "payload_kg", "frequency", "note")
 _PAYLOAD = ("payload_kg", "reaction.payload_kg")  # where a stopping table asks for it
+_PAYLOADS = ("reaction.payload_kg", "reaction.payload_percent")
 _MAX_PAYLOAD_KG = 1e4
 MAX_NAME = 80
 """Letters of a name: names stand in tables."""
@@ -95,7 +96,7 @@ class Row:
         """
         own, given, faults = self._split()
         data = copy.deepcopy(dict(base.tables))
-        if isinstance(own.get("payload_kg"), float) and _asks_for_payload(data, given):
+        if isinstance(own.get("payload_kg"), float) and _by_stopping_table(data, given, changes):
             given["reaction.payload_kg"] = own["payload_kg"]
         scenario: Scenario | None = None
         try:
@@ -118,7 +119,7 @@ class Row:
             scenario_file=base.path,
             place=self.place,
             frequency=own.get("frequency", ""),
-            payload_kg=own.get("payload_kg"),
+            payload_kg=_payload_kg(scenario, own.get("payload_kg")),
             note=own.get("note", ""),
             given=given,
             statements=statements,
@@ -142,6 +143,8 @@ class Row:
                 own[key] = float(value) if key == "payload_kg" and fault is None else value
             elif key in WORDS and WORDS[key] in self.values:
                 faults.append(InputError(key, f"and {WORDS[key]} are both given", "give one of the two"))
+            elif key in _PAYLOADS and "payload_kg" in self.values:
+                faults.append(InputError("payload_kg", f"and {key} are both given", "give one of the two"))
             elif (unknown := unknown_key_of_row(key)) is not None:
                 faults.append(unknown)
             else:
@@ -159,12 +162,20 @@ class Row:
         return InputError(f"{self.where}, {key}", error.problem, error.valid)
 
 
-def _asks_for_payload(data: Mapping[str, Any], given: Mapping[str, Any]) -> bool:
-    """Whether a stopping table asks for the payload, which neither scenario nor row give as a key of the reaction."""
-    table = data.get("reaction")
-    reaction = dict(table) if isinstance(table, Mapping) else {}
-    reaction |= {key.removeprefix("reaction."): value for key, value in given.items() if key.startswith("reaction.")}
-    return reaction.get("deceleration") == "table" and not {"payload_kg", "payload_percent"} & set(reaction)
+def _by_stopping_table(data: Mapping[str, Any], given: Mapping[str, Any], changes: Mapping[str, Any]) -> bool:
+    """Whether the arm brakes by a stopping table, which asks for the payload; what is said last counts."""
+    key, reaction = "reaction.deceleration", data.get("reaction")
+    of_scenario = reaction.get("deceleration") if isinstance(reaction, Mapping) else None
+    return bool(changes.get(key, given.get(key, of_scenario)) == "table")
+
+
+def _payload_kg(scenario: Scenario, of_row: float | None) -> float | None:
+    """What the arm carries [kg], as the stopping table has it where it is told; None: not told."""
+    reaction = scenario.reaction
+    if reaction.payload_percent is None:
+        return of_row if reaction.payload_kg is None else reaction.payload_kg
+    rated = robot_of(scenario).payload_kg
+    return None if rated is None else rated * reaction.payload_percent / 100
 
 
 def unknown_key_of_row(key: str) -> InputError | None:

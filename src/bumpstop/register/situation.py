@@ -24,7 +24,7 @@ class Situation:
         scenario_file: the scenario that the row stands on; ``file`` itself where that is a scenario.
         place: where in ``file`` the row is, ``row 3`` or ``[[situation]] 3``; empty for a scenario file.
         frequency: how often it may happen, in the words of the register; empty: not told.
-        payload_kg: what the arm carries [kg]; None: not told.
+        payload_kg: what the arm carries [kg], of a stopping table that with which it is read; None: not told.
         note: remark of the register; empty: none.
         given: dotted keys that the row sets, and their values.
         statements: where values come from, by dotted key or table.

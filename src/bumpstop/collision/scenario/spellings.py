@@ -12,6 +12,7 @@ from bumpstop.errors import InputError
 SPELLINGS = (
     (("pose_deg",), ("pose_rad",)),
     (("contact.stiffness_N_m",), ("contact.stiffness_N_mm",)),
+    (("reaction.payload_kg",), ("reaction.payload_percent",)),
     (("motion.velocity_mm_s",), ("motion.speed_mm_s", "motion.direction")),
 )
 
