@@ -150,6 +150,20 @@ def test_a_payload_above_the_rated_one_is_a_deviation(tmp_path: Path) -> None:
     assert "above the 5 kg" in warning
 
 
+def test_too_few_sampled_collisions_do_not_pass(tmp_path: Path) -> None:
+    """0.1 % is accepted: of 9000 collisions that is 9, which 10 000 are enough for."""
+    path = write_register(tmp_path, {"name": "slow", "speed_mm_s": 20}, {"name": "fast", "speed_mm_s": 500})
+    register = bs.load_register(path)
+    for samples in (1, 9000):
+        fast, slow = bs.evaluate_register(register, samples=samples).results
+        assert (fast.outcome, slow.outcome) == ("fail", "inconclusive")
+        assert slow.reason.startswith(f"{samples} sampled collisions are too few to judge by")
+        assert slow.reason in slow.warnings
+        assert slow.to_json()["verdict"]["warnings"] == list(slow.warnings)
+    _, slow = bs.evaluate_register(register, samples=10_000).results
+    assert (slow.outcome, slow.warnings) == ("pass", ())
+
+
 def shot(measured: float, speed: float = 50.0, band: tuple[float, float] = (80.0, 95.0)) -> Shot:
     return Shot(
         situation="a", shot="1", speed_mm_s=speed, predicted_N=88, low_N=band[0], high_N=band[1], measured_N=measured

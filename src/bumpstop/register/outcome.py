@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal
 
+from bumpstop.collision.notes import sample_notes
 from bumpstop.register.statements import OPEN_STATUSES
 
 if TYPE_CHECKING:
@@ -29,8 +30,8 @@ def outcome_of(
 
     A situation passes where its verdict is acceptable and nothing that was only assumed decides it. It is inconclusive
     where the verdict is, where there is no limit of force or of pressure, where the contact area was not given, where
-    the other model of the arm or finer steps exceed the limits, and where the register says that a value is assumed or
-    unverified.
+    sampled collisions are too few, where the other model of the arm or finer steps exceed the limits, and where the
+    register says that a value is assumed or unverified.
     """
     verdict = result.verdict
     if judgement is not None:
@@ -46,6 +47,9 @@ def outcome_of(
 def _open_question(situation: Situation, result: CollisionResult) -> str:
     """Why an acceptable verdict does not settle the situation; empty where it does."""
     verdict, scenario = result.verdict, result.scenario
+    too_few = sample_notes(result)
+    if too_few:
+        return too_few[0]
     if verdict.p_over_pressure is None:
         table = verdict.limits.table if verdict.limits else "the table"
         return f"The force is acceptable, but {table} has no pressure limit for this region: pressure is not judged."
