@@ -150,6 +150,22 @@ def test_a_payload_above_the_rated_one_is_a_deviation(tmp_path: Path) -> None:
     assert "above the 5 kg" in warning
 
 
+def test_two_phases_have_a_use_of_the_limit(tmp_path: Path) -> None:
+    """Above 1 just where a limit is exceeded too often, and sorted by it."""
+    two = {"verdict.clamped_limit": "two_phase", "contact.limits": "ts15066"}
+    rows = [{"name": str(speed), "speed_mm_s": speed, **two} for speed in (20, 40, 60, 90, 140, 220, 400)]
+    found = bs.evaluate_register(bs.load_register(write_register(tmp_path, *rows))).results
+    assert all(one.verdict.transient is not None for one in found)
+    assert [one.situation.name for one in found] == [str(row["speed_mm_s"]) for row in reversed(rows)]
+    for one in found:
+        assert one.use > 0
+        assert (one.use > 1) == (one.p_over > one.verdict.accepted_probability)
+    assert {one.use > 1 for one in found} == {True, False}
+    never = {"name": "never", "body": "face", "speed_mm_s": 20, **two}
+    (one,) = bs.evaluate_register(bs.load_register(write_register(tmp_path, never))).results
+    assert (one.outcome, one.use) == ("fail", math.inf)
+
+
 def test_too_few_sampled_collisions_do_not_pass(tmp_path: Path) -> None:
     """0.1 % is accepted: of 9000 collisions that is 9, which 10 000 are enough for."""
     path = write_register(tmp_path, {"name": "slow", "speed_mm_s": 20}, {"name": "fast", "speed_mm_s": 500})

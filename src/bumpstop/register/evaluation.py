@@ -14,6 +14,7 @@ from bumpstop.arrays import as_whole_number
 from bumpstop.collision import evaluate
 from bumpstop.collision.notes import sample_notes
 from bumpstop.collision.summary import arm_title, what_is_hit
+from bumpstop.collision.verdict.two_phase_use import TwoPhaseUse
 from bumpstop.errors import InputError
 from bumpstop.register.faults import RegisterError
 from bumpstop.register.inputs import Input, inputs_of
@@ -38,8 +39,8 @@ class SituationResult:
         reason: one sentence.
         verdict: of the collision, by its limits.
         use: share of its limit that the quantile of the accepted probability takes, the larger of force and pressure
-            [1]; above 1 the limit is exceeded too often. Infinite where no contact is permitted or the force is
-            unbounded, NaN without limits and in two phases of contact.
+            [1], and of both phases of contact where there are two; above 1 the limit is exceeded too often. Infinite
+            where no contact is permitted or the force is unbounded, NaN without limits.
         peak_force, pressure: quantiles by name [N, N/cm²]; NaN: none, infinite: without bound.
         hit: the body region and its table, or the spring.
         motion: how the arm moves, in words.
@@ -234,10 +235,13 @@ def _evaluate(situation: Situation, judgement: Judgement | None, samples: int | 
 
 def _use_of_limit(result: CollisionResult) -> float:
     limits, verdict = result.problem.limits, result.verdict
-    if limits is None or verdict.transient is not None:
+    transient = verdict.transient
+    if limits is None:
         return math.nan
-    if not limits.permitted:
+    if not limits.permitted or (transient is not None and not transient.permitted):
         return math.inf
+    if transient is not None:
+        return TwoPhaseUse.of(result, transient, limits).utilisation(verdict.accepted_probability)
     p = 1 - verdict.accepted_probability
     shares = [result.peak_force.quantile(p) / limits.force_N]
     if limits.pressure_N_cm2 is not None:
