@@ -116,6 +116,40 @@ def test_dossier(tmp_path: Path, result: RegisterResult) -> None:
             assert any(row[:2] == [region.label, f"{region.force_N:g}"] for row in text.rows)
 
 
+def test_the_remark_of_a_row_is_shown(tmp_path: Path) -> None:
+    path = register_of(tmp_path, {"name": "a", "note": "guard to be moved <first>"}, {"name": "b", "speed_mm_s": 20})
+    found = bs.evaluate_register(bs.load_register(path))
+    assert {one["name"]: one["note"] for one in found.to_json()["situations"]} == {
+        "a": "guard to be moved <first>",
+        "b": "",
+    }
+    for page in (write_register(found, tmp_path / "a"), write_dossier(found, tmp_path / "b", HEAD)):
+        assert ["a", "guard to be moved <first>"] in Text(page.read_text(encoding="utf-8")).rows
+    without = bs.evaluate_register(bs.load_register(register_of(tmp_path, {"name": "b"})))
+    assert "Remarks" not in write_register(without, tmp_path / "c").read_text(encoding="utf-8")
+
+
+def test_figures_are_not_torn_apart(tmp_path: Path, result: RegisterResult) -> None:
+    file, shots = shots_of(tmp_path, result)
+    page = write_dossier(result, tmp_path, HEAD, shots, [file]).read_text(encoding="utf-8")
+    assert not re.findall(r"\d\.<wbr>\d", page)
+    tables = re.findall("<table>(.*?)</table>", page, re.DOTALL)
+    assert not re.findall(r"<td>(-?\d+(?:\.\d+)?(?: %| kg| to [\d.]+)?)</td>", "".join(tables))
+    (style,) = re.findall("<style>(.*?)</style>", page, re.DOTALL)
+    assert ".numbers td { white-space: nowrap; }" in style
+
+
+def test_one_shot_is_one(tmp_path: Path, result: RegisterResult) -> None:
+    _, shots = shots_of(tmp_path, result)
+    for some, words in (
+        (shots[:1], "1 shot is planned, 1 is measured. 1 of 1 measured peak with a band lies in it."),
+        (shots[2:], "1 shot is planned, 0 are measured. 0 of 0 measured peaks with a band lie in it."),
+        (shots, "3 shots are planned, 2 are measured. 1 of 2 measured peaks with a band lie in it."),
+    ):
+        page = write_dossier(result, tmp_path, HEAD, some).read_text(encoding="utf-8")
+        assert words in Text(page).sections["measurements"]
+
+
 def test_every_input_has_a_kind_and_a_status(tmp_path: Path, result: RegisterResult) -> None:
     text = Text(write_dossier(result, tmp_path, HEAD).read_text(encoding="utf-8"))
     rows = [

@@ -91,6 +91,7 @@ class SituationResult:
             "kind": situation.scenario.contact.kind,
             "payload_kg": situation.payload_kg,
             "frequency": situation.frequency,
+            "note": situation.note,
             "peak_force_N": {name: _finite(value) for name, value in self.peak_force.items()},
             "pressure_N_cm2": {name: _finite(value) for name, value in self.pressure.items()},
             "law": self.method,

@@ -40,13 +40,22 @@ def paragraph(*children: str) -> Html:
 
 
 def breakable(text: str) -> Html:
-    """Text that may go on in the next line behind each slash, dot and underscore: paths, dotted keys."""
-    return Html(re.sub(r"([/._\\])", r"\1<wbr>", escape(text)))
+    """Text that may go on in the next line behind each slash, dot and underscore: paths, dotted keys; no number."""
+    return Html(re.sub(r"([/_\\]|(?<!\d)\.|\.(?!\d))", r"\1<wbr>", escape(text)))
 
 
 def whole(text: str) -> Html:
     """A short word that is not torn apart; a long text is left as it is."""
     return element("span", text, class_="whole") if len(text) <= _SHORT else escape(text)
+
+
+def whole_figures(text: str) -> Html:
+    """Text of which no figure is torn apart."""
+    words = text.split(" ")
+    figures = [len(word) <= _SHORT and any(letter.isdigit() for letter in word) for word in words]
+    return Html(
+        " ".join(whole(word) if figure else breakable(word) for word, figure in zip(words, figures, strict=True))
+    )
 
 
 def bullets(items: Iterable[str]) -> Html:

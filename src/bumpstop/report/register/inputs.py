@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bumpstop.register.inputs import KIND_WORDS, Input
-from bumpstop.report.markup import Html, breakable, element, paragraph, table, whole
+from bumpstop.report.markup import Html, breakable, element, paragraph, table, whole, whole_figures
 from bumpstop.report.section import Part
 
 if TYPE_CHECKING:
@@ -56,4 +56,4 @@ class InputsPart(Part):
 def _cells(one: Input) -> tuple[str, ...]:
     key = element("code", breakable(one.key)) if " " not in one.key else one.key
     status, source = whole(one.status or "not told"), breakable(one.source or "not told")
-    return key, breakable(one.value), whole(KIND_WORDS[one.kind]), status, source
+    return key, whole_figures(one.value), whole(KIND_WORDS[one.kind]), status, source

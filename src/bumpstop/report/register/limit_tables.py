@@ -39,10 +39,10 @@ def _one(limits: LimitTable) -> list[Html]:
     regions = [
         (
             region.label,
-            f"{region.force_N:g}",
-            whole("not permitted") if region.transient_force_N is None else f"{region.transient_force_N:g}",
-            f"{region.spring_N_mm:g}",
-            "" if region.effective_mass_kg is None else f"{region.effective_mass_kg:g}",
+            whole(f"{region.force_N:g}"),
+            whole("not permitted" if region.transient_force_N is None else f"{region.transient_force_N:g}"),
+            whole(f"{region.spring_N_mm:g}"),
+            "" if region.effective_mass_kg is None else whole(f"{region.effective_mass_kg:g}"),
             whole(region.status),
         )
         for region in limits.regions
@@ -52,8 +52,8 @@ def _one(limits: LimitTable) -> list[Html]:
         (
             labels[area.region],
             "whole region" if area.label == "region" else area.label,
-            f"{area.pressure_N_cm2:g}",
-            whole("not permitted") if area.transient_pressure_N_cm2 is None else f"{area.transient_pressure_N_cm2:g}",
+            whole(f"{area.pressure_N_cm2:g}"),
+            whole("not permitted" if area.transient_pressure_N_cm2 is None else f"{area.transient_pressure_N_cm2:g}"),
             whole(area.status),
         )
         for area in limits.areas

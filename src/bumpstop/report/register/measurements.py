@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from bumpstop.report.markup import Html, element, paragraph, table
+from bumpstop.report.markup import Html, element, paragraph, table, whole
 from bumpstop.report.section import Part
 from bumpstop.terminal import number
 
@@ -39,8 +39,9 @@ class MeasurementsPart(Part):
         missing = [name for name in self._situations if name not in {shot.situation for shot in made}]
         found = [
             paragraph(
-                f"{len(shots)} shots are planned, {len(made)} are measured. {sum(judged)} of {len(judged)} measured "
-                "peaks with a band lie in it."
+                f"{len(shots)} {'shot is' if len(shots) == 1 else 'shots are'} planned, {len(made)} "
+                f"{'is' if len(made) == 1 else 'are'} measured. {sum(judged)} of {len(judged)} measured "
+                f"{'peak with a band lies' if len(judged) == 1 else 'peaks with a band lie'} in it."
             )
         ]
         if missing:
@@ -57,9 +58,9 @@ def _row(shot: Shot) -> tuple[str, ...]:
     return (
         shot.situation,
         shot.shot,
-        number(shot.speed_mm_s),
-        "" if math.isnan(shot.predicted_N) else number(shot.predicted_N),
-        band,
-        number(shot.measured_N) if shot.measured else "",
+        whole(number(shot.speed_mm_s)),
+        "" if math.isnan(shot.predicted_N) else whole(number(shot.predicted_N)),
+        whole(band) if band else "",
+        whole(number(shot.measured_N)) if shot.measured else "",
         element("strong", word) if shot.in_band is False else word,
     )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from bumpstop.collision.probability_text import decimal, percent
 from bumpstop.register.outcome import OUTCOME_WORDS
 from bumpstop.report.banner import Sign, banner
-from bumpstop.report.markup import Html, element, paragraph, table
+from bumpstop.report.markup import Html, element, paragraph, table, whole, whole_figures
 from bumpstop.report.picture import AREA, FAINT, INK, LAW, LIMIT, PAPER, Picture, axes
 from bumpstop.report.section import Part
 from bumpstop.terminal import number
@@ -79,18 +79,19 @@ class SituationsPart(Part):
         self._results = result.results
 
     def content(self) -> list[Html]:
-        """Three tables, each worst first."""
+        """Three tables and the remarks of the register, each worst first."""
         results = self._results
         verdicts = [
             (
                 r.situation.name,
                 element("strong", OUTCOME_WORDS[r.outcome], class_="whole"),
-                use_text(r),
-                _p_over(r),
-                r.reason,
+                whole(use_text(r)),
+                whole(_p_over(r)),
+                whole_figures(r.reason),
             )
             for r in results
         ]
+        remarks = [(r.situation.name, r.situation.note) for r in results if r.situation.note]
         return [
             paragraph(
                 "Use of the limit: the quantile of the accepted probability over its limit, the larger of force and "
@@ -113,6 +114,7 @@ class SituationsPart(Part):
                 "“none”: there is none, or no contact is permitted",
                 numbers=True,
             ),
+            *([table(("situation", "remark"), remarks, caption="Remarks of the register")] if remarks else []),
         ]
 
     def pictures(self) -> list[Picture]:
@@ -163,9 +165,9 @@ def _where(result: SituationResult) -> tuple[str, ...]:
         situation.name,
         result.hit,
         kind,
-        f"{contact.link or 'tip'}{point}",
-        f"{result.arm} {result.motion}{along}",
-        payload,
+        whole_figures(f"{contact.link or 'tip'}{point}"),
+        whole_figures(f"{result.arm} {result.motion}{along}"),
+        whole(payload) if payload else "",
         situation.frequency,
     )
 
