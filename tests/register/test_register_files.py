@@ -314,6 +314,37 @@ def test_lines_of_a_damaged_csv_are_all_named(tmp_path: Path) -> None:
     assert places == ["2", "3", "4", "5"]
 
 
+def test_a_name_is_what_stands_between_its_spaces(tmp_path: Path) -> None:
+    (found,) = bs.load_register(write_register(tmp_path, {"name": " hand "})).situations
+    assert found.name == "hand"
+    (told,) = faults_of(write_register(tmp_path, {"name": " hand "}, {"name": "hand"}))
+    assert told.endswith("('hand'), name: 'hand' is the name of [[situation]] 1, too; give each situation its own")
+
+
+def test_a_decimal_comma_is_told_as_it_was_written(tmp_path: Path) -> None:
+    write_register(tmp_path)
+    path = tmp_path / "r.csv"
+    lines = ["scenario;name;contact.area_cm2;payload_kg;point_m", "cell.toml;a;2,5;1,5;0,1 0,2 0"]
+    path.write_text("\n".join(lines), encoding="utf-8")
+    told = [fault.removeprefix(f"{path} row 2 ('a'), ") for fault in faults_of(path)]
+    valid = "write decimals with a dot: commas stand between the numbers of a list"
+    assert told[0] == f"payload_kg: '1,5' cannot be used; {valid}"
+    assert told[1] == f"contact.area_cm2: '2,5' cannot be used; {valid}"
+    assert told[2].startswith("point_m: '0,1 0,2 0' cannot be used")
+
+
+@pytest.mark.parametrize("suffix", [".xlsx", ".ods", ".tsv", ".txt"])
+def test_registers_are_toml_or_csv(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"r{suffix}"
+    path.write_bytes(b"PK\x03\x04\xff")
+    with pytest.raises(bs.InputError) as refused:
+        bs.load_register(path)
+    assert str(refused.value) == (
+        f"{path}: is neither .toml nor .csv; wanted a register of contact situations (.toml or .csv) or a scenario "
+        "(.toml); a spreadsheet is saved as CSV, UTF-8"
+    )
+
+
 def test_no_register_at_all() -> None:
     with pytest.raises(bs.InputError, match="wanted the path of a register"):
         bs.load_register()

@@ -19,6 +19,7 @@ from bumpstop.text_files import parse_toml, read_text
 MAX_SITUATIONS = 10_000
 _MAX_BYTES = 5_000_000
 _WANTED = "wanted a register of contact situations (.toml or .csv)"
+_OTHER_TABLES = (".xlsx", ".xls", ".ods", ".tsv", ".txt")
 _TOP_KEYS = ("scenario", "situation", "input")
 # Cells that are texts, whatever they look like.
 _TEXTS = ("name", "scenario", "frequency", "note", "link", "body", "kind")
@@ -48,7 +49,13 @@ def is_register(path: Path) -> bool:
     """Whether a file is a register and no scenario: CSV, or TOML with ``[[situation]]`` rows.
 
     A file that cannot be read is no register: whoever reads it as a scenario says what is wrong with it.
+
+    Raises:
+        InputError: it is called as tables are that cannot be read.
     """
+    if path.suffix.lower() in _OTHER_TABLES:
+        valid = f"{_WANTED} or a scenario (.toml); a spreadsheet is saved as CSV, UTF-8"
+        raise InputError(str(path), "is neither .toml nor .csv", valid)
     if path.suffix.lower() == ".csv":
         return True
     if path.suffix.lower() != ".toml":
@@ -124,7 +131,8 @@ def _read_csv(text: str, path: Path) -> RegisterFile:
             continue
         filled = {name: _cell(name, cell) for name, cell in zip(names, row, strict=True) if cell.strip()}
         filled = {name: cell for name, cell in filled.items() if name not in strange}
-        rows.append(Row(path, f"row {number}", filled))
+        texts = {name: cell.strip() for name, cell in zip(names, row, strict=True)}
+        rows.append(Row(path, f"row {number}", filled, texts))
     return RegisterFile(path, rows, faults=faults)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +33,7 @@ _PAYLOADS = ("reaction.payload_kg", "reaction.payload_percent")
 _MAX_PAYLOAD_KG = 1e4
 MAX_NAME = 80
 """Letters of a name: names stand in tables."""
+_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 FORMULA = ("=", "+", "-", "@")
 """What no name begins with: a spreadsheet, in which such tables are opened, would compute the rest."""
 NAME = f"wanted a text of 1 to {MAX_NAME} letters on one line that does not begin with {' '.join(FORMULA)}"
@@ -73,11 +75,16 @@ class Row:
         file: the register.
         place: of the row in it, ``row 3``.
         values: by the keys as written, without empty cells.
+        texts: of the cells of a table, by the same keys; a value of two numbers may be one with a decimal comma.
     """
 
-    def __init__(self, file: Path, place: str, values: Mapping[str, Any]) -> None:
-        self.file, self.place, self.values = file, place, values
-        self.name = values.get("name") if isinstance(values.get("name"), str) else ""
+    def __init__(
+        self, file: Path, place: str, values: Mapping[str, Any], texts: Mapping[str, str] | None = None
+    ) -> None:
+        self.file, self.place, self.texts = file, place, texts or {}
+        name = values.get("name")
+        self.name: str = (name.strip() or name) if isinstance(name, str) else ""
+        self.values = {**values, "name": self.name} if self.name else values
 
     @property
     def where(self) -> str:
@@ -159,7 +166,12 @@ class Row:
         return Fault(plain, of_row, self._named(error, error.field.replace(plain, words.get(plain, plain), 1)))
 
     def _named(self, error: InputError, key: str) -> InputError:
-        return InputError(f"{self.where}, {key}", error.problem, error.valid)
+        text, problem, valid = self.texts.get(key, ""), error.problem, error.valid
+        if isinstance(self.values.get(key), list) and text:
+            problem = problem.replace(as_written(self.values[key]), repr(text))
+            if _DECIMAL_COMMA.fullmatch(text):
+                valid = "write decimals with a dot: commas stand between the numbers of a list"
+        return InputError(f"{self.where}, {key}", problem, valid)
 
 
 def _by_stopping_table(data: Mapping[str, Any], given: Mapping[str, Any], changes: Mapping[str, Any]) -> bool:
