@@ -44,6 +44,39 @@ def test_a_file_gets_the_reaction_alone(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["reaction.toml"]
 
 
+@pytest.mark.parametrize("name", ["cell.toml", "out/reaction.toml"])
+@pytest.mark.parametrize(
+    "text", ["[reaction]\nkind = 'stop'  # as measured\n", "# Stops of x\nrobot = 'ur5e'\n", "no TOML ["]
+)
+def test_a_file_that_is_somebody_elses_stays(
+    name: str, text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / name
+    file.parent.mkdir(exist_ok=True)
+    file.write_text(text, encoding="utf-8")
+    assert run(TM5_700, "-o", str(file if file.parent == tmp_path else file.parent)) == 2
+    expected = f"error: --out: {str(file)!r} exists, and is no file of this command; give another"
+    assert expected in capsys.readouterr().err
+    assert file.read_text(encoding="utf-8") == text
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == [file]
+
+
+def test_the_table_itself_stays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = tmp_path / "table.toml"
+    table.write_bytes(Path(TM5_700).read_bytes())
+    assert run(str(table), "-o", str(table)) == 2
+    assert f"{str(table)!r} exists" in capsys.readouterr().err
+    assert table.read_bytes() == Path(TM5_700).read_bytes()
+
+
+def test_its_own_file_is_written_again(tmp_path: Path) -> None:
+    file = tmp_path / "reaction.toml"
+    for law in ("constant", "ramp"):
+        for out in (file, tmp_path):
+            assert run(TM5_700, "-o", str(out), "--deceleration", law) == 0
+        assert tomllib.loads(file.read_text(encoding="utf-8"))["reaction"]["deceleration"] == law
+
+
 def test_json_says_what_the_terminal_says(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(TM5_700, "--json") == 0
     found = json.loads(capsys.readouterr().out)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -13,7 +14,9 @@ from bumpstop.cli.folders import check_file, check_folder
 from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
 from bumpstop.terminal import terminal
-from bumpstop.text_files import list_items, write_text
+from bumpstop.text_files import list_items, parse_toml, read_text, write_text
+
+_BEGIN = "# Stops of "  # of every file that is written
 
 
 def command(
@@ -49,6 +52,8 @@ def command(
     folder = out if file is None else None
     check_file(file)
     check_folder(folder)
+    if out is not None:
+        _check_own(out if folder is None else folder / "reaction.toml")
     speeds = None if full_speed_deg_s is None else [_number(item) for item in list_items(full_speed_deg_s)]
     with as_options({"deceleration": "--deceleration", "category": "--category"}):
         stops = load_stopping_table(table, full_speed_deg_s=speeds, reach_mm=reach_mm, category=category)
@@ -71,6 +76,21 @@ def command(
     for what, path in (("reaction", file), ("report", page)):
         if path is not None:
             typer.echo(f"{what}: {path}")
+
+
+def _check_own(file: Path) -> None:
+    """Refuse to replace a file of somebody else's, such as a scenario, or the table itself.
+
+    Raises:
+        InputError: it exists, and is not one that this command wrote.
+    """
+    if not file.exists():
+        return
+    with suppress(InputError):
+        text = read_text(file, "wanted a [reaction]")
+        if text.startswith(_BEGIN) and set(parse_toml(text, str(file))) == {"reaction"}:
+            return
+    raise InputError("--out", f"{str(file)!r} exists, and is no file of this command", "give another place")
 
 
 def _number(text: str) -> float:
