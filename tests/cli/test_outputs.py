@@ -286,6 +286,22 @@ def test_what_was_there_before_is_replaced(tmp_path: Path) -> None:
     )
 
 
+def test_a_scenario_is_not_written_over(tmp_path: Path) -> None:
+    """A scenario in the folder has another name, or the command is refused; a copy elsewhere repeats it."""
+    settings = tmp_path / "settings.toml"
+    text = "# my remark\n" + EXAMPLE.read_text(encoding="utf-8")
+    settings.write_text(text, encoding="utf-8")
+    (tmp_path / "link").symlink_to(tmp_path)
+    refused = f"error: --out: {str(settings)!r} is read, and would be written over; give another folder\n"
+    for scenario in (settings, tmp_path / "link" / "settings.toml"):
+        assert run("evaluate", scenario, "--out", tmp_path) == (2, "", refused)
+    assert run("study", "workspace", settings, "--poses", 1, "--out", tmp_path).status == 2
+    assert settings.read_text(encoding="utf-8") == text
+    assert {path.name for path in tmp_path.iterdir()} == {"settings.toml", "link"}
+    assert run("evaluate", settings, "--out", tmp_path / "out").status == 0
+    assert run("evaluate", tmp_path / "out" / "settings.toml", "--out", tmp_path / "again").status == 0
+
+
 def test_two_phases_print_both_limits() -> None:
     changes = ("contact.limits=ts15066", "contact.area_cm2=1", "verdict.clamped_limit=two_phase")
     lines = run("evaluate", EXAMPLE, *(part for change in changes for part in ("--set", change))).out.splitlines()

@@ -261,6 +261,17 @@ def test_body_parts_without_a_verdict_say_why(tmp_path: Path) -> None:
     assert ">none<" not in page.split("All 8 collisions")[0]
 
 
+def test_the_trajectory_itself_is_not_written_over(tmp_path: Path) -> None:
+    given = (REPOSITORY / "examples" / "06_pick_and_place.csv").read_bytes()
+    trajectory = tmp_path / "retimed.csv"
+    trajectory.write_bytes(given)
+    scenario = REPOSITORY / "examples" / "06_pick_and_place_trajectory.toml"
+    result = run("study", "speed-limits", scenario, "--set", f'motion.file="{trajectory}"', "--out", tmp_path)
+    refused = f"error: --out: {str(trajectory)!r} is read, and would be written over; give another folder\n"
+    assert (result.status, result.err) == (2, refused)
+    assert trajectory.read_bytes() == given
+
+
 def test_a_disk_that_is_full_at_the_slower_trajectory_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(path: Path, content: bytes) -> None:
         if path == tmp_path / "retimed.json":

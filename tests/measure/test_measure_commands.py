@@ -148,6 +148,18 @@ def test_nothing_is_measured(folder: Path, capsys: pytest.CaptureFixture[str]) -
     assert (status, printed) == (2, "error: measured_peak_force_N: no shot is measured; fill in one row at least\n")
 
 
+@pytest.mark.parametrize("name", ["plan.toml", "situations/hand.toml"])
+def test_a_scenario_is_not_written_over(folder: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "situations").mkdir(exist_ok=True)
+    text = "# my remark\n" + Path("hand.toml").read_text(encoding="utf-8")
+    Path(name).write_text(text, encoding="utf-8")
+    refused = f"error: --out: {name!r} is read, and would be written over; give another folder\n"
+    for scenario in (name, f"hand={name}"):
+        status, _, said = run(capsys, "plan", scenario, "-o", ".", "--points", "32", "--speeds", "100", "--shots", "1")
+        assert (status, said) == (2, refused)
+    assert Path(name).read_text(encoding="utf-8") == text
+
+
 def test_damaged_settings(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run(capsys, "plan", "hand.toml", "-o", "plan", "--points", "32", "--speeds", "100", "--shots", "1")
     settings = Path("plan/plan.toml")

@@ -297,6 +297,18 @@ def test_refusals(
     assert message in capsys.readouterr().err
 
 
+def test_a_cell_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A segment of a run before may be the cell of the next one, but not in the same folder."""
+    segment = tmp_path / "segments" / "1.toml"
+    segment.parent.mkdir()
+    segment.write_bytes((EXAMPLES / "cell.toml").read_bytes())
+    with pytest.raises(SystemExit) as ended:
+        main(["program", str(EXAMPLES / "place.script"), "--scenario", str(segment), "-o", str(tmp_path)])
+    assert ended.value.code == 2
+    assert f"--out: {str(segment)!r} is read, and would be written over" in capsys.readouterr().err
+    assert segment.read_bytes() == (EXAMPLES / "cell.toml").read_bytes()
+
+
 def test_without_ruckig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     import sys
 

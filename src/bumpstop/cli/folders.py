@@ -5,11 +5,16 @@ from __future__ import annotations
 import errno
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import product
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bumpstop.errors import InputError
+
+if TYPE_CHECKING:
+    from bumpstop.collision import Scenario
 
 
 def check_folder(folder: Path | None, option: str = "--out") -> None:
@@ -58,6 +63,29 @@ def check_no_job(folder: Path | None) -> None:
     else:
         return
     raise InputError("--out", f"{str(folder)!r} holds {what}", "give another folder")
+
+
+def check_inputs(folder: Path | None, files: Iterable[Path], scenarios: Iterable[Scenario], *written: str) -> None:
+    """Refuse a folder where a file that is read would be written over, before any work is done.
+
+    Args:
+        folder: that ``--out`` names.
+        files: that the command reads.
+        scenarios: whose files it reads, too.
+        written: names of the files that it writes into the folder, or patterns of them.
+
+    Raises:
+        InputError: a file that is read is one of them.
+    """
+    if folder is None:
+        return
+    from bumpstop.collision.scenario.settings_file import files_of
+
+    read = [*files, *(file for scenario in scenarios for file in files_of(scenario).values())]
+    for place, file in product((place for pattern in written for place in folder.glob(pattern)), read):
+        with suppress(OSError):  # what is not there is not read
+            if place.samefile(file):
+                raise InputError("--out", f"{str(place)!r} is read, and would be written over", "give another folder")
 
 
 def check_file(file: Path | None, option: str = "--out") -> None:

@@ -56,7 +56,7 @@ def command(
 
     Exit status, of the program as given: 0 acceptable, 3 not acceptable, 4 inconclusive, 2 bad input.
     """
-    from bumpstop.cli.folders import check_folder, check_no_job
+    from bumpstop.cli.folders import check_folder, check_inputs, check_no_job
     from bumpstop.cli.progress import progress
     from bumpstop.collision import load_scenario
     from bumpstop.program.evaluation import evaluate_program
@@ -68,6 +68,7 @@ def command(
 
         check_target(program, out)
     checked = [load_scenario(file, dict(change(text) for text in changes or [])) for file in scenario]
+    check_inputs(out, scenario, checked, program.name, "summary.json", "segments/*")
     with progress("judging segments") as share:
         result = evaluate_program(
             program, *checked, max_speed_mm_s=max_speed, faster=not only_slower, threads=threads, progress=share

@@ -11,7 +11,7 @@ import typer
 
 from bumpstop.cli.collision.evaluate import change, whole
 from bumpstop.cli.completion import complete_setting
-from bumpstop.cli.folders import check_folder
+from bumpstop.cli.folders import check_folder, check_inputs
 from bumpstop.cli.measure.scenarios import named_scenarios
 from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError, near_matches
@@ -75,9 +75,12 @@ def plan(
     from bumpstop.cli.progress import progress
     from bumpstop.measure import plan_measurements, write_plan
     from bumpstop.measure.learning.posterior import ErrorModel
+    from bumpstop.measure.planning.plan_file import SCENARIOS, SETTINGS, TABLE
 
     check_folder(out)
     named = named_scenarios(scenarios, dict(change(text) for text in changes or []), "SCENARIO")
+    files = [Path(path) for text in scenarios for path in (text, text.partition("=")[2])]
+    check_inputs(out, files, (scenario for _, scenario in named), TABLE, SETTINGS, f"{SCENARIOS}/*", "report.html")
     known = spreads(spread or [])
     with as_options({"gauge": "--gauge"}), progress("planning") as share:
         made = plan_measurements(
