@@ -15,10 +15,14 @@ from campaign.cases import computed, result
 from cli.support import EXAMPLE, REPOSITORY, run
 
 PROGRAMS = REPOSITORY / "examples" / "programs"
+REGISTER = REPOSITORY / "examples" / "register" / "sia5d_downward.csv"
 OTHERS = {
     "evaluate": ("evaluate", EXAMPLE),
     "program": ("program", PROGRAMS / "planned.yaml", "--scenario", PROGRAMS / "cell.toml"),
     "experiment": ("experiment", "glass", "--runs", "1"),
+    "register": ("evaluate", REGISTER),
+    "report": ("report", REGISTER, "--cell", "Press 4", "--author", "A. Smith", "--revision", "B"),
+    "measure plan": ("measure", "plan", EXAMPLE, "--points", "32", "--speeds", "100", "--shots", "1"),
 }
 
 

@@ -11,7 +11,7 @@ import typer
 
 from bumpstop.cli.collision.evaluate import change, whole
 from bumpstop.cli.completion import complete_setting
-from bumpstop.cli.folders import check_folder, check_inputs
+from bumpstop.cli.folders import check_folder, check_inputs, check_no_job
 from bumpstop.cli.measure.scenarios import named_scenarios
 from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError, near_matches
@@ -78,6 +78,7 @@ def plan(
     from bumpstop.measure.planning.plan_file import SCENARIOS, SETTINGS, TABLE
 
     check_folder(out)
+    check_no_job(out)
     named = named_scenarios(scenarios, dict(change(text) for text in changes or []), "SCENARIO")
     files = [Path(path) for text in scenarios for path in (text, text.partition("=")[2])]
     check_inputs(out, files, (scenario for _, scenario in named), TABLE, SETTINGS, f"{SCENARIOS}/*", "report.html")

@@ -52,11 +52,12 @@ def evaluate_paths(
     out: Path | None,
 ) -> RegisterResult:
     """Read and evaluate; the folder for the page is checked before that."""
-    from bumpstop.cli.folders import check_folder
+    from bumpstop.cli.folders import check_folder, check_no_job
     from bumpstop.cli.progress import progress
     from bumpstop.register import evaluate_register, load_register
 
     check_folder(out)
+    check_no_job(out)
     register = load_register(*paths, changes=changes)
     with progress("evaluating") as share:
         return evaluate_register(register, samples=samples, seed=seed, threads=threads, progress=share)
