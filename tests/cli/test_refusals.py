@@ -255,6 +255,7 @@ def test_text_that_is_none(command: tuple[object, ...], tmp_path: Path) -> None:
         ("plan", "excitation", "--robot", "ur5e"),
         ("plant", "run", EXAMPLE.parent / "plant" / "01_press_foam.toml"),
         ("experiment", "glass"),
+        ("evaluate", "absent.toml"),
         ("identify", "absent.csv", "--robot", "ur5e"),
         ("validate", "absent.toml", "absent.csv"),
         ("tune", "absent.csv", "--robot", "ur5e"),

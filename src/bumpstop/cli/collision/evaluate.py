@@ -79,7 +79,7 @@ def command(
 
     Exit status: 0 acceptable, 3 not acceptable, 4 inconclusive, 2 bad input; of many, that of the worst.
     """
-    from bumpstop.cli.folders import check_inputs, check_no_job
+    from bumpstop.cli.folders import check_folder, check_inputs, check_no_job
     from bumpstop.cli.progress import progress
     from bumpstop.collision import evaluate, load_scenario
     from bumpstop.register.register_file import is_register
@@ -89,6 +89,7 @@ def command(
         from bumpstop.cli.register.evaluate import evaluate_many
 
         return evaluate_many(scenarios, changed, samples=sampled, seed=seed, threads=threads, as_json=as_json, out=out)
+    check_folder(out)
     check_no_job(out)
     checked = load_scenario(scenarios[0], changed)
     check_inputs(out, scenarios, [checked], "settings.toml", "law.parquet", "report.html")
