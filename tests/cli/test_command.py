@@ -20,6 +20,7 @@ from bumpstop.cli.main import app
 from cli.support import EXAMPLE, run
 
 COMMAND = Path(sysconfig.get_path("scripts")) / "bumpstop"
+STOPS = EXAMPLE.parent / "stopping" / "tm5_700.toml"
 pytestmark = pytest.mark.skipif(not COMMAND.exists(), reason="bumpstop is not installed here")
 
 
@@ -43,6 +44,22 @@ def test_statuses_and_streams() -> None:
     bad = bumpstop("evaluate", EXAMPLE, "--json", "--set", "contact.area_cm2=0")
     assert (bad.returncode, bad.stdout) == (2, "")
     assert bad.stderr == "error: contact.area_cm2: 0 cannot be used; wanted a number from 0.0001 to 10000\n"
+
+
+@pytest.mark.parametrize("backend", ["module://matplotlib_inline.backend_inline", "bogus"])
+def test_a_backend_of_somebody_elses(backend: str, tmp_path: Path) -> None:
+    """Jupyter names one that is not installed here to every command that it runs; pages need none."""
+    done = bumpstop("evaluate", EXAMPLE, "--out", tmp_path, MPLBACKEND=backend)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "report.html").is_file()
+
+
+@pytest.mark.parametrize("columns", ["0", "00"])
+def test_a_terminal_without_width(columns: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As some consoles of containers have it."""
+    monkeypatch.delenv("COLUMNS", raising=False)
+    for arguments in (["evaluate", EXAMPLE], ["robots"], ["stopping", STOPS], ["--help"]):
+        assert bumpstop(*arguments, COLUMNS=columns).stdout == bumpstop(*arguments).stdout != ""
 
 
 def test_python_runs_the_package_as_the_command() -> None:

@@ -97,6 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if arguments is None:
         # What imports make stays for good: to look through it for garbage every 700 objects takes a tenth of a command.
         gc.set_threshold(_OBJECTS_BETWEEN_COLLECTIONS)
+        _forget_unusable()
         # A name in letters that the terminal lacks is no fault of anybody's.
         if isinstance(sys.stdout, io.TextIOWrapper):
             sys.stdout.reconfigure(errors="backslashreplace")
@@ -132,6 +133,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except Exception as error:
         status = _fail(f"internal fault ({type(error).__name__}: {error}); please report it", OWN_FAULT)
     sys.exit(status)
+
+
+def _forget_unusable() -> None:
+    """Drop settings of whatever started this process that stop our libraries; those of a program stay its own.
+
+    Jupyter names a backend of matplotlib that need not be installed here, and no page needs one. A console without a
+    width says 0, and rich would print nothing.
+    """
+    os.environ.pop("MPLBACKEND", None)
+    if not os.environ.get("COLUMNS", "").strip("0"):
+        os.environ.pop("COLUMNS", None)
 
 
 def _refuse_empty_folder(arguments: list[str]) -> None:
