@@ -272,6 +272,21 @@ def test_the_trajectory_itself_is_not_written_over(tmp_path: Path) -> None:
     assert trajectory.read_bytes() == given
 
 
+@pytest.mark.parametrize("place", ["studies.parameters.pages_of", "document.Document.write"])
+def test_a_fault_that_no_system_call_has_is_told_in_its_own_words(
+    place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As matplotlib has it, where it finds no folder for its cache."""
+
+    def refuse(*_: object) -> None:
+        raise OSError("Matplotlib requires a writable cache directory")
+
+    monkeypatch.setattr(f"bumpstop.report.{place}", refuse)
+    result = run("study", "parameters", EXAMPLE, *QUICK["parameters"], "--out", tmp_path)
+    assert result.status == 2
+    assert "cannot be written (Matplotlib requires a writable cache directory); " in result.err
+
+
 def test_a_disk_that_is_full_at_the_slower_trajectory_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(path: Path, content: bytes) -> None:
         if path == tmp_path / "retimed.json":

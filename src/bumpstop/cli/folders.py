@@ -102,7 +102,9 @@ def check_file(file: Path | None, option: str = "--out") -> None:
         with tempfile.TemporaryFile(dir=file.parent):
             pass
     except OSError as error:
-        raise InputError(option, f"{str(file)!r} cannot be written ({error.strerror})", "give another file") from None
+        raise InputError(
+            option, f"{str(file)!r} cannot be written ({error.strerror or error})", "give another file"
+        ) from None
 
 
 @contextmanager
@@ -114,5 +116,5 @@ def writing(folder: Path | None) -> Iterator[None]:
         yield
     except OSError as error:
         raise InputError(
-            "--out", f"{str(folder)!r} cannot be written ({error.strerror})", "give another folder"
+            "--out", f"{str(folder)!r} cannot be written ({error.strerror or error})", "give another folder"
         ) from None

@@ -24,5 +24,5 @@ def save_picture(picture: Picture, path: Path) -> None:
     try:
         write_bytes(path, drawn.png if path.suffix == ".png" else drawn.svg.encode("utf-8"))
     except OSError as error:
-        problem = f"{str(path)!r} cannot be written ({error.strerror})"
+        problem = f"{str(path)!r} cannot be written ({error.strerror or error})"
         raise InputError("--picture", problem, "give another file") from None

@@ -114,5 +114,5 @@ def write_document(document: Document, folder: Path) -> Path:
     try:
         return document.write(folder)
     except OSError as error:
-        problem = f"{str(folder)!r} cannot be written ({error.strerror})"
+        problem = f"{str(folder)!r} cannot be written ({error.strerror or error})"
         raise InputError("--out", problem, "give another folder") from None

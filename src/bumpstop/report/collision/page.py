@@ -103,5 +103,5 @@ def write_report(
         return page.write(folder)
     except OSError as error:
         raise InputError(
-            "--out", f"{str(folder)!r} cannot be written ({error.strerror})", "give another folder"
+            "--out", f"{str(folder)!r} cannot be written ({error.strerror or error})", "give another folder"
         ) from None
