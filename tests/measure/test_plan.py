@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import math
 from itertools import pairwise
 from pathlib import Path
@@ -184,6 +185,21 @@ def test_a_filled_plan_is_not_written_over(plan: MeasurementPlan, tmp_path: Path
     assert read_shots(table)[0].measured_N == 101.5
     with pytest.raises(InputError, match="is filled in already"):
         write_plan(plan, tmp_path)
+
+
+@pytest.mark.parametrize("column", ["measured_peak_force_N", "recording", "remark", "operator"])
+def test_any_cell_that_people_fill_keeps_a_plan(column: str, plan: MeasurementPlan, tmp_path: Path) -> None:
+    table = write_plan(plan, tmp_path)
+    head, *rows = csv.reader(table.read_text().splitlines())
+    if column not in head:
+        head, rows = [*head, column], [[*row, ""] for row in rows]
+    rows[-1][head.index(column)] = "gauge slipped, again tomorrow"
+    with table.open("w", newline="") as file:
+        csv.writer(file).writerows([head, *rows])
+    before = table.read_bytes()
+    with pytest.raises(InputError, match="is filled in already"):
+        write_plan(plan, tmp_path)
+    assert table.read_bytes() == before
 
 
 def test_table_of_a_spreadsheet_with_decimal_commas(plan: MeasurementPlan, tmp_path: Path) -> None:

@@ -32,6 +32,7 @@ COLUMNS = (
     "distribution_p95_N",
     "expected_spread_percent",
 )
+_TO_FILL = ("measured_peak_force_N", "recording", "remark")
 _NUMBERS = ("shot", "speed_mm_s", *COLUMNS[3:7])
 _NEEDED = ("situation", "speed_mm_s", "measured_peak_force_N")
 _WANTED = "wanted the plan.csv of bumpstop measure plan, filled in"
@@ -94,7 +95,7 @@ def write_plan(plan: MeasurementPlan, folder: Path) -> Path:
         InputError: the folder cannot be written, or has a plan whose table is filled in.
     """
     table = folder / TABLE
-    if table.exists() and any(not math.isnan(shot.measured_N) or shot.recording for shot in read_shots(table)):
+    if table.exists() and _is_filled(table):
         raise InputError(str(table), "is filled in already", "give another folder, or move the table away")
     try:
         (folder / SCENARIOS).mkdir(parents=True, exist_ok=True)
@@ -120,6 +121,14 @@ def write_plan(plan: MeasurementPlan, folder: Path) -> Path:
     write_text(folder / SETTINGS, to_toml(settings))
     write_text(table, table_text(plan))
     return table
+
+
+def _is_filled(path: Path) -> bool:
+    """Whether people have written into a table: into cells left empty for them, or columns of their own."""
+    table = read_text_table(path, _WANTED)
+    planned = set(COLUMNS).difference(_TO_FILL)
+    own = [column for column, name in enumerate(table.names) if name not in planned]
+    return bool(table.beyond) or any(row[column].strip() for row in table.rows for column in own)
 
 
 @dataclass(frozen=True)
