@@ -29,7 +29,7 @@ def replacing(path: str | os.PathLike[str], *, durable: bool = False) -> Iterato
         durable: wait until the content is on the disk before it gets its name.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: it cannot be written, or is there and may not be written.
     """
     place = Path(os.path.realpath(path))
     mode = None
@@ -38,6 +38,9 @@ def replacing(path: str | os.PathLike[str], *, durable: bool = False) -> Iterato
     if mode is not None and not stat.S_ISREG(mode):
         yield place
         return
+    # A folder lets a file be replaced that may not be written itself.
+    if mode is not None and not os.access(place, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
     # Short, as the name may already be as long as a file system allows.
     waiting = place.with_name(f".{place.name[:40]}.{secrets.token_hex(6)}")
     try:

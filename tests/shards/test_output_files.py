@@ -22,6 +22,7 @@ from bumpstop.recording.formats.parquet_excel import read_parquet
 from bumpstop.shards.storage import LocalStorage
 from bumpstop.text_files import parse_toml, write_text
 from bumpstop.view.point_rows import read_rows
+from cli.support import EXAMPLE, run
 
 SOURCE = Path(bs.__file__).parent
 
@@ -39,6 +40,23 @@ def test_a_failed_write_leaves_what_was_there(tmp_path: Path) -> None:
     write_bytes(file, b"after", durable=True)
     assert file.read_bytes() == b"after"
     assert file.stat().st_mode & 0o777 == 0o640
+
+
+def test_a_file_that_may_not_be_written_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A report that was made read-only is one that is kept, though its folder lets it be replaced."""
+    file = tmp_path / "report.html"
+    file.write_bytes(b"signed")
+    file.chmod(0o444)
+    # Nobody refuses root: what its tests see is what others are told.
+    monkeypatch.setattr(os, "access", lambda path, _: bool(Path(path).stat().st_mode & 0o200))
+    with pytest.raises(PermissionError) as error:
+        write_bytes(file, b"after")
+    assert (error.value.filename, error.value.strerror) == (str(file), "Permission denied")
+    assert file.read_bytes() == b"signed"
+    assert list(tmp_path.iterdir()) == [file]
+    refused = f"error: --out: {str(file)!r} cannot be written (Permission denied); give another folder\n"
+    assert run("evaluate", EXAMPLE, "--out", tmp_path) == (2, "", refused)
+    assert list(tmp_path.iterdir()) == [file]
 
 
 def test_links_are_followed_and_what_is_no_file_is_written_as_it_is(tmp_path: Path) -> None:

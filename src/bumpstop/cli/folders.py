@@ -21,18 +21,22 @@ def check_folder(folder: Path | None, option: str = "--out") -> None:
     """Refuse a folder that can be neither made nor written into, before any work is done for it.
 
     Raises:
-        InputError: it is a file or lies below one, or its place may not be written.
+        InputError: it is a file or lies below one, its place may not be written, or it holds a page that is read-only.
     """
     if folder is None:
         return
+    place = folder
     try:
         # A link that leads nowhere is there, too: no folder can be made in its place.
         there = next(place for place in (folder, *folder.parents) if place.exists() or place.is_symlink())
         why = "Not a directory" if not there.is_dir() else "" if os.access(there, os.W_OK) else "Permission denied"
+        page = folder / "report.html"
+        if not why and page.exists() and not os.access(page, os.W_OK):
+            place, why = page, "Permission denied"
     except OSError as error:  # on the way there is a folder that may not be looked into
         why = error.strerror or str(error)
     if why:
-        raise InputError(option, f"{str(folder)!r} cannot be written ({why})", "give another folder")
+        raise InputError(option, f"{str(place)!r} cannot be written ({why})", "give another folder")
 
 
 def check_no_job(folder: Path | None) -> None:
