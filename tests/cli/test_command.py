@@ -62,6 +62,20 @@ def test_a_terminal_without_width(columns: str, monkeypatch: pytest.MonkeyPatch)
         assert bumpstop(*arguments, COLUMNS=columns).stdout == bumpstop(*arguments).stdout != ""
 
 
+def test_errors_that_nobody_hears() -> None:
+    """They go nowhere, and not among the results; the status is the same."""
+    for arguments, status in (("nope.csv", 2), (EXAMPLE, 0)):
+        told = bumpstop("evaluate", arguments, "--json")
+        deaf = subprocess.run(
+            ["sh", "-c", '"$@" 2>&-', "sh", COMMAND, "evaluate", arguments, "--json"],
+            stdout=subprocess.PIPE,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+        assert (deaf.returncode, deaf.stdout) == (status, told.stdout)
+
+
 def test_python_runs_the_package_as_the_command() -> None:
     module = [sys.executable, "-m", "bumpstop"]
     said = subprocess.run([*module, "--version"], capture_output=True, text=True, timeout=60, check=False)

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 from functools import cache
 from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -98,6 +99,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         # What imports make stays for good: to look through it for garbage every 700 objects takes a tenth of a command.
         gc.set_threshold(_OBJECTS_BETWEEN_COLLECTIONS)
         _forget_unusable()
+        # Without a stream for errors Python prints them among the results.
+        if sys.stderr is None:
+            sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115
         # A name in letters that the terminal lacks is no fault of anybody's.
         if isinstance(sys.stdout, io.TextIOWrapper):
             sys.stdout.reconfigure(errors="backslashreplace")
