@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -57,6 +58,28 @@ def test_a_flipped_bit_is_named_and_only_that_computed_again(
     redone = {"shards/000002.arrow": 1, "summary.json": 0}
     assert account.shards == redone.get(name, campaign.shards)
     assert result(tmp_path) == result(whole)
+
+
+@pytest.mark.parametrize("command", ["status", "report", "merge", "resume"])
+def test_a_manifest_that_cannot_be_read_is_named(command: str, whole: Path, tmp_path: Path) -> None:
+    shutil.copytree(whole, tmp_path, dirs_exist_ok=True)
+    manifest = tmp_path / "manifest.json"
+    manifest.unlink()
+    manifest.mkdir()
+    refused = run("campaign", command, tmp_path)
+    assert (refused.status, refused.out) == (2, "")
+    assert refused.err.startswith(f"error: FOLDER: '{tmp_path}' cannot be used ({manifest}: Is a directory); ")
+
+
+@pytest.mark.parametrize("command", ["resume", "merge"])
+def test_a_folder_that_another_build_has_computed_is_no_option(command: str, whole: Path, tmp_path: Path) -> None:
+    """These commands have no --out: what is wrong is the folder that they were given."""
+    shutil.copytree(whole, tmp_path, dirs_exist_ok=True)
+    settings = tmp_path / "settings.toml"
+    settings.write_text(re.sub(r'fingerprint = "\w{4}', 'fingerprint = "0000', settings.read_text(encoding="utf-8")))
+    refused = run("campaign", command, tmp_path)
+    assert refused.status == 2
+    assert refused.err.startswith(f"error: FOLDER: '{tmp_path}' holds results made otherwise")
 
 
 def test_a_manifest_that_was_cut_short_or_is_gone_is_damage(campaign: Campaign, whole: Path, tmp_path: Path) -> None:

@@ -180,13 +180,20 @@ class ResultFolder:
     # --- The result ---------------------------------------------------------------------------------------------
 
     def manifest(self) -> dict[str, Any]:
-        """Checksums of the files of the result; empty before there is one."""
+        """Checksums of the files of the result; empty before there is one.
+
+        Raises:
+            DamagedError: it is not what was written.
+            InputError: it cannot be read.
+        """
         try:
             found = json.loads(self.storage.read(MANIFEST))
         except FileNotFoundError:
             return {}
         except ValueError:
             raise DamagedError(MANIFEST, str(self.storage)) from None
+        except OSError as error:
+            raise self._unwritable(error) from None
         expected = {SUMMARY, *(self._volume_name(volume) for volume in range(self._volumes))}
         if (
             not isinstance(found, dict)

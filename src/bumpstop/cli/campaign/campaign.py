@@ -12,6 +12,7 @@ import typer
 
 from bumpstop.cli.collision.evaluate import whole
 from bumpstop.cli.command_group import group
+from bumpstop.cli.option_names import as_options
 from bumpstop.cli.progress import progress
 from bumpstop.errors import InputError
 
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
 
 app = group("Compute force distributions of many arms, tools, poses, bodies and detectors, on one machine or many.")
 MAX_WORKERS = 1024
+
+# What is wrong with a folder is told of --out, which commands on a folder that is there do not have.
+_OF_FOLDER = {"--out": "FOLDER"}
 
 Folder = Annotated[str, typer.Argument(help="Folder of the campaign, or a URL such as s3://bucket/run.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
@@ -68,6 +72,7 @@ def run(
 
 
 @app.command("resume")
+@as_options(_OF_FOLDER)
 def resume(
     folder: Folder,
     workers: NumberOfWorkers = 2,
@@ -82,6 +87,7 @@ def resume(
 
 
 @app.command("merge")
+@as_options(_OF_FOLDER)
 def merge(folder: Folder, as_json: AsJson = False) -> None:
     """Join the shards of a folder, which must all be there."""
     campaign, store = _opened(folder)
@@ -94,6 +100,7 @@ def merge(folder: Folder, as_json: AsJson = False) -> None:
 
 
 @app.command("status")
+@as_options(_OF_FOLDER)
 def status(
     folder: Folder,
     check: Annotated[bool, typer.Option("--check", help="Compare every file with its checksum.")] = False,
@@ -143,12 +150,13 @@ def report(
     """Write the page of a campaign whose shards are joined."""
     from bumpstop.report.studies.campaign import write_campaign_report
 
-    campaign, store = _opened(folder, to_read=True)
-    if not store.complete:
-        raise InputError(folder, "is not joined yet", "bumpstop campaign resume, or merge")
+    with as_options(_OF_FOLDER):
+        campaign, store = _opened(folder, to_read=True)
+        if not store.complete:
+            raise InputError(folder, "is not joined yet", "bumpstop campaign resume, or merge")
+        summary = json.loads(store.read_summary())
     if out is None and "://" in folder:
         raise InputError("--out", "is missing", "the page of a URL is written to a folder of this machine")
-    summary = json.loads(store.read_summary())
     typer.echo(f"report: {write_campaign_report(campaign, summary, out or Path(folder))}")
 
 
