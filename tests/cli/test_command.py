@@ -66,14 +66,14 @@ def test_errors_that_nobody_hears() -> None:
     """They go nowhere, and not among the results; the status is the same."""
     for arguments, status in (("nope.csv", 2), (EXAMPLE, 0)):
         told = bumpstop("evaluate", arguments, "--json")
-        deaf = subprocess.run(
+        silent = subprocess.run(
             ["sh", "-c", '"$@" 2>&-', "sh", COMMAND, "evaluate", arguments, "--json"],
             stdout=subprocess.PIPE,
             text=True,
             timeout=60,
             check=False,
         )
-        assert (deaf.returncode, deaf.stdout) == (status, told.stdout)
+        assert (silent.returncode, silent.stdout) == (status, told.stdout)
 
 
 def test_python_runs_the_package_as_the_command() -> None:
