@@ -19,7 +19,7 @@ from bumpstop.text_files import parse_toml, read_text
 MAX_SITUATIONS = 10_000
 _MAX_BYTES = 5_000_000
 _WANTED = "wanted a register of contact situations (.toml or .csv)"
-_OTHER_TABLES = (".xlsx", ".xls", ".ods", ".tsv", ".txt")
+_OTHER_TABLES = (".xlsx", ".xls", ".ods", ".tsv")
 _TOP_KEYS = ("scenario", "situation", "input")
 # Cells that are texts, whatever they look like.
 _TEXTS = ("name", "scenario", "frequency", "note", "link", "body", "kind")
