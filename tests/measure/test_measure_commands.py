@@ -85,6 +85,21 @@ def test_one_scenario_into_one_file(folder: Path, capsys: pytest.CaptureFixture[
     assert "row 1, situation: 'hand' has no scenario; give its scenario: --scenario FILE" in wrong
 
 
+@pytest.mark.parametrize(("out", "name"), [("hand.toml", "hand.toml"), (".", "hand.toml"), (".", "shots.csv")])
+def test_a_calibration_writes_over_nothing_that_it_reads(
+    folder: Path, out: str, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "in").mkdir()
+    shots = name if name.endswith(".csv") else "in/shots.csv"
+    scenario = name if name.endswith(".toml") else "in/hand.toml"
+    Path(shots).write_text("situation,speed_mm_s,measured_peak_force_N\nhand,100,141.5\n")
+    Path(scenario).write_text("# my remark\n" + to_toml(RIGID))
+    before = Path(name).read_bytes()
+    status, _, said = run(capsys, "calibrate", shots, "--scenario", f"hand={scenario}", "-o", out)
+    assert (status, said) == (2, f"error: --out: {name!r} is read, and would be written over; give another folder\n")
+    assert Path(name).read_bytes() == before
+
+
 def test_plan_as_json_repeats(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     small = ("plan", "hand.toml", "--points", "32", "--speeds", "100", "--shots", "2", "--json")
     (status, first, _), (_, again, _) = run(capsys, *small), run(capsys, *small)

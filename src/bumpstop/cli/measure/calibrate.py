@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from bumpstop.cli.collision.evaluate import whole
-from bumpstop.cli.folders import check_file, check_folder
+from bumpstop.cli.folders import check_file, check_folder, check_inputs
 from bumpstop.cli.measure.read import ForceColumn, ForceUnit, TimeColumn, TimeUnit, format_of
 from bumpstop.cli.measure.scenarios import named_scenarios
 from bumpstop.errors import InputError
@@ -50,6 +51,7 @@ def calibrate(
     from bumpstop.cli.progress import progress
     from bumpstop.measure import calibrate_plan, load_plan
     from bumpstop.measure.learning.calibrated_scenario import calibrated_toml
+    from bumpstop.measure.planning.plan_file import file_names, shots_text
     from bumpstop.text_files import write_text
 
     file = out if out is not None and out.suffix == ".toml" else None
@@ -58,6 +60,11 @@ def calibrate(
     check_folder(folder)
     given = dict(named_scenarios(scenario or [], {}, "--scenario"))
     filled = load_plan(plan, given)
+    names = file_names([name for name, _ in filled.named])
+    read = [plan, *(Path(path) for text in scenario or [] for path in (text, text.partition("=")[2]))]
+    check_inputs(folder, read, [], "shots.csv", *names.values())
+    if file is not None:
+        check_inputs(file.parent, read, [], escape(file.name))
     if file is not None and len(filled.named) > 1:
         raise InputError("--out", f"{str(file)!r} is one file for {len(filled.named)} situations", "give a folder")
     form = format_of(time_unit, force_unit, time_column, force_column)
@@ -69,12 +76,10 @@ def calibrate(
         written.append(file)
     page = None
     if folder is not None:
-        from bumpstop.measure.planning.plan_file import file_names, shots_text
         from bumpstop.report.measure.calibration import write_calibration
 
         page = write_calibration(made, folder)
         write_text(folder / "shots.csv", shots_text(filled.shots, made.recorded))
-        names = file_names([name for name, _ in filled.named])
         for name, found in filled.named:
             write_text(folder / names[name], calibrated_toml(made.calibration, found))
             written.append(folder / names[name])
