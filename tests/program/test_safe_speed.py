@@ -90,6 +90,32 @@ def test_no_place_is_worse_than_the_worst(tmp_path: Path) -> None:
         assert whole.peak_force.quantile(0.999) == pytest.approx(force[k], rel=1e-6)
 
 
+def test_a_rise_between_two_times_that_are_looked_at_first_is_found() -> None:
+    """An elastic arm whose force doubles within a control cycle, in one that looks harmless."""
+    (segment,) = segments(
+        "movej([0.0205, -1.5602, 1.5752, -1.5381, -1.5909, 0.0216], a=1.32, v=0.3201, r=0.03)\n"
+        "movej([0.0316, -1.5829, 1.5357, -1.5354, -1.5718, -0.0067], a=2.231, v=0.15, r=0.03)\n"
+        "movej([0.0244, -1.543, 1.5972, -1.6042, -1.5861, -0.0231], a=13.17, v=0.0763, r=0)\n"
+    )
+    changes: dict[str, object] = {
+        "arm.model": "elastic",
+        "detector.feedback_period_s": 0.016,
+        "simulation.step_s": 0.001,
+        "reaction.kind": "reverse",
+        "reaction.latency_s": 0.0,
+        "reaction.joint_acceleration_rad_s2": 10.0,
+        "contact.stiffness_N_m": 50e3,
+        "detector.thresholds_Nm": [40.0, 40.0, 30.0, 12.0, 12.0, 12.0],
+        "detector.noise_sd_Nm": [10.0, 10.0, 7.5, 3.0, 3.0, 3.0],
+    }
+    slow = Cell(bs.load_scenario(EXAMPLES / "cell.toml", changes))
+    problem = slow.problem(segment.at(1.0))
+    assert problem.trajectory is not None
+    accepted = problem.scenario.verdict.accepted_probability
+    finely = onset_shares(problem, np.arange(0, problem.trajectory.duration, 0.016 / 64)).exceeded_with(accepted)
+    assert worst_onset(problem)[1] > 0.999 * finely.max()
+
+
 def test_a_place_that_is_too_hard_is_enough_and_another_is_not() -> None:
     problem = cell().problem(across().at(1.0))
     assert problem.trajectory is not None

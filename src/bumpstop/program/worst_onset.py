@@ -86,10 +86,8 @@ def _crest(share: Callable[[FloatArray], FloatArray], cycles: Cycles, period: fl
     best = shares.argmax(axis=1)
     rows = np.arange(cycles.size)
     time, height = times[rows, best], shares[rows, best]
-    # At an end of its cycle a time has its inner neighbour alone.
-    left, right = np.where(best == 0, 1, best - 1), np.where(best == phases - 1, phases - 2, best + 1)
-    beside = np.stack([shares[rows, left], shares[rows, right]], axis=1)
-    kept = _may_be_hardest(height, height[:, None] - beside)
+    # The force may rise abruptly between two of these times: to as much above as it is higher at one than at the other.
+    kept = height + 9 / 8 * np.abs(np.diff(shares, axis=1)).max(axis=1) >= height.max()
     cycles, time, height = cycles[kept], time[kept], height[kept]
     for _ in range(_HALVINGS):
         width /= 2
@@ -99,14 +97,8 @@ def _crest(share: Callable[[FloatArray], FloatArray], cycles: Cycles, period: fl
         side = beside.argmax(axis=1)
         time = np.where(harder, time + np.where(side == 0, -width, width), time)
         height = np.maximum(height, beside.max(axis=1))
-        kept = _may_be_hardest(height, fall)
+        # On a slope the crest is no higher than as much again, and on a bend by less.
+        kept = height + np.abs(fall).min(axis=1) + np.abs(fall).max(axis=1) / 8 >= height.max()
         cycles, time, height = cycles[kept], time[kept], height[kept]
     hardest = int(height.argmax())
     return int(cycles[hardest]), float(time[hardest]), float(height[hardest])
-
-
-def _may_be_hardest(height: FloatArray, fall: FloatArray) -> npt.NDArray[np.bool_]:
-    """Cycles whose crest may be the highest, by how much lower it is on either side of its height (cycles, 2)."""
-    # On a slope the crest is no higher than as much again, and on a bend by less.
-    most = height + np.abs(fall).min(axis=1) + np.abs(fall).max(axis=1) / 8
-    return np.asarray(most >= height.max())
