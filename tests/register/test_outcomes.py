@@ -161,6 +161,9 @@ def test_two_phases_have_a_use_of_the_limit(tmp_path: Path) -> None:
         assert one.use > 0
         assert (one.use > 1) == (one.p_over > one.verdict.accepted_probability)
     assert {one.use > 1 for one in found} == {True, False}
+    # No power of ten among percents.
+    assert found[0].use > 10
+    assert found[0].use_percent == f"{100 * found[0].use:.0f} %"
     never = {"name": "never", "body": "face", "speed_mm_s": 20, **two}
     (one,) = bs.evaluate_register(bs.load_register(write_register(tmp_path, never))).results
     assert (one.outcome, one.use) == ("fail", math.inf)

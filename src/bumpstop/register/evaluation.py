@@ -75,6 +75,11 @@ class SituationResult:
         found = [p for p in (self.verdict.p_over_force, self.verdict.p_over_pressure) if p is not None]
         return max(found, default=math.nan)
 
+    @property
+    def use_percent(self) -> str:
+        """A finite use in percent, three digits or whole."""
+        return f"{100 * self.use:.3g} %" if self.use < 9.99 else f"{100 * self.use:.0f} %"
+
     def to_json(self) -> dict[str, Any]:
         """One item of ``situations`` of ``bumpstop evaluate --json``; figures that are not finite are None."""
         situation = self.situation

@@ -84,7 +84,7 @@ def print_table(result: RegisterResult) -> None:
         table.add_row(
             Text(f" {OUTCOME_WORDS[one.outcome]} ", style=styles[one.outcome]),
             one.situation.name,
-            "-" if math.isnan(use) else "inf" if math.isinf(use) else f"{100 * use:.3g} %",
+            "-" if math.isnan(use) else "inf" if math.isinf(use) else one.use_percent,
             "-" if math.isnan(p) else decimal(p, integrated=one.method == "exact"),
             "\n".join([one.reason, *warnings]),
         )

@@ -141,7 +141,7 @@ def use_text(result: SituationResult) -> str:
     if math.isinf(result.use):
         limits = result.verdict.limits
         return "unbounded" if limits is not None and limits.permitted else "no contact permitted"
-    return f"{100 * result.use:.3g} %"
+    return result.use_percent
 
 
 def _count(count: int) -> str:
@@ -158,7 +158,7 @@ def _where(result: SituationResult) -> tuple[str, ...]:
     point = "" if not any(contact.point_m) else f" at [{', '.join(f'{x:g}' for x in contact.point_m)}] m"
     motion = situation.scenario.motion
     velocity = motion.velocity_mm_s
-    along = f" along [{', '.join(f'{v:.3g}' for v in velocity)}] mm/s" if velocity is not None else ""
+    along = f" along [{', '.join(number(v) for v in velocity)}] mm/s" if velocity is not None else ""
     kind = "clamped (quasi-static)" if contact.kind == "clamped" else "free (transient)"
     payload = "" if situation.payload_kg is None else f"{situation.payload_kg:g} kg"
     return (
@@ -188,7 +188,7 @@ def _draw(figure: Figure, shown: Sequence[SituationResult]) -> None:
         colour, hatch = _COLOURS[result.outcome]
         length = min(result.use, _LARGEST_BAR)
         panel.barh(i, 100 * length, color=colour, hatch=hatch, edgecolor=INK, linewidth=0.5, height=0.7)
-        text = "∞" if math.isinf(result.use) else f"{100 * result.use:.3g} %"
+        text = "∞" if math.isinf(result.use) else result.use_percent
         place = (100 * length, i)
         panel.annotate(text, place, (4, 0), textcoords="offset points", va="center", fontsize=8, bbox=PAPER)
     names = [r.situation.name for r in shown]
