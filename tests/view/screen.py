@@ -82,6 +82,12 @@ class Screen:
             timeout=WAIT_MS,
         )  # fmt: skip
 
+    def until_chosen(self, control: Control, name: str) -> None:
+        """Wait until a choice shows a name."""
+        from playwright.sync_api import expect
+
+        expect(self.fields(control.label).first).to_have_value(name, timeout=WAIT_MS)
+
     def set(self, control: Control, value: Shown) -> None:
         """Do with a control what a person would, so that it shows a value."""
         fields = self.fields(control.label)

@@ -73,6 +73,9 @@ def change(screen: Screen, page: Page, control: Control) -> None:
         before = screen.scenario()
         page.change(changes, key="")
         screen.until_other_than(before)
+        # The file may be shown before the control is: what it shows still is no change.
+        if control.kind == "choice":
+            screen.until_chosen(control, str(control.read(page.document.scenario)))
     before, wanted = screen.scenario(), other_value(control)
     screen.set(control, wanted)
     screen.until_other_than(before)
