@@ -122,7 +122,8 @@ def run_all(names: Sequence[str], *, quick: bool, jobs: int) -> Iterator[Finding
 def _run_together(names: Sequence[str], *, quick: bool, jobs: int) -> Iterator[Findings]:
     """Run each comparison in a process of its own; what it prints is printed when it ends."""
     spawning = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=spawning) as pool:
+    # A process for each: what one has read and computed, gigabytes of it, is not kept beside the next.
+    with ProcessPoolExecutor(jobs, mp_context=spawning, max_tasks_per_child=1) as pool:
         running = {pool.submit(_run_told, name, quick=quick): name for name in names}
         try:
             while running:

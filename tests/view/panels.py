@@ -13,7 +13,7 @@ import numpy as np
 from bumpstop.collision import Scenario
 from bumpstop.collision.scenario.scenario_file import robot_of
 from bumpstop.view.document import ViewDocument
-from bumpstop.view.page.page import pose_values
+from bumpstop.view.page.pose_keys import pose_values
 from bumpstop.view.point_rows import PointRows
 from bumpstop.view.program_segments import ProgramSegments
 

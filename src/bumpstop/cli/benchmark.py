@@ -87,4 +87,6 @@ def _write(found: object, out: Path) -> None:
                 figure.savefig(waiting, format=ending, dpi=120, metadata=metadata)
         output_files.write_csv(out / "points.csv", found.to_frame())
     except OSError as error:
-        raise InputError("--out", f"{str(out)!r} cannot be written ({error.strerror})", "give another folder") from None
+        raise InputError(
+            "--out", f"{str(out)!r} cannot be written ({error.strerror or error})", "give another folder"
+        ) from None

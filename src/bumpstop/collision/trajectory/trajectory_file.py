@@ -62,7 +62,7 @@ def read_rows(path: Path, robot: Robot) -> Rows:
         with path.open("rb") as file:
             content = file.read(_MAX_BYTES[kind] + 1)
     except (OSError, ValueError) as error:  # a NUL character in the path is a ValueError
-        why = error.strerror if isinstance(error, OSError) else str(error)
+        why = (isinstance(error, OSError) and error.strerror) or str(error)
         raise refusal(path, f"cannot be read ({why})", "wanted a trajectory file") from None
     if len(content) > _MAX_BYTES[kind]:
         raise refusal(path, f"is longer than {_MAX_BYTES[kind]} bytes", "wanted a trajectory file")

@@ -40,7 +40,7 @@ def parse(path: Path, kind: str = "a URDF file") -> Element:
         with path.open("rb") as file:
             content = file.read(MAX_BYTES + 1)
     except OSError as error:
-        raise InputError(where, f"cannot be read ({error.strerror})", wanted) from None
+        raise InputError(where, f"cannot be read ({error.strerror or error})", wanted) from None
     except ValueError as error:  # a NUL character in the path
         raise InputError(where, f"cannot be read ({error})", wanted) from None
     if len(content) > MAX_BYTES:

@@ -6,8 +6,6 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from bumpstop.errors import InputError
 from bumpstop.report.markup import Html, element
 from bumpstop.text_files import toml_value
@@ -19,6 +17,7 @@ from bumpstop.view.page.control_panel import ControlPanel
 from bumpstop.view.page.overlay import Overlay
 from bumpstop.view.page.playback_panel import PlaybackPanel
 from bumpstop.view.page.point_panel import PointPanel
+from bumpstop.view.page.pose_keys import pose_of, pose_values
 from bumpstop.view.page.program_panel import ProgramPanel
 from bumpstop.view.page.result_panel import ResultPanel, details_html
 from bumpstop.view.page.scene_view import Clicks, SceneView
@@ -34,7 +33,6 @@ if TYPE_CHECKING:
     import viser
 
     from bumpstop.arrays import FloatArray
-    from bumpstop.collision import Scenario
     from bumpstop.view.controls import Shown
     from bumpstop.view.opened import Opened
 
@@ -376,29 +374,6 @@ def _taken_out_words(gone: Mapping[str, Any]) -> str:
         f"{key} = {text_of(value) if key.startswith(PREFIX) else toml_value(value)}" for key, value in gone.items()
     )
     return f"Taken out with this change: {', '.join(given)}. Undo brings it back."
-
-
-def pose_of(opened: Opened, scenario: Scenario) -> FloatArray:
-    """The pose of a scenario with a straight line (dof,) [rad or m]."""
-    from bumpstop.collision.scenario_values import start_pose
-
-    return start_pose(scenario, opened.robot)
-
-
-def pose_values(opened: Opened, scenario: Scenario, q: FloatArray) -> tuple[str, list[float]]:
-    """The key of a pose as the scenario has it, and its values rounded inwards to what a person reads."""
-    degrees = scenario.pose_deg is not None
-    turns = np.array([joint.kind == "revolute" for joint in opened.robot.joints])
-    factor = np.where(turns & degrees, 180 / np.pi, 1.0)
-    places = np.where(turns & degrees, 2, 4)
-    values = []
-    for value, low, high, scale, digits in zip(q, opened.robot.lower, opened.robot.upper, factor, places, strict=True):
-        shown = round(float(value * scale), int(digits))
-        # Rounding must not leave the limits.
-        if not low <= shown / scale <= high:
-            shown = float(np.clip(value, low, high) * scale)
-        values.append(shown)
-    return ("pose_deg" if degrees else "pose_rad"), values
 
 
 def _file_html(text: str) -> Html:
