@@ -14,10 +14,11 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.contact import LimitTable
-from bumpstop.register import RegisterResult
+from bumpstop.register import RegisterResult, evaluate_register, load_register
 from bumpstop.register.shots import load_shots
 from bumpstop.report.register.dossier import DossierHead, write_dossier
 from bumpstop.report.register.page import write_register
+from bumpstop.report.register.provenance import ProvenancePart
 from bumpstop.report.register.situations import use_text
 from register.cases import EXAMPLES
 from register.cases import write_register as register_of
@@ -84,6 +85,20 @@ def shots_of(folder: Path, result: RegisterResult) -> tuple[Path, Any]:
         encoding="utf-8",
     )
     return path, load_shots(path, result.register.situations)
+
+
+def test_a_file_that_changes_meanwhile_is_named(tmp_path: Path) -> None:
+    samples, scenario = tmp_path / "stiffness.csv", tmp_path / "cell.toml"
+    samples.write_text("\n".join(str(9000 + 50 * k) for k in range(40)), encoding="utf-8")
+    text = (EXAMPLES.parent / "02_lower_arm_downward.toml").read_text(encoding="utf-8")
+    uncertain = '"contact.stiffness_N_m" = { distribution = "samples", file = "stiffness.csv" }'
+    scenario.write_text(f"{text}\n[uncertainty]\n{uncertain}\n", encoding="utf-8")
+    register = load_register(scenario)
+    read = hashlib.sha256(samples.read_bytes()).hexdigest()
+    result = evaluate_register(register)
+    samples.write_text("10000\n" * 40, encoding="utf-8")
+    [row] = [row for row in Text(str(ProvenancePart(result).content()[0])).rows if row[0] == str(samples)]
+    assert row[1].startswith(f"{read} (changed")
 
 
 def test_dossier(tmp_path: Path, result: RegisterResult) -> None:

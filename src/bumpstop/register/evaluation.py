@@ -199,7 +199,7 @@ def evaluate_register(
                 progress((done + len(uncertain)) / work)
     faults = [result for result in found if isinstance(result, InputError)]
     if faults:
-        raise RegisterError(", ".join(str(path) for path in register.files[:1]), faults)
+        raise RegisterError(str(next(iter(register.checksums))), faults)
     results = [result for result in found if isinstance(result, SituationResult)]
     return RegisterResult(register, worst_first(results))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from bumpstop.collision.scenario.scenario_file import read_tables
+from bumpstop.collision.scenario.settings_file import files_of
 from bumpstop.errors import InputError
 from bumpstop.register.faults import RegisterError
 from bumpstop.register.register_file import RegisterFile, is_register, read_register
@@ -24,11 +26,12 @@ class Register:
 
     Attributes:
         situations: at least one, each with a name of its own.
-        files: registers and scenarios that were read, in the order in which they were met.
+        checksums: SHA-256 of every file that they rest on, as it was when they were read: registers and scenarios in
+            the order in which they were met, then the files that scenarios name.
     """
 
     situations: tuple[Situation, ...]
-    files: tuple[Path, ...]
+    checksums: Mapping[Path, str]
 
 
 def load_register(*paths: str | os.PathLike[str], changes: Mapping[str, Any] | None = None) -> Register:
@@ -58,7 +61,16 @@ def load_register(*paths: str | os.PathLike[str], changes: Mapping[str, Any] | N
             reader.read(RegisterFile(path, [Row(path, "", {"name": name})], path.name))
     if reader.faults:
         raise RegisterError(", ".join(dict.fromkeys(str(path) for path in names)), reader.faults)
-    return Register(tuple(reader.situations), tuple(dict.fromkeys(reader.files)))
+    files = [*reader.files, *(path for each in reader.situations for path in files_of(each.scenario).values())]
+    return Register(tuple(reader.situations), {path: checksum(path) for path in dict.fromkeys(files)})
+
+
+def checksum(path: Path) -> str:
+    """SHA-256 of a file's bytes, in hexadecimal; why not, where it cannot be read."""
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        return f"cannot be read ({error.strerror or error})"
 
 
 @dataclass

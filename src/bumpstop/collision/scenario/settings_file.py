@@ -13,7 +13,16 @@ if TYPE_CHECKING:
 
 
 def files_of(scenario: Scenario) -> dict[str, Path]:
-    """Files that a scenario names, by their keys: robot, limits, drive train, residuals, stopping table, trajectory."""
+    """Files that a scenario names, by their keys.
+
+    Robot, limits, drive train, residuals, stopping table, trajectory, and the samples of uncertain inputs.
+    """
+    uncertain = (each for each in uncertain_inputs(scenario) if each.file is not None)
+    return _files_of_keys(scenario) | {each.field: scenario.folder / str(each.file) for each in uncertain}
+
+
+def _files_of_keys(scenario: Scenario) -> dict[str, Path]:
+    """The same of keys outside ``[uncertainty]``."""
     contact, files = scenario.contact, {}
     if scenario.robot_path is not None:
         files["robot"] = scenario.robot_path
@@ -38,7 +47,7 @@ def scenario_data(scenario: Scenario) -> dict[str, Any]:
 def with_absolute_paths(scenario: Scenario, data: dict[str, Any]) -> dict[str, Any]:
     """Keys of a scenario, the paths among them made absolute in place."""
     # Relative paths start at the scenario's folder, which the copy has left.
-    for key, path in files_of(scenario).items():
+    for key, path in _files_of_keys(scenario).items():
         set_key(data, key, str(path.resolve()))
     for each in uncertain_inputs(scenario):
         if each.file is not None:
