@@ -114,6 +114,24 @@ def test_what_the_register_calls_assumed_does_not_pass(tmp_path: Path, status: s
     assert judged(tmp_path, {}, {"key": "detector", "status": "measured"}).outcome == "pass"
 
 
+def test_a_value_that_is_set_has_no_source_in_the_register(tmp_path: Path) -> None:
+    stated = {"key": "detector", "status": "measured", "source": "our logs"}, {"key": "reaction", "status": "assumed"}
+    path = write_register(tmp_path, {"name": "a", "contact.area_cm2": 2.0}, inputs=stated)
+    changes = {
+        "detector.noise_sd_Nm": 1.0,
+        "contact.area_cm2": 3.0,
+        "reaction.latency_s": 0.01,
+        "motion.speed_mm_s": 20,
+    }
+    (found,) = bs.evaluate_register(bs.load_register(path, changes=changes)).results
+    told = {one.key: (one.status, one.source) for one in found.inputs}
+    of_set = ("given", "set when the register was read (--set)")
+    assert told["detector.noise_sd_Nm"] == told["contact.area_cm2"] == told["motion.velocity_mm_s"] == of_set
+    assert told["detector.thresholds_Nm"] == ("measured", "our logs")
+    assert told["reaction.latency_s"] == ("assumed", ""), "a guess is not made better by another one"
+    assert found.outcome != "pass"
+
+
 def test_a_key_s_own_statement_counts_before_that_of_its_table(tmp_path: Path) -> None:
     table, key = {"key": "detector", "status": "measured"}, {"key": "detector.noise_sd_Nm", "status": "published"}
     found = judged(tmp_path, {}, table, key)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from bumpstop.collision.scenario.arm_table import QUANTITY
 from bumpstop.contact import builtin_tables, limit_forms
 from bumpstop.contact.limits import LimitTable
+from bumpstop.register.situation import says
 from bumpstop.text_files import toml_value
 
 if TYPE_CHECKING:
@@ -72,10 +73,11 @@ def _scenario_inputs(situation: Situation) -> list[Input]:
     given = _flat(scenario.model_dump(exclude_unset=True, exclude_none=True, mode="python"))
     for key, value in _flat(scenario.to_dict()).items():
         statement = situation.statement_of(key)
-        of_row = key in situation.given or (key == "motion.velocity_mm_s" and _SPEED & set(situation.given))
         if statement is not None:
             status, source = statement.status, statement.source
-        elif of_row:
+        elif says(situation.changed, key):
+            status, source = "given", "set when the register was read (--set)"
+        elif says(situation.given, key):
             status, source = "given", f"{situation.file} {situation.place}"
         elif key in given or key == "motion.velocity_mm_s":
             status, source = "given", str(situation.scenario_file)
@@ -85,9 +87,6 @@ def _scenario_inputs(situation: Situation) -> list[Input]:
     if "area_cm2" not in scenario.contact.model_fields_set and scenario.contact.body is not None:
         found.append(Input(key="contact.area_cm2", value="1", kind="choice", status="assumed", source="nobody gave it"))
     return found
-
-
-_SPEED = {"motion.speed_mm_s", "motion.direction"}
 
 
 def _limit_inputs(result: CollisionResult) -> list[Input]:

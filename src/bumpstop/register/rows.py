@@ -129,6 +129,7 @@ class Row:
             payload_kg=_payload_kg(scenario, own.get("payload_kg")),
             note=own.get("note", ""),
             given=given,
+            changed=frozenset(changes),
             statements=statements,
         ), []
 
