@@ -99,6 +99,20 @@ def test_planted_kinds_are_chosen_and_predict_another_motion(name: str, kind: st
     np.testing.assert_array_equal(page.predicted, more.torque)
 
 
+def test_coulomb_and_viscous_friction_alone_can_be_asked_for() -> None:
+    robot = bs.Robot.load("ur10e")
+    motion = fourier(robot, 40.0, 100.0, 1)
+    plain = {"coulomb": 0.4, "viscous": 0.3, "stribeck": 0.0, "stribeck_speed": 0.1}
+    torque = inverse_dynamics(with_rotors(robot, 0.0), *motion[1:])
+    recording = driven(robot, motion, drives(robot, torque, friction=plain, law="stribeck"), 1)
+    known = {ELBOW: {"stribeck": 0.0}}
+    elbow = identify_joint_model(recording, robot, cutoff_hz=10.0, frictions=["stribeck"], known=known).joints[2]
+    assert elbow.parameters.value("stribeck") == 0
+    assert elbow.parameters.value("coulomb") == pytest.approx(0.4, rel=0.02)
+    assert elbow.parameters.value("viscous") == pytest.approx(0.3, rel=0.05)
+    assert [one.refused for one in elbow.candidates if one.map == "linear"] == [""]
+
+
 def test_the_friction_law_is_chosen_again_with_the_map() -> None:
     """With a line in place of a bent map, friction that grows with the load makes up for the bend."""
     robot = bs.Robot.load("ur10e")

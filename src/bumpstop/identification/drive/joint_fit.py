@@ -172,6 +172,8 @@ def fit_joint(rows: DriveSamples, j: int, arm: Robot, settings: JointFitSettings
     observability = assess(rows, j, arm, rest_speed, known)
     unobservable = dict(observability.unobservable)
     fixed = {**observability.fixed, **known}
+    if known.get("stribeck") == 0:  # then its speed counts for nothing: Coulomb and viscous friction alone
+        fixed.setdefault("stribeck_speed", rest_speed)
     start = starting_values(observability, fixed)
     candidates: list[Candidate] = []
     if observability.gain_unobservable:
