@@ -58,6 +58,21 @@ def test_the_blow_takes_the_arm_s_energy() -> None:
     assert fast.pressing_limit.peak_force == pytest.approx(expected, rel=0.1)
 
 
+@pytest.mark.parametrize("damping", [1e3, 2e4])
+def test_a_damper_presses_from_the_first_touch(damping: float) -> None:
+    """Undetected the force was bounded without it, below what detected collisions had."""
+    contact = {"damping_Ns_m": damping, "offset_law": "fixed", "offset_mm": 5.0}
+    felt = bs.evaluate(scenario(contact=contact, detector={"thresholds_Nm": [3.0] * 6, "noise_sd_Nm": 0.01}))
+    plain, unfelt = pressed(contact=contact | {"damping_Ns_m": 0.0}), pressed(contact=contact)
+    assert felt.peak_force.mean >= 0.16 * damping * (1 - 1e-4)
+    assert unfelt.undetected_probability == pytest.approx(1.0)
+    assert unfelt.peak_force.mean >= felt.peak_force.mean
+    assert plain.pressing_limit is not None
+    assert unfelt.pressing_limit is not None
+    more = unfelt.pressing_limit.peak_force - plain.pressing_limit.peak_force
+    assert more == pytest.approx(0.16 * damping, rel=1e-3)
+
+
 def test_no_latency_takes_the_blow_away() -> None:
     """A reaction that is due after the motion ends has no state: the arm was taken for one that stands."""
     at_once = pressed()

@@ -63,6 +63,32 @@ def test_what_is_fed_forward_winds_up_the_gears_first(kind: str, share: float) -
     assert result.peak_force.mean == pytest.approx(simulated(result, share), rel=2e-3)
 
 
+@pytest.mark.parametrize("offset_mm", [0.2, 5.0])
+def test_a_speed_that_is_not_reached_yet_changes_nothing(offset_mm: float) -> None:
+    """From rest the arm touches at 63 or 316 mm/s whatever it is to reach; what its gears carry was divided by that."""
+    forces = [
+        bs.evaluate(
+            scenario(
+                motion={"velocity_mm_s": [0, 0, -speed], "start": "rest", "duration_s": 1.0},
+                contact={"stiffness_N_m": STIFFNESS, "offset_law": "fixed", "offset_mm": offset_mm},
+                detector={"thresholds_Nm": [3.0] * 6, "noise_sd_Nm": 0.01},
+                reaction={"kind": "stop", "joint_acceleration_rad_s2": 20, "latency_s": 0.0},
+            )
+        ).peak_force.mean
+        for speed in (700.0, 1400.0)
+    ]
+    assert forces[1] == pytest.approx(forces[0], rel=2e-3)
+
+
+def test_joints_that_brake_by_themselves_are_noted() -> None:
+    notes = {
+        category: bs.evaluate(scenario(reaction={"kind": "stop", "stop_category": category})).warnings
+        for category in (0, 1)
+    }
+    assert any("every joint brakes by itself" in note for note in notes[0])
+    assert not any("every joint brakes by itself" in note for note in notes[1])
+
+
 STOP = {"kind": "stop", "joint_acceleration_rad_s2": 20, "latency_s": 0.0}
 
 

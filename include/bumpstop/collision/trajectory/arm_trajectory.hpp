@@ -78,17 +78,14 @@ class ArmTrajectory {
         if (!setup_.arm) return propagator_of(contact.system(), step());
         ArmState<double> state;
         Posture<double> posture;
-        double second[max_joints], torque_per_N[max_joints] = {}, rate_per_speed[max_joints];
+        double second[max_joints], torque_per_N[max_joints] = {};
         pose(begin, state, second, posture);
         const Point3<double> point = posture.position(setup_.contact.point);
-        double speed = 0;
-        for (int j = 0; j <= setup_.contact.point.link && j < setup_.chain.dof; ++j) {
+        for (int j = 0; j <= setup_.contact.point.link && j < setup_.chain.dof; ++j)
             torque_per_N[j] = dot(linear_column(setup_.chain, posture, point, j), normal);
-            speed += torque_per_N[j] * state.qd[j];
-        }
-        for (int j = 0; j < setup_.chain.dof; ++j) rate_per_speed[j] = speed > 0 ? state.qd[j] / speed : 0.0;
+        const std::array<double, max_joints> rate = bumpstop::rate_per_speed(setup_.chain.dof, torque_per_N, state.qd);
         return ContactPropagator(
-            ContactSystem(elastic_arm(setup_.chain, *setup_.arm, state.q, torque_per_N, rate_per_speed), contact.body),
+            ContactSystem(elastic_arm(setup_.chain, *setup_.arm, state.q, torque_per_N, rate.data()), contact.body),
             step());
     }
 

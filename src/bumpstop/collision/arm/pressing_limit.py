@@ -63,7 +63,8 @@ def pressing_limit(problem: CollisionProblem, curve: StoppingCurve) -> PressingL
 
     A motor holds the contact force F and its share of the arm's weight g while |a| F <= torque limit + |g|, a = J^T n,
     so the weakest joint bounds the static force. The sign of g is taken on the safe side. An arm of kinetic energy E
-    that such a force drives on deforms a body of stiffness K until K x^2 / 2 = E + F x: F + sqrt(F^2 + 2 E K).
+    that such a force drives on deforms a body of stiffness K until K x^2 / 2 = E + F x: F + sqrt(F^2 + 2 E K). A damper
+    c adds no more than c v, with v the speed of the contact point: a point that speeds up is pressed on by F alone.
     A body gets away or holds; an arm that stands at the end of its line presses with what the line gives.
 
     Raises:
@@ -88,12 +89,15 @@ class Drives:
     Attributes:
         holding: torque that each holds against a contact force (N, dof) [Nm]; infinite: unknown.
         doubled_energy: twice the kinetic energy of links and rotors (N,) [J].
-        stiffness: of the body [N/m].
+        rates: of the joints (N, dof) [rad/s or m/s].
+        stiffness, damping: of the body [N/m, Ns/m].
     """
 
     holding: FloatArray
     doubled_energy: FloatArray
+    rates: FloatArray
     stiffness: float
+    damping: float
 
     @classmethod
     def at(cls, problem: CollisionProblem, q: FloatArray, qd: FloatArray) -> Drives:
@@ -107,7 +111,9 @@ class Drives:
         return cls(
             holding=train.torque_limit + np.abs(gravity_torque(robot, q, gravity=problem.scenario.gravity_m_s2)),
             doubled_energy=np.einsum("ki,kij,kj->k", qd, inertia, qd),
+            rates=qd,
             stiffness=problem.stiffness,
+            damping=problem.scenario.contact.damping_Ns_m,
         )
 
     def press(
@@ -122,7 +128,8 @@ class Drives:
         with np.errstate(divide="ignore"):
             holds = self.holding[rows] / np.abs(torque_per_newton)
         static = holds.min(axis=1)
-        peak = static + np.sqrt(static**2 + self.doubled_energy[rows] * self.stiffness)
+        approach = np.maximum(np.einsum("kj,kj->k", torque_per_newton, self.rates[rows]), 0.0)
+        peak = static + np.sqrt(static**2 + self.doubled_energy[rows] * self.stiffness) + self.damping * approach
         return static, holds.argmin(axis=1), peak
 
 

@@ -41,6 +41,7 @@ def verdict_notes(result: CollisionOutcome, verdict: Verdict, evaluate: Callable
         *_normal_note(result),
         *_rest_note(result),
         *_assumed_arm_note(result),
+        *_own_brakes_note(result),
         *_sooner_note(result),
         *_swing_note(result),
         *finer_steps(result, verdict, evaluate),
@@ -58,6 +59,16 @@ def _assumed_arm_note(result: CollisionOutcome) -> list[str]:
     return [
         f"The forces rest on an ASSUMED drive train ({', '.join(assumed)}): measured ones may be higher. Vary [arm] or "
         "identify it."
+    ]
+
+
+def _own_brakes_note(result: CollisionOutcome) -> list[str]:
+    """Gears of an elastic arm carry the torque of a reaction in which joints keep their ratios."""
+    if not result.problem.elastic or result.scenario.reaction.stop_category != 0:
+        return []
+    return [
+        "With reaction.stop_category = 0 every joint brakes by itself, which moves the contact point as it should; the "
+        "gears are reckoned with as if joints kept their ratios. The force may be 13 % higher."
     ]
 
 
