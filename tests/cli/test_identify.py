@@ -291,3 +291,34 @@ def test_damaged_bags(damage: str, message: str, tmp_path: Path) -> None:
     assert result.err.count("\n") == 1
     assert result.err.startswith("error: ")
     assert message in result.err, result.err
+
+
+def test_the_file_of_a_joint_model_says_what_its_fit_was_worth(tmp_path: Path) -> None:
+    robot, truth, log, _ = arm_and_logs()
+    log.save(tmp_path / "log.parquet")
+    model, bad, old = (tmp_path / f"{name}.toml" for name in ("model", "bad", "old"))
+    result = run("identify", tmp_path / "log.parquet", "--robot", ROBOT, "-o", model)
+    verdict = result.out.removeprefix("verdict: ").split(" (")[0]
+    assert JointTorqueModel.load(model).verdict == verdict == "usable"
+    text = model.read_text(encoding="utf-8")
+    bad.write_text(text.replace('verdict = "usable"', 'verdict = "not usable"'), encoding="utf-8")
+    old.write_text(text.replace('verdict = "usable"\n', ""), encoding="utf-8")
+    assert JointTorqueModel.load(old).verdict == ""
+    carried = driven(with_payload(robot, 2.0, (0.02, -0.01, 0.08)), fourier(robot, 10.0, 94.0, 3), truth, 3)
+    carried.save(tmp_path / "carried.parquet")
+    said = "the model comes of a fit that was judged not usable"
+    limits = ("--thresholds", "90,90,90,30,30,30")
+    for file, told in ((model, False), (old, False), (bad, True)):
+        for use in (
+            ("tune", tmp_path / "log.parquet", "--model", file),
+            ("detect", tmp_path / "log.parquet", "--model", file, *limits),
+            ("detector", tmp_path / "arm.det", "--model", file, *limits, "--period", 0.01),
+            ("validate", file, tmp_path / "log.parquet"),
+        ):
+            result = run(*use)
+            assert result.status == 0, result.err
+            assert (said in result.out) == told, use
+        fit = ("identify", tmp_path / "carried.parquet", "--robot", ROBOT, "--model", "payload", "--joint-model", file)
+        result = run(*fit)
+        assert (f"not usable: {said}" in result.out) == told
+        assert result.status == (3 if told else 0)

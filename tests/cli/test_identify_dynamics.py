@@ -195,3 +195,44 @@ def test_figures_have_four_digits_at_most_and_no_digits_of_rounding(tmp_path: Pa
     parameters = re.findall(r"^ +(-?[\d.]+) \+- ", fitted.out, flags=re.MULTILINE)
     assert len(parameters) > 40
     assert [text for text in parameters if len(text.lstrip("-0.").replace(".", "")) > 4] == []
+
+
+NOT_USABLE = "the model comes of a fit that was judged not usable"
+
+
+def test_a_fit_that_is_not_usable_is_not_used_without_a_word(tmp_path: Path) -> None:
+    robot = bs.Robot.load("ur10e")
+    log = planted(robot, 3, seconds=12.0)
+    log.save(tmp_path / "run.parquet")
+    model = tmp_path / "model.toml"
+    assert run("identify", tmp_path / "run.parquet", "--robot", "ur10e", "--cutoff", 6, "-o", model).status == 0
+    text = model.read_text(encoding="utf-8")
+    limits = "90,90,90,30,30,30"
+    uses: list[tuple[object, ...]] = [
+        ("tune", tmp_path / "run.parquet", "--model", model),
+        ("detect", tmp_path / "run.parquet", "--model", model, "--thresholds", limits),
+        ("detect", tmp_path / "run.parquet", "--model", model, "--thresholds", limits, "--causal"),
+        ("detector", tmp_path / "arm.det", "--model", model, "--thresholds", limits, "--period", 0.01),
+        ("sensitivity", "ur10e", "--pose-deg", "0,-60,60,0,90,0", "--model", model, "--thresholds", limits),
+        ("validate", model, tmp_path / "run.parquet"),
+    ]
+    fit = ("identify", tmp_path / "run.parquet", "--robot", "ur10e", "--model", "payload", "--dynamics", model)
+    for verdict, told in (("not usable", True), ("usable", False), (None, False)):
+        line = f'verdict = "{verdict}"\n' if verdict else ""
+        model.write_text(text.replace('verdict = "usable"\n', line), encoding="utf-8")
+        for use in uses:
+            result = run(*use)
+            assert result.status == 0, result.err
+            assert (NOT_USABLE in result.out) == told, use
+        result = run(*fit)
+        assert (f"not usable: {NOT_USABLE}" in result.out) == told
+        assert result.status == 3 or not told
+    model.write_text(text.replace('"usable"', '"not usable"'), encoding="utf-8")
+    labels = tmp_path / "labels.csv"
+    labels.write_text("start_s,end_s\n2,3\n", encoding="utf-8")
+    for use in (*uses[:3], ("score", tmp_path / "run.parquet", "--labels", labels, *uses[1][2:])):
+        found = strict_json(run(*use, "--json", "-o", tmp_path / "page").out)
+        assert any(NOT_USABLE in note for note in found["notes"]), use
+        if use[0] != "score":
+            assert NOT_USABLE in (tmp_path / "page/report.html").read_text(encoding="utf-8"), use
+    assert strict_json(run(*fit, "--json").out)["verdict"]["status"] == "not usable"

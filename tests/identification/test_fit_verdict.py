@@ -347,7 +347,7 @@ def test_the_verdict_comes_first_and_ends_with_its_status(tmp_path: Path) -> Non
     assert result.out.startswith("verdict: usable (condition number ")
     # What a model was worth goes with it.
     result = run("validate", tmp_path / "bad" / "model.toml", fine)
-    assert "warning: the fit itself was judged: not usable" in result.out
+    assert "warning: the model comes of a fit that was judged not usable" in result.out
     assert run("validate", tmp_path / "fine.toml", fine).out.startswith("verdict: usable\n")
 
 

@@ -255,7 +255,12 @@ class LoopDetector:
         return np.array(self.robot.tip_origin if given is None else given, dtype=np.float64)
 
     def _note(self) -> None:
-        notes = self.thresholds.differences(self.settings)
+        notes = []
+        if self.model is not None:  # else fits need not be loaded, which takes its time
+            from bumpstop.identification.fit_verdict import fit_faults
+
+            notes += [f"{fault}." for fault in fit_faults(self.model)]
+        notes += self.thresholds.differences(self.settings)
         if not any(self.thresholds.monitored):
             notes.append("No joint is monitored: no contact can be detected.")
         notes += self._drives.notes()

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
+    from bumpstop.joint import JointTorqueModel
     from bumpstop.recording import Recording
 
 USABLE, WITH_WARNINGS, NOT_USABLE = "usable", "usable with warnings", "not usable"
@@ -72,6 +74,13 @@ class FitVerdict:
 def named(names: Sequence[str]) -> str:
     """Names in a row for a sentence."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def fit_faults(model: JointTorqueModel | DynamicsModel | None) -> list[str]:
+    """What the file of a model says against the fit that gave it: nothing where it says nothing, as of no model."""
+    if model is None or model.verdict != NOT_USABLE:
+        return []
+    return [f"the model comes of a fit that was judged {NOT_USABLE}: what it predicts is not to be relied on"]
 
 
 def reading_faults(recordings: Sequence[Recording]) -> list[str]:

@@ -64,6 +64,8 @@ class JointTorqueModel:
         note: what a reader of any result must know; may be empty.
         gravity: acceleration of free fall in the base frame of the arm as it is mounted [m/s2]: what predictions of
             this arm's torque take.
+        verdict: on the fit that gave it, in the words of :attr:`FitVerdict.status`; empty: it was not judged, or by a
+            version that did not write it down.
     """
 
     robot: str
@@ -72,6 +74,7 @@ class JointTorqueModel:
     joints: tuple[JointParameters, ...]
     note: str = ""
     gravity: tuple[float, float, float] = STANDARD_GRAVITY
+    verdict: str = ""
     _kernel: list[_native.JointTorqueParameters] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -136,7 +139,7 @@ class JointTorqueModel:
         from bumpstop.text_files import write_text
 
         head = {"robot": self.robot, "created_from": self.created_from, "unit": self.unit}
-        write_text(path, model_to_toml(head, self.note, self.joints, self.gravity))
+        write_text(path, model_to_toml(head, self.note, self.joints, self.gravity, self.verdict))
 
     def torque(
         self,

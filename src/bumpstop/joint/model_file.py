@@ -20,6 +20,7 @@ Model = TypeVar("Model")
 
 _UNKNOWN = "unknown"
 _HEAD = ("robot", "created_from", "unit")
+_TEXTS = ("note", "verdict")  # that may be left out
 _RANGES = ("current_range", "speed_range")
 _OPTIONAL = ("friction", "rest_speed", "friction_sd")
 
@@ -32,14 +33,14 @@ def model_from_toml(text: str, file: str, make: Callable[..., Model]) -> Model:
     """
     data = parse_toml(text, file)
     try:
-        check_keys(data, (*_HEAD, "note", "gravity", "joint"), "", "a joint model")
+        check_keys(data, (*_HEAD, *_TEXTS, "gravity", "joint"), "", "a joint model")
         head: dict[str, Any] = {key: _text(data, key, "") for key in _HEAD}
         joints = needed(data, "joint", "")
         if not isinstance(joints, list):
             raise InputError("joint", "is not a list of tables", "wanted one [[joint]] for every joint")
         return make(
             **head,
-            note=_text(data, "note", "") if "note" in data else "",
+            **{key: _text(data, key, "") for key in _TEXTS if key in data},
             gravity=data.get("gravity", STANDARD_GRAVITY),
             joints=tuple(_joint(joint, number) for number, joint in enumerate(joints, start=1)),
         )
@@ -48,12 +49,18 @@ def model_from_toml(text: str, file: str, make: Callable[..., Model]) -> Model:
 
 
 def model_to_toml(
-    head: Mapping[str, str], note: str, joints: Iterable[JointParameters], gravity: tuple[float, float, float]
+    head: Mapping[str, str],
+    note: str,
+    joints: Iterable[JointParameters],
+    gravity: tuple[float, float, float],
+    verdict: str,
 ) -> str:
     """The file that :func:`model_from_toml` reads the same from."""
     lines = [f"{key} = {toml_value(head[key])}" for key in _HEAD]
     if note:
         lines.append(f"note = {toml_value(note)}")
+    if verdict:
+        lines.append(f"verdict = {toml_value(verdict)}")
     if gravity != STANDARD_GRAVITY:
         lines.append(f"gravity = {toml_value(gravity)}  # acceleration of free fall, base frame [m/s2]")
     for joint in joints:

@@ -99,6 +99,7 @@ class Drives:
         n = robot.dof
         self.names = tuple(joint.name for joint in robot.joints)
         self.gears = gears
+        self._model = model
         known = {} if model is None else {joint.name: joint for joint in model.joints}
         stray = [name for name in known if name not in self.names]
         if stray:
@@ -166,10 +167,15 @@ class Drives:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What could not be modelled, a sentence."""
-        if not self.unmodelled:
-            return ()
-        return (f"No joint model of {', '.join(self.unmodelled)}: the current is the torque, without friction.",)
+        """What the joint model's file says against it, and what could not be modelled, a sentence each."""
+        from bumpstop.identification.fit_verdict import fit_faults
+
+        notes = [f"{fault}." for fault in fit_faults(self._model)]
+        if self.unmodelled:
+            notes.append(
+                f"No joint model of {', '.join(self.unmodelled)}: the current is the torque, without friction."
+            )
+        return tuple(notes)
 
     def reset(self, q: FloatArray, qd: FloatArray | None = None, tau: FloatArray | None = None) -> None:
         """Forget the motion: start in this pose (dof,), with these rates and torques passed on (dof,)."""

@@ -73,7 +73,7 @@ def command(
     q = [math.radians(x) if joint.kind == "revolute" else x for x, joint in zip(pose, arm.joints, strict=True)]
     check_pose(arm, np.array(q), "--pose-deg", in_degrees=True)
     law, along = thresholds_of(thresholds, arm), unit(direction, "--direction")
-    limits, rest, hidden = law.constant, law.rest, _hidden(arm, model, stiction)
+    limits, rest, (hidden, told) = law.constant, law.rest, _hidden(arm, model, stiction)
     assert rest is not None
     if hidden is None and rest.any():
         hidden = np.zeros(arm.dof)
@@ -94,7 +94,7 @@ def command(
     )
     found |= {
         "standing": None if hidden is None else _standing(arm, q, limits + rest, hidden, along, about),
-        "notes": [law.motion_note] if law.motion_note else [],
+        "notes": [*told, *([law.motion_note] if law.motion_note else [])],
     }
     if as_json:
         typer.echo(json.dumps(to_jsonable(found), allow_nan=False, indent=2))
@@ -110,20 +110,21 @@ def stiction_of(text: str, dof: int) -> tuple[float, ...]:
     return tuple(values)
 
 
-def _hidden(arm: Robot, model: str | None, stiction: str | None) -> FloatArray | None:
-    """(dof,) torque that friction holds of standing joints; None: nothing says how much."""
+def _hidden(arm: Robot, model: str | None, stiction: str | None) -> tuple[FloatArray | None, list[str]]:
+    """(dof,) torque that friction holds of standing joints (None: nothing says how much), and notes on the model."""
     import numpy as np
 
     from bumpstop.cli.detection.residual_source import load_model
     from bumpstop.cli.identification.arm_recordings import is_dynamics
     from bumpstop.detection.standing import hidden_torques
+    from bumpstop.identification.fit_verdict import fit_faults
     from bumpstop.joint import JointTorqueModel
 
     share = 1.0
     if stiction is not None and not stiction.endswith("%"):
         if model is not None:
             raise InputError("--stiction", "has no meaning with --model", "give one, or a share of the model's: 50%")
-        return np.array(stiction_of(stiction, arm.dof))
+        return np.array(stiction_of(stiction, arm.dof)), []
     if stiction is not None:
         (percent,) = numbers(stiction.removesuffix("%"), "--stiction", 1)
         if not 0 <= percent <= 1000:
@@ -132,11 +133,11 @@ def _hidden(arm: Robot, model: str | None, stiction: str | None) -> FloatArray |
             raise InputError("--stiction", f"{stiction} of what is not known", "give --model, or Nm")
         share = percent / 100
     if model is None:
-        return None
+        return None, []
     known, its_arm = load_model(model, None, None, None) if is_dynamics(model) else (JointTorqueModel.load(model), arm)
     if its_arm.dof != arm.dof:
         raise InputError("--model", f"is for {its_arm.dof} joints", f"{arm.name} has {arm.dof}")
-    return share * hidden_torques(arm, known)
+    return share * hidden_torques(arm, known), [f"{fault}." for fault in fit_faults(known)]
 
 
 def _standing(

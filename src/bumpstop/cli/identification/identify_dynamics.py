@@ -81,7 +81,7 @@ def identify_dynamics_of(
             )
         if urdf is not None and bodies is not None:
             bodies.save(urdf)
-        replace(fit, source=named, verdict=verdict.status).save(model_file)
+        replace(fit, source=named, model=replace(fit.model, verdict=verdict.status)).save(model_file)
     if as_json:
         found = {"verdict": verdict.to_json()} | _identified(fit, scores, logs)
         found |= {} if bodies is None else {"consistent": inertias_json(bodies)}

@@ -63,7 +63,7 @@ def identify_joint(
                 raise InputError("--known " + error.field[6:], error.problem, error.valid) from None
             raise InputError(options.get(error.field, error.field), error.problem, error.valid) from None
     verdict = judge_joint_model(fit, logs)
-    model = replace(fit.model, robot=robot)
+    model = replace(fit.model, robot=robot, verdict=verdict.status)
     model_file = out if out is None or out.suffix == ".toml" else out / "joint_model.toml"
     if model_file is not None:
         with writing(None if model_file == out else out):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -70,7 +71,7 @@ def identify_what_is_carried(
     model_file = out if out is None or out.suffix == ".toml" else out / "payload.toml"
     if model_file is not None and out is not None:
         with writing(None if model_file == out else out):
-            found.save(model_file)
+            replace(found, verdict=verdict.status).save(model_file)
         if model_file != out:
             from bumpstop.report.identification.payload import write_payload_report
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -66,11 +67,12 @@ def identify_by_protocol(
 
 
 def _write(fit: ProtocolFit, beside: FitComparison, verdict: FitVerdict, out: Path) -> None:
+    model = replace(fit.model(), verdict=verdict.status)
     if out.suffix == ".toml":
-        fit.save(out)
+        model.save(out)
         return
     with writing(out):
-        fit.save(out / "joint_model.toml")
+        model.save(out / "joint_model.toml")
     from bumpstop.reproduction.schroeder2013.protocol_page import write_protocol_report
 
     write_protocol_report(fit, out, beside, verdict)

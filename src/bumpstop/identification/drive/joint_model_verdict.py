@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.identification.drive.observability import OPPOSITE_SIGN
-from bumpstop.identification.fit_verdict import FitVerdict, named, reading_faults
+from bumpstop.identification.fit_verdict import FitVerdict, fit_faults, named, reading_faults
 from bumpstop.identification.segments.current_shift import tell_shifts
 from bumpstop.identification.segments.recorded_columns import doubtful_columns
 
@@ -111,7 +111,7 @@ def judge_currents(
         robot: that moved, for a shift in time between its motion and the currents; None: none is looked for.
     """
     faults = reading_faults(recordings)
-    warnings: list[str] = []
+    warnings = fit_faults(found.model)
     scores = [score for score in found.current_scores() if not score.free_gain]
     if not scores:
         faults.append("the model knows the gain of no joint")
@@ -144,7 +144,7 @@ def judge_payload(found: PayloadFit, recording: Recording, robot: Robot) -> FitV
         recording: that it was fitted to.
         robot: that carried it.
     """
-    faults = reading_faults([recording])
+    faults = [*fit_faults(found.source.dynamics or found.source.model), *reading_faults([recording])]
     warnings: list[str] = []
     mass, error = found.parameters["m"].value, found.standard_errors["m"]
     if mass is None:

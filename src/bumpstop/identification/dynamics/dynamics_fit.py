@@ -70,7 +70,6 @@ class DynamicsFit(DynamicsEstimate, Displayed):
         seen: ranges of the fit's motion; None: a file of an older version.
         source: how a scenario names the robot: ``robot``, with ``base`` and ``tip`` of a URDF; empty: by its own name.
         created_from: recordings of the fit.
-        verdict: on the fit, in the words of :attr:`FitVerdict.status`; empty: it was not judged.
     """
 
     held_out: dict[float, float]

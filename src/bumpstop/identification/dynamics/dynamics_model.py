@@ -50,6 +50,7 @@ class DynamicsModel:
         gains: (n,) torque per motor current [Nm/A or N/A], by which currents become torques; None: recordings must have
             torques.
         unscaled: joints (from 0) whose gain is not known: the scale of their torque means nothing.
+        verdict: on the fit that gave it, in the words of :attr:`FitVerdict.status`; empty: it was not judged.
     """
 
     robot: Robot
@@ -66,6 +67,7 @@ class DynamicsModel:
     gravity: tuple[float, float, float] = STANDARD_GRAVITY
     gains: FloatArray | None = None
     unscaled: tuple[int, ...] = ()
+    verdict: str = ""
 
     @property
     def column_names(self) -> list[str]:

@@ -11,7 +11,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.identification.dynamics.coulomb_sign import coulomb_signs
 from bumpstop.identification.dynamics.regressor_columns import regressor_columns
-from bumpstop.identification.fit_verdict import NOT_USABLE, FitVerdict, named, reading_faults
+from bumpstop.identification.fit_verdict import FitVerdict, fit_faults, named, reading_faults
 from bumpstop.identification.segments.current_shift import tell_shifts
 from bumpstop.identification.segments.motion import UniformMotion
 from bumpstop.identification.segments.recorded_columns import doubtful_columns
@@ -99,8 +99,7 @@ def judge_predictions(
     """
     faults = reading_faults(recordings)
     warnings: list[str] = []
-    if fit.verdict == NOT_USABLE:
-        warnings.append(f"the fit itself was judged: {fit.verdict}")
+    warnings += fit_faults(fit.model)
     for score in scores:
         if score.rests:
             warnings.append(f"{score.name} rests: its torque is not judged")

@@ -41,7 +41,11 @@ class DynamicsEstimate:
     seen: SeenMotion | None = None
     source: Mapping[str, str] = field(default_factory=dict)
     created_from: tuple[str, ...] = ()
-    verdict: str = ""
+
+    @property
+    def verdict(self) -> str:
+        """On the fit, in the words of :attr:`FitVerdict.status`; empty: it was not judged. The model carries it."""
+        return self.model.verdict
 
 
 def save_fit(fit: DynamicsEstimate, path: str | os.PathLike[str]) -> None:
@@ -157,6 +161,7 @@ def load_fit(path: str | os.PathLike[str], make: Callable[..., Fit]) -> Fit:
                 gravity=gravity,
                 gains=gains,
                 unscaled=() if gain_errors is None else tuple(np.flatnonzero(np.isinf(gain_errors)).tolist()),
+                verdict=str(data.get("verdict", "")),
             ),
             names=tuple(str(parameter["name"]) for parameter in parameters),
             errors=_finite([parameter["standard_error"] for parameter in parameters]),
@@ -167,7 +172,6 @@ def load_fit(path: str | os.PathLike[str], make: Callable[..., Fit]) -> Fit:
             seen=_seen(data.get("seen"), robot),
             source={key: str(data[key]) for key in ("robot", "base", "tip") if key in data},
             created_from=tuple(str(name) for name in data.get("created_from", ())),
-            verdict=str(data.get("verdict", "")),
         )
     except KeyError as error:
         raise InputError(where, f"has no key {error.args[0]!r}", "wanted a file that identify wrote") from None

@@ -74,6 +74,7 @@ class PayloadFit(Displayed):
             offsets explain is taken from ``wanted``.
         condition: condition number of the weighted columns, each brought to length one.
         unexplained: share of the torque's variance beyond the arm's that is left on held-out fifths of the rows.
+        verdict: on the fit, in the words of :attr:`FitVerdict.status`; empty: it was not judged.
     """
 
     source: PayloadSource
@@ -95,6 +96,7 @@ class PayloadFit(Displayed):
     explained: FloatArray
     condition: float | None = None
     unexplained: float | None = None
+    verdict: str = ""
 
     def predict(self, recording: Recording) -> Comparison:
         """Torque of the arm with the payload, beside that of the recording; of joints whose torque is known.
@@ -175,6 +177,7 @@ class PayloadFit(Displayed):
             "# Payload at the tip, in its frame: kg, kg m, kg m2.",
             f"robot = {toml_value(self.source.robot.name)}",
             f"created_from = {toml_value(self.created_from)}",
+            *([f"verdict = {toml_value(self.verdict)}"] if self.verdict else []),
         ]
         figures: list[tuple[str, Any, Any]] = [
             (name, found.value, self.standard_errors[name]) for name, found in self.parameters.items()
