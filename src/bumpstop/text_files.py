@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import numbers
 import os
+import re
 import shlex
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,6 +22,18 @@ _MAX_INTEGER = 2**64
 def is_path(robot: str) -> bool:
     """Whether a robot is given by the path of its URDF, and not by the name of a built-in one."""
     return bool(Path(robot).suffix) or "/" in robot
+
+
+def other_robot(name: str, other: str) -> bool:
+    """Whether two names, of a file and of whoever reads it, are those of different robots.
+
+    An empty name and the path of a file tell nothing. Case and signs between words do not count, and one name may say
+    more than the other: the URDF of a ``ur10e`` calls itself ``ur10e_robot``.
+    """
+    if is_path(name) or is_path(other):
+        return False
+    one, two = (re.findall(r"[^\W_]+", text.lower()) for text in (name, other))
+    return not ({*one} <= {*two} or {*two} <= {*one} or "".join(one) == "".join(two))
 
 
 def as_path(value: Any, field: str) -> Path:

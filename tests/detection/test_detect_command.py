@@ -14,8 +14,9 @@ import pytest
 from bumpstop.cli.main import main
 from bumpstop.detection import DetectorSettings, detect, undetectable_forces
 from bumpstop.identification import DynamicsFit
-from bumpstop.model import Robot, inverse_dynamics
+from bumpstop.model import Robot, inverse_dynamics, write_urdf
 from bumpstop.recording import Recording
+from identification.test_dynamics_fit import planted
 
 SHARED = Path(os.environ.get("BUMPSTOP_SHARED", Path(__file__).resolve().parents[3] / "shared"))
 
@@ -281,3 +282,48 @@ def test_files_of_a_run_without_data(pushed: Path, tmp_path: Path, capsys: pytes
     }
     assert "INACTIVE all the time" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert json.loads((tmp_path / "out" / "events.json").read_text(encoding="utf-8"))["rows"] == 6
+
+
+def test_a_recording_of_another_robot_is_told(pushed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "of_another.parquet"
+    replace(Recording.load(pushed), robot="ur10e").save(path)
+    limits = ("--thresholds", "20,20,20,9,9,9")
+    for arm, told in (("ur5e", True), ("ur10e", False)):
+        _, text, _ = run(capsys, "detect", path, "--robot", arm, *limits, "--json")
+        assert any("names robot 'ur10e'" in note for note in json.loads(text)["notes"]) == told
+
+
+def test_a_fit_of_another_robot_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Fitted dynamics know their robot: another one beside them had no effect, and no word said so."""
+    log, model, turned = tmp_path / "log.parquet", tmp_path / "arm.toml", tmp_path / "turned.urdf"
+    planted(Robot.load("ur5e"), 1, seconds=12.0).save(log)
+    assert run(capsys, "identify", log, "--robot", "ur5e", "--cutoff", 6, "-o", model)[0] == 0
+    write_urdf(Robot.load("ur5e"), turned)
+    text = turned.read_text(encoding="utf-8")
+    limits = ("--thresholds", "90,90,90,30,30,30")
+    given = ("--model", model, *limits)
+    pose = ("--pose-deg", "0,-60,60,0,90,0")
+    for name, option, words in (
+        ("ur3e", "--robot", "is 'ur3e', and the model was fitted to 'ur5e'"),
+        (turned, "--robot", "ur5e has a joint 'j_2' where the model's ur5e has 'shoulder_lift_joint'"),
+        ("panda", "--robot", "panda has 7 joints, the model's ur5e has 6"),
+    ):
+        turned.write_text(text.replace("shoulder_lift_joint", "j_2"), encoding="utf-8")
+        for command in (
+            ("detect", log, *given, "--robot", name),
+            ("score", log, *given, "--robot", name, "--labels", tmp_path / "labels.csv"),
+            ("tune", log, "--model", model, "--robot", name),
+            ("detector", tmp_path / "arm.det", *given, "--period", 0.01, "--robot", name),
+        ):
+            (tmp_path / "labels.csv").write_text("start_s,end_s\n2,3\n", encoding="utf-8")
+            status, _, err = run(capsys, *command)
+            assert status == 2, command
+            assert f"{option}: {words}" in err
+        if name != "panda":
+            status, _, err = run(capsys, "sensitivity", name, *given, *pose)
+            assert status == 2
+            assert f"robot: {words}" in err
+    turned.write_text(text, encoding="utf-8")
+    for name in ("ur5e", turned):
+        assert run(capsys, "detect", log, *given, "--robot", name)[0] == 0
+        assert run(capsys, "sensitivity", name, *given, *pose)[0] == 0

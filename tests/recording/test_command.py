@@ -148,3 +148,18 @@ def test_times_have_as_many_digits_as_mean_something(tmp_path: Path) -> None:
     replace(log, t=t + 1.6e9).save(path)
     said = run("recording", "info", path).out
     assert f"time: {decimal(1.6e9 + t[0])} to {decimal(1.6e9 + t[-1])} s ({t[-1] - t[0]:.4g} s)" in said
+
+
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [("ur10e", True), ("ur5", True), ("ur5e", False), ("UR5e", False), ("ur5e_robot", False), ("", False),
+     ("/arms/ur10e.urdf", False), ("arm.urdf", False)],
+)  # fmt: skip
+def test_a_recording_that_names_another_robot_is_told(said: str, told: bool, tmp_path: Path) -> None:
+    """A path is no name, and a URDF may call its arm by more words."""
+    path = tmp_path / "run.parquet"
+    replace(recording(dof=6), robot=said).save(path)
+    note = f"The file names robot '{said}', and is read as a recording of 'ur5e'"
+    assert (note in run("recording", "info", path, "--robot", "ur5e").out) == told
+    assert "The file names robot" not in run("recording", "info", path).out
+    assert any(note in one for one in Recording.load(path, robot=Robot.load("ur5e")).report.notes) == told

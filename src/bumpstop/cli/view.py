@@ -89,10 +89,13 @@ def _watch(model: str | None, thresholds: str | None) -> Watch | None:
         return None
 
     def watch(recording: Recording, robot: Robot) -> DetectionRun:
-        from bumpstop.cli.detection.residual_source import load_model, thresholds_of
+        from bumpstop.cli.detection.residual_source import check_arm_of_fit, load_model, thresholds_of
         from bumpstop.detection import detect
+        from bumpstop.identification import DynamicsModel
 
         found = None if model is None else load_model(model, None, None, None)[0]
+        if isinstance(found, DynamicsModel):
+            check_arm_of_fit(found, robot, "--model")
         return detect(recording, robot, found, thresholds_of(thresholds, robot))
 
     return watch

@@ -19,6 +19,7 @@ from bumpstop.detection.thresholds import Thresholds
 from bumpstop.errors import InputError
 from bumpstop.model import unit_of, with_some_inertia
 from bumpstop.model.dynamics import STANDARD_GRAVITY
+from bumpstop.text_files import other_robot
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -260,6 +261,9 @@ class LoopDetector:
             from bumpstop.identification.fit_verdict import fit_faults
 
             notes += [f"{fault}." for fault in fit_faults(self.model)]
+            its = self.model.robot if isinstance(self.model.robot, str) else self.model.robot.name
+            if other_robot(its, self.robot.name):
+                notes.append(f"The model is of robot {its!r}, and the detector's is {self.robot.name!r}.")
         notes += self.thresholds.differences(self.settings)
         if not any(self.thresholds.monitored):
             notes.append("No joint is monitored: no contact can be detected.")

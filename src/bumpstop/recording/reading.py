@@ -18,6 +18,7 @@ from bumpstop.recording.columns import Columns
 from bumpstop.recording.formats.memory import check_memory
 from bumpstop.recording.formats.table import RawRecording, Table
 from bumpstop.recording.select_columns import choose
+from bumpstop.text_files import other_robot
 
 _BY_ENDING = {
     ".csv": "csv",
@@ -83,7 +84,8 @@ def read(
         raw = _in_order(raw, given, robot)
     if rate_hz is not None:
         raw = retimed(raw, rate_hz)
-    values, report = checked(replace(raw, notes=(*notes, *raw.notes)), robot, max_bad, path)
+    told = () if robot is None else robot_notes(raw.robot, robot.name)
+    values, report = checked(replace(raw, notes=(*told, *notes, *raw.notes)), robot, max_bad, path)
     fields: dict[str, Any] = {_FIELDS[name]: value for name, value in values.items() if name != "t"}
     return fields | {
         "t": values["t"][:, 0],
@@ -92,6 +94,13 @@ def read(
         "source": str(path),
         "report": report,
     }
+
+
+def robot_notes(said: str, robot: str) -> tuple[str, ...]:
+    """A sentence where a recording says that it is of another robot than the one that it is taken for."""
+    if not other_robot(said, robot):
+        return ()
+    return (f"The file names robot {said!r}, and is read as a recording of {robot!r}: is it the right robot?",)
 
 
 def names_in_columns(path: Path, columns: str | Path | Mapping[str, Any] | None) -> tuple[tuple[str, ...], bool]:

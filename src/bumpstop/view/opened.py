@@ -181,6 +181,7 @@ def _program(path: Path, cell: Path | None) -> Opened:
 def _recording(path: Path, robot: str | None, watch: Watch | None) -> Opened:
     from bumpstop.model import robots
     from bumpstop.recording import Recording
+    from bumpstop.recording.reading import robot_notes
 
     recording = Recording.load(path)
     name = robot or (recording.robot if recording.robot in robots() else None)
@@ -192,5 +193,6 @@ def _recording(path: Path, robot: str | None, watch: Watch | None) -> Opened:
     recording.check_robot(start.robot)
     run = None if watch is None else watch(recording, start.robot)
     without = (*recording.report.notes, "Without --thresholds there are no residuals and no alarms.")
-    notes = (*start.notes, *(without if run is None else run.notes))
+    told = robot_notes(recording.robot, start.robot.name)
+    notes = (*start.notes, *told, *(without if run is None else run.notes))
     return Opened(start.scenario, start.robot, str(path), notes, recorded=Recorded(recording, run))

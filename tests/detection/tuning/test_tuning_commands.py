@@ -289,3 +289,14 @@ def test_rates_and_durations_are_told_as_a_person_would(tmp_path: Path) -> None:
     assert [rates_in_words(*ends) for ends in ((4.041e-06, 9341.2), (1.27, 72.6), (2e-5, 8e-5))] == [
         "less than 0.001 to 9341", "1.27 to 72.6", "2e-05 to 8e-05",
     ]  # fmt: skip
+
+
+def test_a_scenario_and_a_recording_of_another_robot_are_told(loop: tuple[Path, Path], tmp_path: Path) -> None:
+    log, scenario = tmp_path / "log.parquet", EXAMPLE.parent / "05_ur10e.toml"
+    replace(Recording.load(loop[0]), robot="ur5e").save(log)
+    found = strict_json(run("tune", log, "--robot", "ur5e", "--scenario", scenario, "--json").out)["notes"]
+    assert "05_ur10e: its robot is 'ur10e', and the thresholds were tuned for 'ur5e'." in found
+    assert not any("names robot" in note for note in found)
+    other = strict_json(run("tune", log, "--robot", "ur10e", "--scenario", scenario, "--json").out)["notes"]
+    assert not any("its robot is" in note for note in other)
+    assert any("The file names robot 'ur5e', and is read as a recording of 'ur10e'" in note for note in other)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bumpstop.errors import InputError
+from bumpstop.text_files import other_robot
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -115,17 +116,30 @@ def _forces(scenario: Scenario, thresholds: FloatArray) -> dict[str, Any]:
 
 
 def notes(
-    points: Sequence[OperatingPoint], scenarios: Mapping[str, Scenario], noise: ScenarioNoise, *, terms: bool
+    points: Sequence[OperatingPoint],
+    scenarios: Mapping[str, Scenario],
+    noise: ScenarioNoise,
+    *,
+    robot: str,
+    terms: bool,
 ) -> list[str]:
-    """Whose noise it is that a scenario's forces and alarms are told with, and what of it is left out.
+    """Whose arm and noise it is that a scenario's forces and alarms are told with, and what of it is left out.
 
-    ``terms``: thresholds were tuned that grow with the motion.
+    Args:
+        points: of the curve.
+        scenarios: by their files.
+        noise: what was tuned on.
+        robot: whose recordings were tuned on; empty: not known.
+        terms: thresholds were tuned that grow with the motion.
     """
+    from bumpstop.collision.scenario.scenario_file import robot_of
     from bumpstop.collision.verdict.as_given import as_given
 
     found = []
     for path, scenario in scenarios.items():
-        name = Path(path).stem
+        name, arm = Path(path).stem, robot_of(scenario).name
+        if other_robot(arm, robot):
+            found.append(f"{name}: its robot is {arm!r}, and the thresholds were tuned for {robot!r}.")
         if terms:
             found.append(f"{name}: its forces are those of the constant thresholds alone; motion adds to them.")
         found += [f"{name}: {note}" for note in as_given(scenario)]

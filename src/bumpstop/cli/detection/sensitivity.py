@@ -114,9 +114,10 @@ def _hidden(arm: Robot, model: str | None, stiction: str | None) -> tuple[FloatA
     """(dof,) torque that friction holds of standing joints (None: nothing says how much), and notes on the model."""
     import numpy as np
 
-    from bumpstop.cli.detection.residual_source import load_model
+    from bumpstop.cli.detection.residual_source import check_arm_of_fit
     from bumpstop.cli.identification.arm_recordings import is_dynamics
     from bumpstop.detection.standing import hidden_torques
+    from bumpstop.identification import DynamicsFit, DynamicsModel
     from bumpstop.identification.fit_verdict import fit_faults
     from bumpstop.joint import JointTorqueModel
 
@@ -134,9 +135,9 @@ def _hidden(arm: Robot, model: str | None, stiction: str | None) -> tuple[FloatA
         share = percent / 100
     if model is None:
         return None, []
-    known, its_arm = load_model(model, None, None, None) if is_dynamics(model) else (JointTorqueModel.load(model), arm)
-    if its_arm.dof != arm.dof:
-        raise InputError("--model", f"is for {its_arm.dof} joints", f"{arm.name} has {arm.dof}")
+    known = DynamicsFit.load(model).model if is_dynamics(model) else JointTorqueModel.load(model)
+    if isinstance(known, DynamicsModel):
+        check_arm_of_fit(known, arm, "robot")
     return share * hidden_torques(arm, known), [f"{fault}." for fault in fit_faults(known)]
 
 

@@ -95,9 +95,9 @@ def command(
     names = residual_source.names if recorded else []
     with ScenarioNoise(series, residual_source.settings.residual if recorded else None) as noise:
         points = operating_curve(tuning, scenarios, noise)
-    tuning = replace(
-        tuning, notes=(*tuning.notes, *notes(points, scenarios, noise, terms=bool(set(wanted) - {"fast"})))
-    )
+    robot = residual_source.parts[1].name if recorded else ""
+    told = notes(points, scenarios, noise, robot=robot, terms=bool(set(wanted) - {"fast"}))
+    tuning = replace(tuning, notes=(*tuning.notes, *told))
     if save is not None:
         _save(tuning, series, save, residual_source if recorded else None)
     page = None
