@@ -233,6 +233,5 @@ def test_a_fit_that_is_not_usable_is_not_used_without_a_word(tmp_path: Path) -> 
     for use in (*uses[:3], ("score", tmp_path / "run.parquet", "--labels", labels, *uses[1][2:])):
         found = strict_json(run(*use, "--json", "-o", tmp_path / "page").out)
         assert any(NOT_USABLE in note for note in found["notes"]), use
-        if use[0] != "score":
-            assert NOT_USABLE in (tmp_path / "page/report.html").read_text(encoding="utf-8"), use
+        assert NOT_USABLE in (tmp_path / "page/report.html").read_text(encoding="utf-8"), use
     assert strict_json(run(*fit, "--json").out)["verdict"]["status"] == "not usable"

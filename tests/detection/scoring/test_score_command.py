@@ -32,8 +32,9 @@ def scored(tmp_path: Path, *given: object) -> dict[str, Any]:
     labels = tmp_path / "labels.csv"
     labels.write_text("start_s,end_s\n0.4,0.6\n1.5,1.6\n")
     done = run("score", *given, "--labels", labels, "--json")
-    assert done.status == 0, done.err
-    return strict_json(done.out)
+    found = strict_json(done.out)
+    assert done.status == (0 if found["active"] else 3), done.err
+    return found
 
 
 @pytest.mark.parametrize(("no_data_until_s", "missed"), [(0.0, 1), (1.0, 1), (2.5, 2), (1.999, 2)])
@@ -131,14 +132,34 @@ def test_an_inactive_detector_is_said_before_anything_else(tmp_path: Path) -> No
     labels.write_text("start_s,end_s\n1.5,1.6\n")
     events.write_text(run("detect", log, *ARM, "--json").out)
     for given in ((log, *ARM, "--out", tmp_path / "page"), (events,)):
-        said = run("score", *given, "--labels", labels).out
+        status, said, _ = run("score", *given, "--labels", labels)
+        assert status == 3
         assert said.startswith("INACTIVE all the time (")
         assert "detected 0 of 1" in said
     page = (tmp_path / "page" / "report.html").read_text()
     assert "detector inactive: 0 of 1 contacts detected" in page
     assert page.index("INACTIVE all the time") < page.index("0 detected, 1 missed")
     watching = pushed(tmp_path / "seen.parquet")
-    assert "INACTIVE" not in run("score", watching, *ARM, "--labels", labels).out
+    active = run("score", watching, *ARM, "--labels", labels)
+    assert (active.status, "INACTIVE" in active.out) == (0, False)
+
+
+def test_thresholds_that_monitor_no_joint_are_no_clean_score(tmp_path: Path) -> None:
+    """As detect has it: no false alarm means nothing then, of events, residuals or a recording."""
+    log, labels, events = pushed(tmp_path / "log.parquet"), tmp_path / "labels.csv", tmp_path / "events.json"
+    labels.write_text("start_s,end_s\n1.5,1.6\n")
+    unmonitored = ("--thresholds", "inf,inf,inf,inf,inf,inf")
+    detected = run("detect", log, *ARM[:2], *unmonitored, "--json", "--out", tmp_path)
+    events.write_text(detected.out)
+    assert (detected.status, strict_json(detected.out)["active"]) == (3, False)
+    residuals = tmp_path / "residuals.parquet"
+    for given in ((events,), (residuals, *unmonitored), (log, *ARM[:2], *unmonitored)):
+        told = run("score", *given, "--labels", labels)
+        assert told.status == 3, given
+        assert told.out.startswith("INACTIVE all the time ("), given
+        assert strict_json(run("score", *given, "--labels", labels, "--json").out)["active"] is False
+    told = run("score", residuals, "--thresholds", "20,inf,inf,inf,inf,inf", "--labels", labels, "--json")
+    assert (told.status, strict_json(told.out)["active"]) == (0, True)
 
 
 def test_the_page_has_the_settings_in_full(tmp_path: Path) -> None:

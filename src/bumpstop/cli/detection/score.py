@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from bumpstop.cli.collision.evaluate import NOT_ACCEPTABLE
 from bumpstop.cli.detection.residual_source import (
     Arming,
     ResidualSource,
@@ -52,8 +53,11 @@ def command(
         Path | None, typer.Option("--out", "-o", help="Write report.html and its figures into this folder.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
-) -> None:
-    """Compare events with labelled contacts: delays, misses, false alarms, and what other thresholds would do."""
+) -> int:
+    """Compare events with labelled contacts: delays, misses, false alarms, and what other thresholds would do.
+
+    Exit status: 0 scored, 3 the detector was inactive all the time, 2 bad input.
+    """
     from bumpstop.detection import Tolerance, load_labels
 
     for option, value in (("--early", early), ("--late", late), ("--rearm", rearm)):
@@ -103,11 +107,13 @@ def command(
             },
             detector=detector_settings(residual_source, thresholds) if recorded else {},
             inactive=inactive,
+            notes=notes,
         )
+    status = NOT_ACCEPTABLE if inactive else 0
     if as_json:
-        whole = found.to_json() | ({"roc": roc.to_json()} if roc is not None else {}) | {"notes": notes}
-        typer.echo(json.dumps(whole, allow_nan=False, indent=2))
-        return
+        whole = {"active": not inactive} | found.to_json() | ({"roc": roc.to_json()} if roc is not None else {})
+        typer.echo(json.dumps(whole | {"notes": notes}, allow_nan=False, indent=2))
+        return status
     if inactive:
         typer.echo(f"INACTIVE all the time ({inactive}): nothing could be detected")
     _print(found, roc)
@@ -115,6 +121,7 @@ def command(
         typer.echo(f"note: {note}")
     if report is not None:
         typer.echo(f"report: {report}")
+    return status
 
 
 def _of_events(file: Path, labels: tuple[Label, ...], tolerance: Tolerance) -> tuple[Score, str]:
@@ -193,6 +200,7 @@ def _of_residuals(
                 f"Residuals without the recording are compared with thresholds_Nm alone; left out: {left}. "
                 "Score the recording to count them."
             )
+        inactive = "" if np.isfinite(given.constant).any() else "no joint is monitored"
         times = event_times(series, scaled_residual(series, given.constant), 1.0, apart_s)
         monitored, no_data, arming = (float(series.t[0]), float(series.t[-1])), gaps(series), []
     else:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ from bumpstop.detection.durations import hours_in_words
 from bumpstop.detection.scoring.labels import time_text
 from bumpstop.report.detection.settings import SettingsPart
 from bumpstop.report.document import Document, write_document
-from bumpstop.report.markup import Html, paragraph, table
+from bumpstop.report.markup import Html, bullets, paragraph, table
 from bumpstop.report.picture import EVENT, INK, LAW, LIMIT, Picture, axes, plain_ticks, stack
 from bumpstop.report.section import Part
 from bumpstop.terminal import number
@@ -34,6 +34,7 @@ def write_scoring(
     asked: Mapping[str, str],
     detector: Mapping[str, Any],
     inactive: str = "",
+    notes: Sequence[str] = (),
 ) -> Path:
     """Write report.html and figures.
 
@@ -45,8 +46,9 @@ def write_scoring(
         asked: options and their values, for the table of settings.
         detector: settings of the detector whose events they are; empty where events or residuals came from a file.
         inactive: why the detector was inactive all the time; empty: it was not.
+        notes: what a reader must know, a sentence each.
     """
-    parts: list[Part] = [DetectionsPart(score, inactive)]
+    parts: list[Part] = [DetectionsPart(score, inactive, notes)]
     if roc is not None:
         parts.append(RocPart(roc))
     parts.append(SettingsPart(asked, detector))
@@ -62,8 +64,8 @@ class DetectionsPart(Part):
     title = "DetectedCollisions"
     anchor = "detections"
 
-    def __init__(self, score: Score, inactive: str = "") -> None:
-        self.score, self.inactive = score, inactive
+    def __init__(self, score: Score, inactive: str = "", notes: Sequence[str] = ()) -> None:
+        self.score, self.inactive, self.notes = score, inactive, notes
 
     def content(self) -> list[Html]:
         """Counts, and every contact."""
@@ -90,6 +92,7 @@ class DetectionsPart(Part):
                 f"95 % confidence between {number(low)} and {number(high)}. No data for {number(score.no_data_s)} s."
             ),
             table(headings, rows, caption="Contacts", numbers=True),
+            *([bullets(self.notes)] if self.notes else []),
         ]
 
     def pictures(self) -> list[Picture]:
