@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +20,7 @@ class CsvTable:
         head_line: number of the line with the names of columns, from 1.
         names: of the columns, not checked.
         delimiter: comma, semicolon or tab.
-        rows: number of each line, and its cells, one for each column, or why it is no row.
+        rows: number of each line, and its cells, one for each column but those that may lack, or why it is no row.
     """
 
     head_line: int
@@ -28,7 +29,7 @@ class CsvTable:
     rows: list[tuple[int, list[str] | InputError]]
 
 
-def read_csv_table(text: str, path: Path, wanted: str, row_in_words: str) -> CsvTable:
+def read_csv_table(text: str, path: Path, wanted: str, row_in_words: str, may_lack: Sequence[str] = ()) -> CsvTable:
     """Read a table; lines without content, and comments that begin with ``#`` and stand alone, are passed over.
 
     Each line is read by itself: a quotation mark that is not closed would swallow the rows after it.
@@ -38,6 +39,7 @@ def read_csv_table(text: str, path: Path, wanted: str, row_in_words: str) -> Csv
         path: of the file, as errors call it.
         wanted: what the file should have been.
         row_in_words: what a row stands for, ``situation``.
+        may_lack: columns whose cells a row may leave out, where they are the last.
 
     Raises:
         InputError: there is no head, or it is no CSV.
@@ -49,24 +51,30 @@ def read_csv_table(text: str, path: Path, wanted: str, row_in_words: str) -> Csv
     head_line, head = heads[0]
     delimiter = max((";", "\t", ","), key=lambda mark: (head.count(mark), mark == ";"))
     valid = f"wanted one {row_in_words} in each line"
-    names = [name.strip() for name in _cells(head, delimiter, f"{path} row {head_line}", valid)]
+    names = [name.strip() for name in cells_of(head, delimiter, f"{path} row {head_line}", valid)]
+    least = len(names)
+    while least > 0 and names[least - 1] in may_lack:
+        least -= 1
     rows = [
         (number, row)
         for number, line in lines
-        if number > head_line and (row := _row(line, delimiter, names, f"{path} row {number}", valid)) is not None
+        if number > head_line
+        and (row := _row(line, delimiter, names, least, f"{path} row {number}", valid)) is not None
     ]
     return CsvTable(head_line=head_line, names=names, delimiter=delimiter, rows=rows)
 
 
-def _row(line: str, delimiter: str, names: list[str], where: str, valid: str) -> list[str] | InputError | None:
+def _row(
+    line: str, delimiter: str, names: list[str], least: int, where: str, valid: str
+) -> list[str] | InputError | None:
     """Its cells, or what is wrong with it; None for a comment."""
     if _is_comment(line):
         return None if _stands_alone(line, delimiter, len(names)) else _row_as_comment(where)
     try:
-        cells = _cells(line, delimiter, where, valid)
+        cells = cells_of(line, delimiter, where, valid)
     except InputError as error:
         return error
-    if len(cells) == len(names):
+    if least <= len(cells) <= len(names):
         return cells
     problem = f"has {len(cells)} cells, and there are {len(names)} columns"
     return InputError(
@@ -74,7 +82,8 @@ def _row(line: str, delimiter: str, names: list[str], where: str, valid: str) ->
     )
 
 
-def _cells(line: str, delimiter: str, where: str, valid: str) -> list[str]:
+def cells_of(line: str, delimiter: str, where: str, valid: str) -> list[str]:
+    """The cells of one line, read by itself; an error says ``where``, and ``valid``: what would be."""
     try:
         return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True, strict=True))
     except csv.Error as error:

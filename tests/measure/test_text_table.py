@@ -95,6 +95,18 @@ def test_remarks_beyond_the_header_and_separators_at_the_end_cost_nothing(tmp_pa
     assert read_gauge(path).faults == ()
 
 
+def test_a_quotation_mark_that_is_not_closed_swallows_no_rows(tmp_path: Path) -> None:
+    """Here all rows from before the collision on; names of columns may go on in the next line."""
+    _, force = pressed(rate=1000.0)
+    rows = [f"{at},{value:.2f}," for at, value in enumerate(force.tolist())]
+    path, header = tmp_path / "remarks.csv", '"Time\n[ms]","Force\n[N]",Remark'
+    path.write_text("\n".join([header, *rows]) + "\n")
+    assert read_gauge(path).faults == ()
+    path.write_text("\n".join([header, *rows[:50], f'{rows[50]}"warm', *rows[51:]]) + "\n")
+    with pytest.raises(InputError, match="row 51: has a quotation mark that is not closed, in '50,"):
+        read_gauge(path)
+
+
 def test_thousands_of_milliseconds_and_newtons(tmp_path: Path) -> None:
     """The time goes from 999 to 1.000, the force beyond 1.000."""
     _, force = pressed(rate=1000.0)

@@ -188,6 +188,18 @@ def test_bad_tables_are_refused_by_name(tmp_path: Path, text: str, field: str, p
     assert problem in str(refused.value)
 
 
+def test_a_quotation_mark_that_is_not_closed_swallows_no_rows(tmp_path: Path) -> None:
+    """Here the longest distances would be gone, and what is left is a sound table."""
+    header, *rows = PLAIN.splitlines()[1:]
+    remarks = ["", "", "", "", "", ""]
+    text = "\n".join(["# full_speed_deg_s = 200", f"{header},remark", *map(",".join, zip(rows, remarks, strict=True))])
+    assert load(tmp_path, text).distance.shape == (6, 2)
+    remarks[3] = '"warm'
+    text = "\n".join(["# full_speed_deg_s = 200", f"{header},remark", *map(",".join, zip(rows, remarks, strict=True))])
+    with pytest.raises(bs.InputError, match="line 6: has a cell that goes on in the next line, or a quotation mark"):
+        load(tmp_path, text)
+
+
 def test_a_faster_row_that_stops_sooner_is_told(tmp_path: Path) -> None:
     table = load(tmp_path, PLAIN.replace("18.0,9.0", "7.0,9.0"))
     assert any("row 3 is shorter than in the slower row 2" in note for note in table.notes)

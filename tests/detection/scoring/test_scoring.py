@@ -133,14 +133,16 @@ def test_refusals() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "has the header ''"),
+        ("", "labels.csv: is empty"),
         ("start,end\n1,2\n", "has the header 'start,end'"),
-        ("start_s,end_s\n1\n", "line 2: has 1 fields"),
-        ("start_s,end_s\n1,2\nx,3\n", "line 3: 'x' is no time"),
-        ("start_s,end_s\n1,inf\n", "line 2: 'inf' is no time"),
+        ("start_s,end_s\n1\n", "row 2: has 1 cells"),
+        ("start_s,end_s\n1,2\nx,3\n", "row 3: 'x' is no time"),
+        ("start_s,end_s\n1,inf\n", "row 2: 'inf' is no time"),
         ("start_s,end_s\n2,1\n", "from 2 to 1 s"),
-        ("start_s,end_s,kind\n1,2,hand,3\n", "line 2: has 4 fields"),
-        ('start_s,end_s,kind\n1,2,"' + 200_000 * "x", "labels.csv: is no CSV"),
+        ("start_s,end_s,kind\n1,2,hand,3\n", "row 2: has 4 cells"),
+        ('start_s,end_s,kind\n1,2,"' + 200_000 * "x", "labels.csv row 2: is not valid CSV"),
+        # It swallowed the contacts after it.
+        ('start_s,end_s,kind\n12.0,12.3,"arm\n2.0,3.0,hand\n5.0,6.0,hand\n', "row 2: has a cell that goes on"),
     ],
 )
 def test_label_files_refused(text: str, message: str, tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -11,6 +10,7 @@ from typing import Any
 
 from bumpstop.collision.stopping.stopping_table import StoppingTable
 from bumpstop.collision.stopping.table_reader import EXAMPLE, FULL_SPEED, STATED, WANTED, TableReader, number_of
+from bumpstop.csv_table import cells_of
 from bumpstop.errors import InputError
 from bumpstop.text_files import as_path, parse_toml, read_text
 
@@ -83,7 +83,7 @@ def _read_toml(text: str, name: str) -> tuple[list[str], list[list[Any]], dict[s
 def _read_csv(text: str, name: str) -> tuple[list[str], list[list[Any]], dict[str, Any]]:
     stated: dict[str, Any] = {}
     lines = []
-    for line in text.splitlines():
+    for number, line in enumerate(text.splitlines(), start=1):
         if line.lstrip().startswith("#"):
             said = re.match(r"#\s*(\w+)\s*[=:]\s*(.+)", line.strip())
             if said and said[1] in STATED:
@@ -92,14 +92,12 @@ def _read_csv(text: str, name: str) -> tuple[list[str], list[list[Any]], dict[st
                     raise InputError(f"{name}, {said[1]}", f"{said[2]!r} is no number", "wanted one, or one by joint")
                 stated[said[1]] = numbers[0] if len(numbers) == 1 else numbers
         elif line.strip(" \t,;"):
-            lines.append(line)
+            lines.append((number, line))
     if not lines:
         raise InputError(name, "is empty", WANTED)
-    delimiter = max((";", "\t", ","), key=lambda mark: (lines[0].count(mark), mark == ";"))
-    try:
-        rows = list(csv.reader(lines, delimiter=delimiter, skipinitialspace=True))
-    except csv.Error as error:
-        raise InputError(name, f"is not valid CSV ({error})") from None
+    delimiter = max((";", "\t", ","), key=lambda mark: (lines[0][1].count(mark), mark == ";"))
+    valid = "wanted one row in each line"
+    rows = [cells_of(line, delimiter, f"{name} line {number}", valid) for number, line in lines]
     if delimiter != ",":
         rows[1:] = [[cell.replace(",", ".") for cell in row] for row in rows[1:]]
     return [cell.strip() for cell in rows[0]], [list(row) for row in rows[1:]], stated

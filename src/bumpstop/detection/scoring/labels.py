@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from bumpstop.csv_table import read_csv_table
 from bumpstop.errors import InputError
 from bumpstop.text_files import read_text
 
@@ -41,21 +41,14 @@ def load_labels(path: str | Path) -> tuple[Label, ...]:
         InputError: the file cannot be read, its header is another, or a line holds no contact: a missing or non-finite
             time, an end that is not after the start, or contacts that overlap.
     """
-    text = read_text(path, _WANTED)
-    try:
-        lines = list(csv.reader(text.splitlines()))
-    except csv.Error as error:  # as of a field that never ends
-        raise InputError(str(path), f"is no CSV ({error})", _WANTED) from None
-    header = [cell.strip() for cell in lines[0]] if lines else []
-    if header not in (["start_s", "end_s"], ["start_s", "end_s", "kind"]):
-        raise InputError(str(path), f"has the header {','.join(header)[:80]!r}", _WANTED)
+    table = read_csv_table(read_text(path, _WANTED), Path(path), _WANTED, "contact", may_lack=("kind",))
+    if table.names not in (["start_s", "end_s"], ["start_s", "end_s", "kind"]):
+        raise InputError(str(path), f"has the header {table.delimiter.join(table.names)[:80]!r}", _WANTED)
     labels = []
-    for number, cells in enumerate(lines[1:], start=2):
-        if not any(cell.strip() for cell in cells):
-            continue
-        where = f"{path}, line {number}"
-        if len(cells) != len(header) and not (len(cells) == 2 and len(header) == 3):
-            raise InputError(where, f"has {len(cells)} fields", f"wanted {len(header)}")
+    for number, cells in table.rows:
+        where = f"{path} row {number}"
+        if isinstance(cells, InputError):
+            raise cells
         start, end = (_time(cell, where) for cell in cells[:2])
         labels.append(Label(start, end, cells[2].strip() if len(cells) > 2 else ""))
     return checked_labels(labels, str(path))

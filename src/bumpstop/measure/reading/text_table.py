@@ -104,10 +104,20 @@ def read_text_table(path: Path, wanted: str, *, max_bytes: int = MAX_BYTES) -> T
         raise InputError(str(path), "is empty", wanted)
     separator = _separator(lines)
     try:
-        cells = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=separator)]
+        reader = csv.reader(lines, delimiter=separator)
+        ends, cells = [], []
+        for row in reader:
+            cells.append([cell.strip() for cell in row])
+            ends.append(reader.line_num)
     except csv.Error as error:
         raise InputError(str(path), f"is not valid CSV ({error})", wanted) from None
     first = _first_numbers(cells)
+    # A name may go on in the next line; a row that does has swallowed those after it.
+    for number in range(max(first, 1), len(cells)):
+        if ends[number] > ends[number - 1] + 1:
+            line = lines[ends[number - 1]].strip()[:60]
+            problem = f"has a quotation mark that is not closed, in {line!r}"
+            raise InputError(f"{path}, row {number - first + 1}", problem, "wanted one row in each line")
     named = first > 0 and first < len(cells) and len(cells[first - 1]) >= min(2, len(cells[first]))
     header = first - 1 if named else None
     if header is None and first < len(cells):
