@@ -129,6 +129,9 @@ def test_a_moment_that_no_joint_can_feel_is_not_seen() -> None:
     assert fit.center is None
     assert fit.parameters["mx"].value == pytest.approx(0.05 * MASS, abs=0.03)
     assert fit.parameters["mz"].value == pytest.approx(0.1 * MASS, abs=0.03)
+    # Neither the known mass nor what loads no joint is fitted.
+    assert fit.condition is not None
+    assert 1 <= fit.condition < 100
 
     # Both slides feel the mass as they would feel rotors of theirs, and its weight as an offset.
     fit = identify_payload(log, robot)

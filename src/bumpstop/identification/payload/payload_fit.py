@@ -72,7 +72,7 @@ class PayloadFit(Displayed):
         wanted: (N, joints) torque that the arm without payload does not explain, filtered [Nm or N].
         explained: (N, joints) what the payload explains of it; where torques were recorded, what friction, rotors and
             offsets explain is taken from ``wanted``.
-        condition: condition number of the weighted columns, each brought to length one.
+        condition: condition number of the weighted columns that were fitted, each brought to length one.
         unexplained: share of the torque's variance beyond the arm's that is left on held-out fifths of the rows.
         verdict: on the fit, in the words of :attr:`FitVerdict.status`; empty: it was not judged.
     """
@@ -270,6 +270,8 @@ def identify_payload(
     weight_columns = columns / np.maximum(residual.std(axis=0), 1e-12)[None, :, None]
     residual = residual / np.maximum(residual.std(axis=0), 1e-12)
     covariance = _covariance(weight_columns, residual)
+    # A column of nothing but zeros, as that of a known mass, is not fitted.
+    fitted = weight_columns.reshape(-1, weight_columns.shape[2])
     shares = visible_share(flat)[:count]
     if mass is not None:
         solution[0], shares[0], covariance[0], covariance[:, 0] = mass, 1.0, 0.0, 0.0
@@ -301,7 +303,7 @@ def identify_payload(
         t=samples.t,
         wanted=wanted - others @ solution[count:],
         explained=seen_by @ moments,
-        condition=condition_of(weight_columns.reshape(-1, weight_columns.shape[2])),
+        condition=condition_of(fitted[:, fitted.any(axis=0)]),
         unexplained=held_out_share(weight_columns, residual + weight_columns @ solution),
     )
 
