@@ -162,6 +162,7 @@ def test_files_repeat_the_fit(tmp_path: Path) -> None:
         (lambda text: text.replace('column = "', 'column = "x'), "cannot be used"),
         (lambda text: text.replace("value = ", "value = nan # "), "cannot be used"),
         (lambda text: text.replace("value = ", f"value = {10**400} # "), "cannot be used"),
+        (lambda text: text.replace("value = ", "value = 1e308 # "), r"1e\+308 is beyond 1e\+12"),
         (lambda text: text.replace("rows_used = ", "rows_used = inf # "), "cannot be used"),
         (lambda text: text.replace("cutoff_hz = ", "cutoff_hz = -"), "no frequency above 0"),
         (lambda text: text.replace("sign_speed = [", "sign_speed = [-"), "sign_speed is not one above 0"),

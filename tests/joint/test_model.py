@@ -339,6 +339,20 @@ def test_files_are_read_strictly(old: str, new: str, message: str, tmp_path: Pat
     assert str(path) in str(refused.value)
 
 
+@pytest.mark.parametrize("figure", ["value", "standard_error"])
+def test_a_figure_that_no_arm_has_is_refused(figure: str, tmp_path: Path) -> None:
+    """Torques of it are infinite, and were an internal fault where they are written."""
+    path = tmp_path / "joints.toml"
+    JointTorqueModel.load("sia5d").save(path)
+    text = path.read_text(encoding="utf-8")
+    start = text.index("B = ")
+    line = text[start : text.index("\n", start)]
+    huge = re.sub(rf"{figure} = [^,}}]+", f"{figure} = 1e308 ", line)
+    path.write_text(text.replace(line, huge, 1), encoding="utf-8")
+    with pytest.raises(InputError, match=rf"B.{figure}: is 1e\+308; wanted up to 1e\+12"):
+        JointTorqueModel.load(path)
+
+
 def test_the_file_of_the_documentation(tmp_path: Path) -> None:
     page = (Path(__file__).parents[2] / "docs" / "reference" / "robot" / "joint.md").read_text(encoding="utf-8")
     (example,) = re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from bumpstop.arrays import as_float_array, as_number
 from bumpstop.errors import InputError
 from bumpstop.joint.friction_law import OF_FRICTION
-from bumpstop.joint.parameters import COMMON, DEFAULT_REST_SPEED, OF_MAP, JointParameters, Parameter
+from bumpstop.joint.parameters import COMMON, DEFAULT_REST_SPEED, MAX_FIGURE, OF_MAP, JointParameters, Parameter
 from bumpstop.model.dynamics import STANDARD_GRAVITY
 from bumpstop.text_files import check_keys, needed, parse_toml, toml_value
 
@@ -109,9 +109,16 @@ def _parameter(data: Any, key: str, where: str) -> Parameter | None:
     check_keys(data, ("value", "standard_error"), f"{where}{key}.", "a joint model")
     error = needed(data, "standard_error", f"{where}{key}.")
     return Parameter(
-        as_number(needed(data, "value", f"{where}{key}."), f"{where}{key}.value"),
-        None if error == _UNKNOWN else as_number(error, f"{where}{key}.standard_error"),
+        _figure(needed(data, "value", f"{where}{key}."), f"{where}{key}.value"),
+        None if error == _UNKNOWN else _figure(error, f"{where}{key}.standard_error"),
     )
+
+
+def _figure(value: Any, field: str) -> float:
+    figure = as_number(value, field)
+    if abs(figure) > MAX_FIGURE:
+        raise InputError(field, f"is {figure:g}", f"wanted up to {MAX_FIGURE:g}")
+    return figure
 
 
 def _range(data: Mapping[str, Any], key: str, where: str) -> tuple[float, float] | None:

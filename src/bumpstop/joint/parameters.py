@@ -25,6 +25,8 @@ BOUNDS = {
     "inertia": (0.0, math.inf),
 }
 DEFAULT_REST_SPEED = 0.01
+MAX_FIGURE = 1e12
+"""Of a model's file: no arm has a parameter beyond it, and torques made of such ones need not be finite."""
 
 
 @dataclass(frozen=True, slots=True)

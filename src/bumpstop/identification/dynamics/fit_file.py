@@ -16,6 +16,7 @@ from bumpstop.errors import InputError
 from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
 from bumpstop.identification.dynamics.regressor_columns import checked_group, column_names
 from bumpstop.identification.segments.seen_motion import SeenMotion
+from bumpstop.joint.parameters import MAX_FIGURE
 from bumpstop.model import Robot
 from bumpstop.model.dynamics import STANDARD_GRAVITY
 from bumpstop.model.inertia import vector3
@@ -139,7 +140,7 @@ def load_fit(path: str | os.PathLike[str], make: Callable[..., Fit]) -> Fit:
             presliding = np.where(presliding > 0, presliding, np.nan)
         loaded, by_all = (_joints(data.get(key, ()), key, robot.dof) for key in ("loaded", "predicted_by_all"))
         names = column_names(robot, couplings, top_speed, loaded)
-        gravity = vector3(_finite(data.get("gravity", STANDARD_GRAVITY)))
+        gravity = vector3(_possible(data.get("gravity", STANDARD_GRAVITY)))
         parameters = data["parameter"]
         gains, gain_errors = _gains(data.get("gain"), robot)
         predicting = [parameter["predicting"] for parameter in parameters if "predicting" in parameter]
@@ -149,8 +150,8 @@ def load_fit(path: str | os.PathLike[str], make: Callable[..., Fit]) -> Fit:
             model=DynamicsModel(
                 robot=robot,
                 columns=tuple(names.index(parameter["column"]) for parameter in parameters),
-                values=_finite([parameter["value"] for parameter in parameters]),
-                predicting=_finite(predicting) if predicting else None,
+                values=_possible([parameter["value"] for parameter in parameters]),
+                predicting=_possible(predicting) if predicting else None,
                 predicted_by_all=by_all,
                 sign_speed=sign_speed,
                 presliding=presliding,
@@ -196,7 +197,7 @@ def _gains(tables: Any, robot: Robot) -> tuple[FloatArray | None, FloatArray | N
     errors = np.array([float(table["standard_error"]) for table in tables])
     if not (errors >= 0).all():
         raise ValueError("a standard error of a gain is no number")
-    return _finite([table["value"] for table in tables]), errors
+    return _possible([table["value"] for table in tables]), errors
 
 
 def _seen(table: Any, robot: Robot) -> SeenMotion | None:
@@ -217,6 +218,13 @@ def chain_of(data: dict[str, Any], folder: Path) -> Robot:
     if is_path(name):
         return Robot.from_urdf(folder / name, data.get("base"), data.get("tip"))
     return Robot.load(name)
+
+
+def _possible(values: Any) -> Any:
+    array = _finite(values)
+    if np.abs(array).max(initial=0.0) > MAX_FIGURE:
+        raise ValueError(f"{array[np.abs(array).argmax()]:g} is beyond {MAX_FIGURE:g}")
+    return array
 
 
 def _finite(values: Any) -> Any:
