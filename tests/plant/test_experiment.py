@@ -123,6 +123,14 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "robot": (short(robot="sia5"), "robot: there is no built-in robot 'sia5'"),
     "joint model": (short(joint_model="sia5"), "joint model: none is called 'sia5'"),
     "object kind": (short(object__0__kind="hand"), "object.kind: 'hand' is neither an object nor a body region"),
+    "limits of foam": (
+        short(object__0__kind="foam", object__0__limits="no_such_table"),
+        "object.limits: has no meaning with 'foam'; leave it out",
+    ),
+    "limits of a gauge": (
+        short(object__0__kind="gauge_hand_finger", object__0__limits="bgia2011"),
+        "object.limits: has no meaning with 'gauge_hand_finger'",
+    ),
     "no place": (short(object__0__ahead_mm=None), "object[1].position_mm: is missing"),
     "zero": (short(motion__velocity_mm_s=[0, 0, 0]), "motion.velocity_mm_s: is zero"),
     "folder": (short(folder="/"), "folder: is not a key of an experiment"),

@@ -302,8 +302,8 @@ class Experiment(ExperimentTable):
         else:
             assert thing.position_mm is not None
             position = np.array(thing.position_mm) / 1e3
-        limits = thing.limits
-        if limits.endswith(".toml") or "/" in limits:
+        limits = thing.limits if "limits" in thing.model_fields_set else None
+        if limits is not None and (limits.endswith(".toml") or "/" in limits):
             limits = str(self.folder / limits)
         more: dict[str, Any] = {} if thing.mass_kg is None else {"mass": thing.mass_kg}
         more |= {} if thing.body_mass_kg is None else {"body_mass": thing.body_mass_kg}

@@ -23,6 +23,7 @@ _DAMPING_RATIO = 0.3
 _FREE_DAMPING_RATIO = 0.001
 _THICKNESS = 0.02
 GAUGE = "gauge_"
+_LIMITS = "bgia2011"
 
 
 @lru_cache
@@ -129,7 +130,7 @@ class PlantObject:
         normal: Sequence[float],
         name: str = "",
         stiffness: float | None = None,
-        limits: str = "bgia2011",
+        limits: str | None = None,
         **more: Any,
     ) -> PlantObject:
         """An object of a kind: foam, plexiglas, ..., or a body region of a limit table.
@@ -141,13 +142,15 @@ class PlantObject:
             normal: as the attribute.
             name: default: the kind.
             stiffness: replaces the kind's [N/m].
-            limits: name or path of a limit table.
+            limits: name or path of a limit table, of a body region only; None: ``"bgia2011"``.
             more: further attributes.
 
         Raises:
-            InputError: there is no such kind or body region.
+            InputError: there is no such kind or body region, or a limit table for what is none.
         """
         kinds = _kinds()
+        if limits is not None and (kind.startswith(GAUGE) or kind in kinds):
+            raise InputError("object.limits", f"has no meaning with {kind!r}", "leave it out: it is for body regions")
         if kind.startswith(GAUGE):
             more |= {} if stiffness is None else {"stiffness": stiffness, "status": "given", "source": ""}
             return cls.gauge(kind.removeprefix(GAUGE), position=position, normal=normal, name=name or kind, **more)
@@ -156,7 +159,7 @@ class PlantObject:
             figures = (float(row["stiffness_N_m"]), str(row["status"]), str(row["source"]))
             more.setdefault("colour", tuple(row["colour"]))
         else:
-            figures = _of_body(kind, limits, tuple(kinds))
+            figures = _of_body(kind, _LIMITS if limits is None else limits, tuple(kinds))
             more.setdefault("colour", (0.80, 0.47, 0.65))
         if stiffness is not None:
             figures = (stiffness, "given", "")
