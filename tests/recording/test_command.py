@@ -163,3 +163,25 @@ def test_a_recording_that_names_another_robot_is_told(said: str, told: bool, tmp
     assert (note in run("recording", "info", path, "--robot", "ur5e").out) == told
     assert "The file names robot" not in run("recording", "info", path).out
     assert any(note in one for one in Recording.load(path, robot=Robot.load("ur5e")).report.notes) == told
+
+
+@pytest.mark.parametrize("what", ["turns", "jump", "negated", "nothing"])
+def test_convert_tells_what_info_tells(what: str, tmp_path: Path) -> None:
+    """Data that the reader changed or doubted went into the new file without a word."""
+    t = np.arange(2000) / 250
+    q = np.stack([np.sin(t) * (4.0 if what == "turns" else 1.0), 0.5 * np.sin(1.3 * t)], axis=1)
+    qd = np.gradient(q, t, axis=0)
+    if what == "turns":
+        q[:, 0] = np.mod(q[:, 0] + np.pi, 2 * np.pi) - np.pi
+    if what == "jump":
+        q[1000:, 0] += 0.8
+    if what == "negated":
+        qd[:, 0] *= -1
+    path, out = tmp_path / "run.parquet", tmp_path / "out.parquet"
+    Recording(t=t, q=q, qd=qd).save(path)
+    marks = ("repaired rows: ", "fault: ", "note: ")
+    wanted = [line for line in run("recording", "info", path).out.splitlines() if line.startswith(marks)]
+    told = run("recording", "convert", path, out)
+    assert told.status == 0
+    assert told.out.splitlines()[1:] == wanted
+    assert bool(wanted) == (what != "nothing")

@@ -88,6 +88,8 @@ def convert(
         typer.echo(f"not written, as {out.suffix} has no place for it: {', '.join(missing)}")
     if holds_current_as_effort(found, out):
         typer.echo('its effort is the motor current: to read it as such, give a column file with effort = "current"')
+    for line in _told(found):
+        typer.echo(line)
 
 
 def _robot(name: str | None, base: str | None, tip: str | None) -> Robot | None:
@@ -140,15 +142,19 @@ def _print(recording: Recording, robot: Robot | None, console: Console) -> None:
         console.print(f"  {report.numbered} {row}: {reason}")
     if report.rows_dropped > len(report.dropped):
         console.print(f"  and {report.rows_dropped - len(report.dropped)} more")
-    if report.repaired:
-        console.print(f"repaired rows: {report.repaired} (angles turned back by whole turns)")
-    for fault in report.faults:
-        console.print(f"fault: {fault}")
+    for line in _told(recording):
+        console.print(line)
+
+
+def _told(recording: Recording) -> list[str]:
+    """What the reader changed, and what contradicts itself or is unusual, a line each."""
+    report = recording.report
+    lines = [f"repaired rows: {report.repaired} (angles turned back by whole turns)"] if report.repaired else []
+    lines += [f"fault: {fault}" for fault in report.faults]
     for name, (moved_from, moved_to) in report.base_motion.items():
         where = f"from {_seconds(moved_from, recording)} to {_seconds(moved_to, recording)} s"
-        console.print(f"fault: {name} moves the base, which is taken to stand still, {where}")
-    for note in report.notes:
-        console.print(f"note: {note}")
+        lines.append(f"fault: {name} moves the base, which is taken to stand still, {where}")
+    return lines + [f"note: {note}" for note in report.notes]
 
 
 def _seconds(t: float, recording: Recording) -> str:
