@@ -57,6 +57,21 @@ def test_folder_and_bare_file(plugin: StoragePlugin, bare: bool, tmp_path: Path)
     assert any("Time 0 is 5.0" in note for note in found.report.notes)
 
 
+def test_a_bag_is_written_where_its_name_says(tmp_path: Path) -> None:
+    """Not into a folder of that name, and into the file that a link leads to."""
+    folder, link, file = tmp_path / "dir.mcap", tmp_path / "link.mcap", tmp_path / "real.mcap"
+    folder.mkdir()
+    with pytest.raises(InputError, match=r"dir\.mcap: cannot be written \(Is a directory\)"):
+        recording().save(folder)
+    assert list(folder.iterdir()) == []
+    file.write_text("before")
+    link.symlink_to(file.name)
+    recording().save(link)
+    assert link.is_symlink()
+    assert Recording.load(file).t.size == 200
+    assert {path.name for path in tmp_path.iterdir()} == {"dir.mcap", "link.mcap", "real.mcap"}
+
+
 def test_messages_without_a_time_are_bad_rows(tmp_path: Path) -> None:
     """One that was not stamped, among times of a wall clock, and one with a second or more of nanoseconds."""
     bodies = [bytearray(state(0.01 * i, ["a", "b"])) for i in range(400)]

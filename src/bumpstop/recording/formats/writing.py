@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.errors import InputError
-from bumpstop.output_files import write_csv, write_parquet
+from bumpstop.output_files import replacing, write_csv, write_parquet
 from bumpstop.recording.formats.joint_state import messages
 from bumpstop.recording.signals import Signals
 
@@ -113,11 +113,12 @@ def _write_mcap(recording: Signals, path: Path) -> None:
             str(path), f"times from {recording.t[0]:g} s to {recording.t[-1]:g} s", "ROS counts 0 to 2^31 s"
         )
     bodies = messages(bytes(store.serialize_cdr(template, joint_state.__msgtype__)), time, parts)
-    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+    with replacing(path) as waiting, tempfile.TemporaryDirectory(dir=path.parent) as folder:
         bag = Path(folder) / "bag"
         with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
             connection = writer.add_connection(_TOPIC, joint_state.__msgtype__, typestore=store)
             for stamp, body in zip(time.tolist(), bodies, strict=True):
                 writer.write(connection, stamp, body.tobytes())
         (file,) = bag.glob("*.mcap")
-        shutil.move(file, path)
+        # Into what is no ordinary file, such as a device, it is copied; into a folder it is not.
+        (shutil.copyfile if waiting.exists() else shutil.move)(file, waiting)
