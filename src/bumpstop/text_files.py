@@ -144,6 +144,11 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
         raise InputError(str(path), f"cannot be written ({why})") from None
 
 
+def shown(text: str | Path) -> str:
+    """The same for people: bytes of names of files that are no UTF-8 are written with escapes, as errors show them."""
+    return str(text).encode("utf-8", "backslashreplace").decode("utf-8")
+
+
 def encoded(text: str, field: str) -> bytes:
     """A text in UTF-8.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tomllib
 from dataclasses import replace
 from functools import cache
@@ -27,6 +28,20 @@ def arm_and_logs() -> tuple[bs.Robot, JointTorqueModel, Recording, Recording]:
     robot = bs.Robot.load(ROBOT)
     truth, log = planted(robot, fourier(robot, 20.0, 94.0, 1), 1)
     return robot, truth, log, driven(robot, fourier(robot, 10.0, 94.0, 2), truth, 2)
+
+
+@pytest.mark.usefixtures("unsaved_pictures")
+def test_a_recording_whose_name_is_no_text(tmp_path: Path) -> None:
+    """Model and page show it with escapes, as errors do."""
+    path = tmp_path / os.fsdecode(b"run\xff.parquet")
+    arm_and_logs()[2].save(path)
+    made = run("identify", path, "--robot", ROBOT, "--cutoff", 6, "-o", tmp_path / "model")
+    assert (made.status, made.err) == (0, "")
+    model = tmp_path / "model" / "joint_model.toml"
+    assert JointTorqueModel.load(model).created_from == str(tmp_path / r"run\udcff.parquet")
+    compared = run("validate", model, path, "-o", tmp_path / "page")
+    assert (compared.status, compared.err) == (0, "")
+    assert r"run\udcff.parquet" in (tmp_path / "page" / "report.html").read_text(encoding="utf-8")
 
 
 def in_milliamperes(log: Recording, path: Path, spoil: int = 0) -> Path:

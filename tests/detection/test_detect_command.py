@@ -39,6 +39,36 @@ def pushed(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("detect", "--thresholds", "20,20,20,9,9,9"),
+        ("tune", "--save", "th.toml"),
+        ("score", "--labels", "labels.csv", "--thresholds", "20,20,20,9,9,9"),
+    ],
+)
+def test_a_recording_whose_name_is_no_text(
+    pushed: Path,
+    command: tuple[str, ...],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Pages and files of thresholds show it with escapes, as errors do."""
+    monkeypatch.chdir(tmp_path)
+    Path("labels.csv").write_text("start_s,end_s\n0.8,1\n")
+    path = os.fsdecode(b"n\xff.csv")
+    Recording.load(pushed).save(path)
+    lines = Path(path).read_text().splitlines()
+    lines[10] = "nan" + lines[10][lines[10].index(",") :]
+    Path(path).write_text("\n".join(lines) + "\n")
+    status, _, said = run(capsys, command[0], path, "--robot", "ur5e", *command[1:], "-o", "out")
+    assert (status, said) == (0, "")
+    assert r"n\udcff.csv" in Path("out/report.html").read_text(encoding="utf-8")
+    if command[0] == "tune":
+        assert r"n\udcff.csv: 1 of 400 rows dropped" in Path("th.toml").read_text(encoding="utf-8")
+
+
 def test_events_and_files(pushed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     status, text, _ = run(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import tomllib
 from pathlib import Path
 
@@ -131,6 +132,15 @@ def test_read(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said = json.loads(run(capsys, "read", "good.csv", "bad.csv", "--json")[1])["recordings"]
     assert said[0]["peak_N"] == pytest.approx(float(rows[0]["peak_N"]))
     assert said[1]["faults"][0]["name"] == "saturated"
+
+
+def test_read_a_recording_whose_name_is_no_text(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = folder / os.fsdecode(b"g\xff.csv")
+    write(path, *pressed())
+    status, _, said = run(capsys, "read", path.name, "-o", "page")
+    assert (status, said) == (0, "")
+    assert r"g\udcff.csv" in Path("page/report.html").read_text(encoding="utf-8")
+    assert r"g\udcff.csv" in Path("page/readings.csv").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

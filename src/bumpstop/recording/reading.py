@@ -18,7 +18,7 @@ from bumpstop.recording.columns import Columns
 from bumpstop.recording.formats.memory import check_memory
 from bumpstop.recording.formats.table import RawRecording, Table
 from bumpstop.recording.select_columns import choose
-from bumpstop.text_files import other_robot
+from bumpstop.text_files import other_robot, shown
 
 _BY_ENDING = {
     ".csv": "csv",
@@ -91,7 +91,7 @@ def read(
         "t": values["t"][:, 0],
         "joint_names": raw.joint_names,
         "robot": robot.name if robot is not None else raw.robot,
-        "source": str(path),
+        "source": shown(path),
         "report": report,
     }
 

@@ -36,7 +36,7 @@ class Recording(Signals):
         wrench: (N, 6) force [N] and torque [Nm] as the file gives them, or None.
         joint_names: n names, or empty.
         robot: its name, or empty.
-        source: the file it was read from.
+        source: the file it was read from, as people are told of it.
         report: what reading found.
         cut_from: time at which the recording began that this is a part of [s]; None: it is the whole.
     """

@@ -9,6 +9,7 @@ from bumpstop.errors import InputError
 from bumpstop.output_files import write_bytes
 from bumpstop.report.made_by import made_by
 from bumpstop.report.markup import Html, element
+from bumpstop.text_files import shown
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -76,7 +77,8 @@ class Document:
                 "footer", *told, _made(), element("p", "An engineering estimate, not a certified safety function.")
             ),
         )
-        return f'<!DOCTYPE html>\n<html lang="en">{head}{body}</html>\n'
+        # The command and what was asked name files.
+        return shown(f'<!DOCTYPE html>\n<html lang="en">{head}{body}</html>\n')
 
     def write(self, folder: Path) -> Path:
         """Write ``report.html`` and the figures as ``<name>.svg`` and ``<name>.png``; returns the page's path.

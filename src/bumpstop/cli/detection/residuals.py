@@ -11,7 +11,7 @@ from bumpstop.cli.detection.residual_source import DETECTOR_OPTIONS, ResidualSou
 from bumpstop.cli.identification.arm_recordings import span_of
 from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
-from bumpstop.text_files import list_items
+from bumpstop.text_files import list_items, shown
 
 if TYPE_CHECKING:
     from bumpstop.detection import DetectionRun, ResidualSeries, Thresholds
@@ -47,7 +47,7 @@ def load_series(
         record = residual_record(log, arm, model, settings=residual_source.settings)
     assert record.t is not None
     notes = [note for note in record.notes if "blocks of" not in note]
-    series = ResidualSeries(record.t, record.rows, str(path))
+    series = ResidualSeries(record.t, record.rows, shown(path))
     if motion:
         series = with_motion(series, log, arm, model, residual_source.settings)
     return series, [*reading_notes(log, path), *notes]
@@ -98,7 +98,7 @@ def load_run(
     if seen.sum() < 2:
         dark = f"{run.t.size - seen.sum()} of {run.t.size} rows"
         return None, run, [*notes, f"Other thresholds are not compared: the detector had no data in {dark}."]
-    return ResidualSeries(run.t[seen], run.residual[seen], str(path)), run, notes
+    return ResidualSeries(run.t[seen], run.residual[seen], shown(path)), run, notes
 
 
 def reading_notes(log: Recording, path: Path) -> list[str]:
@@ -106,7 +106,7 @@ def reading_notes(log: Recording, path: Path) -> list[str]:
     from bumpstop.identification.fit_verdict import reading_faults
 
     report = log.report
-    rows = [f"{path}: {report.rows_dropped} of {report.rows_read} rows dropped while reading."]
+    rows = [f"{shown(path)}: {report.rows_dropped} of {report.rows_read} rows dropped while reading."]
     return [*rows * (report.rows_dropped > 0), *(f"{fault}." for fault in reading_faults([log]))]
 
 

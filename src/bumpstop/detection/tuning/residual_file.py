@@ -12,6 +12,7 @@ from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.tuning.residual_record import read_residuals, write_residuals
 from bumpstop.errors import InputError
+from bumpstop.text_files import shown
 
 # An interval longer than this many typical ones is a gap: nothing is known of what happened in it. Lost samples within
 # shorter ones part nothing, as those that the detector bridges.
@@ -88,7 +89,7 @@ class ResidualSeries:
         Raises:
             InputError: the file cannot be read, columns are missing, a value is not finite, or time runs backwards.
         """
-        return cls(*read_residuals(path), str(path))
+        return cls(*read_residuals(path), shown(path))
 
     def save(self, path: str | Path) -> None:
         """Write the file that :meth:`load`, ``bumpstop tune`` and the scenario key ``detector.residuals`` read.

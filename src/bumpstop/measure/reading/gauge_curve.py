@@ -14,7 +14,7 @@ from bumpstop.errors import InputError
 from bumpstop.measure.reading.gauge_columns import UNITS, GaugeColumn, Quantity, find_column
 from bumpstop.measure.reading.gauge_preamble import stated_range, stated_rates
 from bumpstop.measure.reading.text_table import TextTable, is_figure, read_text_table
-from bumpstop.text_files import as_path
+from bumpstop.text_files import as_path, shown
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -158,7 +158,7 @@ def load_gauge_curve(path: Path, form: GaugeFormat | None = None) -> GaugeCurve:
         time=time,
         force=force,
         pressure=pressure,
-        source=str(path),
+        source=shown(path),
         columns=(
             time_column.name if time_column else "",
             force_column.name,
