@@ -39,6 +39,19 @@ def test_files_beside_a_plan_of_measurements_stay(tmp_path: Path) -> None:
     assert (tmp_path / "joint_9.csv").read_text() == "a recording"
 
 
+def test_a_plan_that_moves_no_joint_is_refused(tmp_path: Path) -> None:
+    """It says why of each joint, and leaves the plan that was there."""
+    fast = ("--repeats", 1, "--ramps", 0, "--holds", 0, "--speeds", "50,100")
+    assert run("plan", "identification", "--robot", "sia5d", "--out", tmp_path, *QUICK).status == 0
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    refused = run("plan", "identification", "--robot", "sia5d", "--out", tmp_path, *fast)
+    assert (refused.status, refused.out) == (2, "")
+    assert refused.err.startswith("error: plan: no joint of sia5d is left for it (joint_s: its axis is vertical")
+    assert "joint_l, joint_e, joint_u, joint_r, joint_b: its stroke of 180 deg has room for 1 of the" in refused.err
+    assert "; or slower speeds, or a higher acceleration; or " in refused.err
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
 def test_minutes_have_a_digit_where_they_are_few() -> None:
     found = run("plan", "identification", "--robot", "ur10e", "--repeats", 1, "--ramps", 0, "--holds", 0)
     minutes = re.search(r"joints, (\S+) min", found.out)

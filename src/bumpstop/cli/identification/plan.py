@@ -97,6 +97,8 @@ def identification(
             load_m=_three("--load-m", load_m),
         )
         plan = plan_identification(arm, settings)
+    if not plan.experiments:
+        raise _nothing_to_plan(plan)
     files, removed = ["plan.toml"], list[str]()
     with writing(out):
         seconds = []
@@ -161,6 +163,16 @@ def _remove_others(folder: Path, files: list[str]) -> list[str]:
     for path in others:
         path.unlink()
     return [path.name for path in others]
+
+
+def _nothing_to_plan(plan: IdentificationPlan) -> InputError:
+    """Of a plan without an experiment: why each joint has none."""
+    joints: dict[str, list[str]] = {}
+    for lost in plan.unobservable:
+        joints.setdefault(lost.reason, []).append(lost.name)
+    why = "; ".join(f"{', '.join(names)}: {reason}" for reason, names in joints.items())
+    remedies = dict.fromkeys(lost.remedy for lost in plan.unobservable)
+    return InputError("plan", f"no joint of {plan.robot.name} is left for it ({why})", f"try {'; or '.join(remedies)}")
 
 
 def _share(option: str, percent: float, least: float = 0.0) -> float:
