@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from cli.support import run, strict_json
+from cli.support import EXAMPLE, run, strict_json
 
 QUICK = ("--repeats", 2)
 
@@ -31,12 +31,18 @@ def test_trajectories_of_another_plan_do_not_stay_beside_the_new(tmp_path: Path)
     assert "removed, as they are of another plan: joint_7.json\n" in third.out
 
 
-def test_files_beside_a_plan_of_measurements_stay(tmp_path: Path) -> None:
-    (tmp_path / "plan.toml").write_text("[[contact]]\n")
+def test_a_plan_of_measurements_is_not_written_over(tmp_path: Path) -> None:
+    """Both have a plan.toml; nor is one of identification by a plan of measurements."""
+    plan = tmp_path / "plan.toml"
+    plan.write_text("points = 32\n[[situation]]\n")
     (tmp_path / "joint_9.csv").write_text("a recording")
-    found = run("plan", "identification", "--robot", "ur10e", "--out", tmp_path, *QUICK)
-    assert (found.status, "removed" in found.out) == (0, False)
+    refused = f"error: --out: {str(plan)!r} exists, and is no file of this command; give another folder\n"
+    assert run("plan", "identification", "--robot", "ur10e", "--out", tmp_path, *QUICK) == (2, "", refused)
+    assert plan.read_text() == "points = 32\n[[situation]]\n"
     assert (tmp_path / "joint_9.csv").read_text() == "a recording"
+    plan.write_text('kind = "identification_plan"\n')
+    assert run("measure", "plan", EXAMPLE, "--out", tmp_path) == (2, "", refused)
+    assert plan.read_text() == 'kind = "identification_plan"\n'
 
 
 def test_a_plan_that_moves_no_joint_is_refused(tmp_path: Path) -> None:

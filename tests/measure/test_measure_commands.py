@@ -97,6 +97,18 @@ def test_a_calibration_writes_over_nothing_that_it_reads(
     Path(scenario).write_text("# my remark\n" + to_toml(RIGID))
     before = Path(name).read_bytes()
     status, _, said = run(capsys, "calibrate", shots, "--scenario", f"hand={scenario}", "-o", out)
+    other = "file" if out == name else "folder"
+    assert (status, said) == (2, f"error: --out: {name!r} is read, and would be written over; give another {other}\n")
+    assert Path(name).read_bytes() == before
+
+
+def test_a_calibration_does_not_write_over_the_situations_of_its_plan(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run(capsys, "plan", "hand.toml", "-o", "plan", "--points", "32", "--speeds", "100", "--shots", "1")
+    name = "plan/situations/hand.toml"
+    before = Path(name).read_bytes()
+    status, _, said = run(capsys, "calibrate", "plan", "-o", "plan/situations")
     assert (status, said) == (2, f"error: --out: {name!r} is read, and would be written over; give another folder\n")
     assert Path(name).read_bytes() == before
 

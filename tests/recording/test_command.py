@@ -100,7 +100,7 @@ def test_convert_says_what_is_lost(absent: dict[str, Any], ending: str, tmp_path
         (("info", "run.csv", "--topic", "/x"), "error: --topic: 'run.csv' is no bag"),
         (("info", "run.csv", "--columns", "c.toml", "--robot", "ur10"), "error: run.csv: holds 2 joints, ur10 has 6"),
         (("convert", "run.csv", "out.xyz", "--columns", "c.toml"), "error: out.xyz: '.xyz' is no ending"),
-        (("convert", "run.csv", "./run.csv", "--columns", "c.toml"), "error: run.csv: is the recording itself; give"),
+        (("convert", "run.csv", "./run.csv", "--columns", "c.toml"), "error: OUT: 'run.csv' is read, and would be"),
         (("convert", "run.csv", "no/out.mcap", "--columns", "c.toml"), "error: no/out.mcap: cannot be written"),
         (("convert", "run.csv", "no/out.parquet", "--columns", "c.toml"), "error: no/out.parquet: cannot be written"),
     ],

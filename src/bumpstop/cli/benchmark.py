@@ -44,11 +44,15 @@ def detectors(
 ) -> None:
     """Compare seven detectors: false alarms an hour against newtons at detection."""
     from bumpstop.benchmark import compare_detectors, compare_on_recording
+    from bumpstop.cli.folders import check_inputs
+    from bumpstop.cli.identification.arm_recordings import recording_files
     from bumpstop.cli.option_names import as_options
     from bumpstop.cli.progress import progress
     from bumpstop.cli.robots import load_robot
     from bumpstop.recording import Recording
 
+    read = [] if recording is None else recording_files([recording], columns)
+    check_inputs(out, [robot, *read], "curves.svg", "curves.png", "points.csv")
     arm = load_robot(robot)
     if recording is None and (columns is not None or cutoff is not None):
         raise InputError("--columns" if columns is not None else "--cutoff", "has no meaning without --recording")

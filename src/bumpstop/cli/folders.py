@@ -1,19 +1,22 @@
-"""Folders that ``--out`` names."""
+"""Folders and files that ``--out`` and other options name: refused before any work is done for them."""
 
 from __future__ import annotations
 
 import errno
 import os
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bumpstop.errors import InputError
+from bumpstop.text_files import parse_toml, read_text
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from bumpstop.collision import Scenario
 
 
@@ -69,27 +72,59 @@ def check_no_job(folder: Path | None) -> None:
     raise InputError("--out", f"{str(folder)!r} holds {what}", "give another folder")
 
 
-def check_inputs(folder: Path | None, files: Iterable[Path], scenarios: Iterable[Scenario], *written: str) -> None:
-    """Refuse a folder where a file that is read would be written over, before any work is done.
+def check_inputs(out: Path | None, read: Iterable[str | Path | None], *written: str, option: str = "--out") -> None:
+    """Refuse an output where a file that is read would be written over, before any work is done.
 
     Args:
-        folder: that ``--out`` names.
-        files: that the command reads.
-        scenarios: whose files it reads, too.
+        out: a folder, or a file where nothing is ``written``.
+        read: files that the command reads; names that are of no file, such as a robot's, do no harm.
         written: names of the files that it writes into the folder, or patterns of them.
+        option: that names the output.
 
     Raises:
-        InputError: a file that is read is one of them.
+        InputError: a file that is read is one of them, be it under another name: a symbolic or a hard link.
     """
-    if folder is None:
+    if out is None:
         return
+    places = [place for pattern in written for place in out.glob(pattern)] if written else [out]
+    other = "give another folder" if written else "give another file"
+    for place, file in product(places, read):
+        if file is not None and _is_same(place, file):
+            raise InputError(option, f"{str(place)!r} is read, and would be written over", other)
+
+
+def _is_same(place: Path, file: str | Path) -> bool:
+    try:
+        return place.is_file() and place.samefile(file)
+    except (OSError, ValueError):  # what is not there is not read; ValueError: a NUL character in the path
+        return False
+
+
+def scenario_files(scenarios: Iterable[Scenario]) -> list[Path]:
+    """Files that scenarios name, and that are read with them."""
     from bumpstop.collision.scenario.settings_file import files_of
 
-    read = [*files, *(file for scenario in scenarios for file in files_of(scenario).values())]
-    for place, file in product((place for pattern in written for place in folder.glob(pattern)), read):
-        with suppress(OSError):  # what is not there is not read
-            if place.samefile(file):
-                raise InputError("--out", f"{str(place)!r} is read, and would be written over", "give another folder")
+    return [file for scenario in scenarios for file in files_of(scenario).values()]
+
+
+def check_own(file: Path, is_own: Callable[[str, dict[str, Any]], bool], other: str = "give another place") -> None:
+    """Refuse to replace a TOML file of somebody else's, before any work is done.
+
+    Args:
+        file: that is written.
+        is_own: whether a file with this text, which says that, is one that the command wrote.
+        other: what would be valid.
+
+    Raises:
+        InputError: it exists, and is not one that the command wrote.
+    """
+    if not file.exists():
+        return
+    with suppress(InputError):
+        text = read_text(file, "wanted a file of this command")
+        if is_own(text, parse_toml(text, str(file))):
+            return
+    raise InputError("--out", f"{str(file)!r} exists, and is no file of this command", other)
 
 
 def check_file(file: Path | None, option: str = "--out") -> None:

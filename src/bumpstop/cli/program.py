@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -56,7 +57,8 @@ def command(
 
     Exit status, of the program as given: 0 acceptable, 3 not acceptable, 4 inconclusive, 2 bad input.
     """
-    from bumpstop.cli.folders import check_folder, check_inputs, check_no_job
+    from bumpstop.cli.folders import check_folder, check_inputs, check_no_job, scenario_files
+    from bumpstop.cli.identification.arm_recordings import recording_files
     from bumpstop.cli.progress import progress
     from bumpstop.collision import load_scenario
     from bumpstop.program.evaluation import evaluate_program
@@ -68,7 +70,10 @@ def command(
 
         check_target(program, out)
     checked = [load_scenario(file, dict(change(text) for text in changes or [])) for file in scenario]
-    check_inputs(out, scenario, checked, program.name, "summary.json", "segments/*")
+    # Of a bag a folder is written, of a recording a CSV file.
+    names = (escape(program.name), f"{escape(program.stem)}.csv", f"{escape(program.stem)}/**/*")
+    read = [*recording_files([program]), *scenario, *scenario_files(checked)]
+    check_inputs(out, read, *names, "summary.json", "segments/*", "report.html")
     with progress("judging segments") as share:
         result = evaluate_program(
             program, *checked, max_speed_mm_s=max_speed, faster=not only_slower, threads=threads, progress=share

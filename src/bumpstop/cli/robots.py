@@ -10,6 +10,7 @@ import typer
 
 from bumpstop.cli.command_group import group
 from bumpstop.cli.completion import complete_robot
+from bumpstop.cli.folders import check_inputs
 from bumpstop.cli.picture_files import check_picture, save_picture
 from bumpstop.errors import InputError
 from bumpstop.text_files import is_path
@@ -76,7 +77,7 @@ def show(
 
     from bumpstop.cli.robot_tables import pose_from_text
 
-    check_picture(picture, "arm.svg")
+    check_picture(picture, "arm.svg", [robot])
     found = load_robot(robot, base, tip, strict_inertia=strict_inertia)
     pose = pose_from_text(found, pose_deg)
     if picture is not None:
@@ -102,6 +103,7 @@ def export(
     from bumpstop.model import describe
     from bumpstop.text_files import write_text
 
+    check_inputs(file, [robot], option="FILE")
     write_text(file, describe(load_robot(robot, base, tip)))
     typer.echo(f"robot: {file}")
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bumpstop.cli.folders import check_folder
+from bumpstop.cli.folders import check_folder, check_inputs
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -49,6 +49,8 @@ def command(
     from bumpstop.view.opened import open_source
 
     check_folder(record)
+    read = [source, robot, model, thresholds, scenario]
+    check_inputs(record, read, "view.png", "view.gif", option="--record")
     opened = open_source(source, robot=robot, watch=_watch(model, thresholds), cell=scenario)
     for note in opened.notes:
         typer.echo(f"note: {note}", err=True)

@@ -106,6 +106,14 @@ class Experiment(ExperimentTable):
         # Not while pydantic's error is handled, as in Scenario.from_dict: it would never be freed.
         raise refusal
 
+    def files(self) -> list[Path]:
+        """Those that are read with it; names of what is built in are among them, as if they were files."""
+        reaction = self.reaction
+        named = [self.robot, self.joint_model, *(thing.limits for thing in self.object)]
+        named += [None if self.motion is None else self.motion.file]
+        named += [None if reaction is None else reaction.stopping_table]
+        return [self.folder / name for name in named if name is not None]
+
     def arm(self) -> Robot:
         """The robot.
 

@@ -79,7 +79,7 @@ def command(
 
     Exit status: 0 acceptable, 3 not acceptable, 4 inconclusive, 2 bad input; of many, that of the worst.
     """
-    from bumpstop.cli.folders import check_folder, check_inputs, check_no_job
+    from bumpstop.cli.folders import check_folder, check_inputs, check_no_job, scenario_files
     from bumpstop.cli.progress import progress
     from bumpstop.collision import evaluate, load_scenario
     from bumpstop.register.register_file import is_register
@@ -92,7 +92,8 @@ def command(
     check_folder(out)
     check_no_job(out)
     checked = load_scenario(scenarios[0], changed)
-    check_inputs(out, scenarios, [checked], "settings.toml", "law.parquet", "report.html")
+    read = [*scenarios, *scenario_files([checked])]
+    check_inputs(out, read, "settings.toml", "law.parquet", "report.html")
     uncertain = None
     try:
         with progress("drawing" if sampled else "evaluating") as share:

@@ -10,7 +10,7 @@ import typer
 from bumpstop import output_files
 from bumpstop.cli.collision.evaluate import NOT_ACCEPTABLE, whole
 from bumpstop.cli.collision.study import AsJson, Changes, Out, ScenarioFile, Seed, Threads, execute, load
-from bumpstop.cli.folders import check_inputs
+from bumpstop.cli.folders import check_inputs, scenario_files
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -91,7 +91,8 @@ def speed_limits(
         raise InputError("--poses", "has no meaning with a trajectory", "leave it out")
     if seed:
         raise InputError("--seed", "has no meaning with a trajectory, where nothing is drawn", "leave it out")
-    check_inputs(out, [], [checked], "retimed.*", "speed_limit.csv")
+    written = ("retimed.*", "speed_limit.csv", "suggestions.parquet", "report.html")
+    check_inputs(out, [scenario, *scenario_files([checked])], *written)
     return _along(
         TrajectorySpeedLimits(checked, max_speed_mm_s=max_speed, cone_deg=cone or 0.0),
         null_space,

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import json
 import math
-from contextlib import suppress
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from bumpstop.cli.folders import check_file, check_folder
+from bumpstop.cli.folders import check_file, check_folder, check_inputs, check_own
 from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
 from bumpstop.terminal import terminal
-from bumpstop.text_files import list_items, parse_toml, read_text, write_text
+from bumpstop.text_files import list_items, write_text
 
 _BEGIN = "# Stops of "  # of every file that is written
 
@@ -53,7 +52,9 @@ def command(
     check_file(file)
     check_folder(folder)
     if out is not None:
-        _check_own(out if folder is None else folder / "reaction.toml")
+        check_own(out if folder is None else folder / "reaction.toml", _is_own)
+    check_inputs(file, [table])
+    check_inputs(folder, [table], "reaction.toml", "report.html")
     speeds = None if full_speed_deg_s is None else [_number(item) for item in list_items(full_speed_deg_s)]
     with as_options({"deceleration": "--deceleration", "category": "--category"}):
         stops = load_stopping_table(table, full_speed_deg_s=speeds, reach_mm=reach_mm, category=category)
@@ -78,19 +79,8 @@ def command(
             typer.echo(f"{what}: {path}")
 
 
-def _check_own(file: Path) -> None:
-    """Refuse to replace a file of somebody else's, such as a scenario, or the table itself.
-
-    Raises:
-        InputError: it exists, and is not one that this command wrote.
-    """
-    if not file.exists():
-        return
-    with suppress(InputError):
-        text = read_text(file, "wanted a [reaction]")
-        if text.startswith(_BEGIN) and set(parse_toml(text, str(file))) == {"reaction"}:
-            return
-    raise InputError("--out", f"{str(file)!r} exists, and is no file of this command", "give another place")
+def _is_own(text: str, data: dict[str, Any]) -> bool:
+    return text.startswith(_BEGIN) and set(data) == {"reaction"}
 
 
 def _number(text: str) -> float:

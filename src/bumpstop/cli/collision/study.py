@@ -13,7 +13,7 @@ import typer
 from bumpstop.cli.collision.evaluate import MAX_THREADS, change, whole
 from bumpstop.cli.command_group import group
 from bumpstop.cli.completion import complete_body, complete_setting, complete_variable
-from bumpstop.cli.folders import writing
+from bumpstop.cli.folders import check_inputs, scenario_files, writing
 from bumpstop.cli.progress import progress
 
 if TYPE_CHECKING:
@@ -80,6 +80,8 @@ def execute(
     from bumpstop.study import run, to_jsonable
     from bumpstop.text_files import running_command
 
+    # The folder of a study that is resumed holds its settings and rows: it looks after those itself.
+    check_inputs(out, scenario_files([study.scenario]), "summary.json", "manifest.json", "report.html")
     begin = time.perf_counter()
     with progress(study.title) as share:
         found = run(

@@ -19,7 +19,7 @@ from bumpstop.cli.detection.residual_source import (
     takes_residual_source,
     thresholds_of,
 )
-from bumpstop.cli.folders import check_folder, writing
+from bumpstop.cli.folders import check_folder, check_inputs, writing
 from bumpstop.cli.option_names import as_options
 from bumpstop.cli.progress import progress
 from bumpstop.errors import InputError
@@ -80,12 +80,14 @@ def detect(
     from bumpstop.detection.standing import hidden_torques
     from bumpstop.identification.fit_verdict import reading_faults
 
+    check_folder(out)
+    read = [*residual_source.files_with(recording), thresholds]
+    check_inputs(out, read, "report.html", "events.json", "residuals.parquet")
     given, arm = residual_source.parts
     law = thresholds_of(thresholds, arm)
     settings = _settings(residual_source, law, arming_delay, payload_change, link, point_m, direction)
     if stiction is not None:
         settings = replace(settings, stiction=stiction_of(stiction, arm.dof))
-    check_folder(out)
     log = residual_source.recording(recording)
     with as_options(DETECTOR_OPTIONS), progress("running the detector"):
         run = run_detector(log, arm, given, law, settings, rearm_s=rearm)
@@ -151,6 +153,7 @@ def detector(
     from bumpstop.detection.settings import settings_text
     from bumpstop.identification import DynamicsModel
 
+    check_inputs(file, [*residual_source.files, thresholds], option="FILE")
     given, arm = residual_source.parts
     law = thresholds_of(thresholds, arm)
     # A loop cannot look ahead.

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 from bumpstop.cli.completion import complete_robot
-from bumpstop.cli.identification.arm_recordings import gravity_of
+from bumpstop.cli.identification.arm_recordings import gravity_of, model_files, recording_files
 from bumpstop.cli.option_names import as_options
 from bumpstop.cli.robots import load_robot
 from bumpstop.errors import InputError
@@ -162,6 +162,11 @@ class Watcher:
         return load_model(self.model, self.robot, self.base, self.tip)
 
     @property
+    def files(self) -> list[str | Path | None]:
+        """That are read to know the residual; None and names of what is built in are none."""
+        return [self.robot, *model_files(self.model)]
+
+    @property
     def arm(self) -> str:
         """The robot in words, for the head of a page; empty where neither a robot nor a model is named."""
         if self.model is None and self.robot is None:
@@ -266,6 +271,10 @@ class ResidualSource(Watcher):
         named = {"columns": self.columns, "topic": self.topic, "rate, Hz": self.rate}
         found |= {name: str(value) for name, value in named.items() if value is not None}
         return found | {"share of bad rows that is dropped": f"{self.max_bad:g}"}
+
+    def files_with(self, *recordings: Path) -> list[str | Path | None]:
+        """That are read to know the residuals of recordings."""
+        return [*self.files, *recording_files(recordings, self.columns)]
 
     def recording(self, path: Path) -> Recording:
         """The part of a recording that counts."""

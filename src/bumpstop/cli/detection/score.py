@@ -19,7 +19,7 @@ from bumpstop.cli.detection.residual_source import (
     thresholds_of,
 )
 from bumpstop.cli.detection.residuals import holds_residuals, load_run, residuals_of
-from bumpstop.cli.folders import check_folder
+from bumpstop.cli.folders import check_folder, check_inputs
 from bumpstop.cli.progress import progress
 from bumpstop.errors import InputError
 from bumpstop.text_files import read_text
@@ -64,6 +64,7 @@ def command(
         if not 0 <= value < math.inf:
             raise InputError(option, f"is {value}", "wanted zero or more")
     check_folder(out)
+    check_inputs(out, [*residual_source.files_with(file), labels, thresholds], "report.html")
     tolerance = Tolerance(early, late)
     known = load_labels(labels)
     notes: list[str] = []

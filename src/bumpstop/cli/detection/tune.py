@@ -12,7 +12,7 @@ import typer
 
 from bumpstop.cli.detection.residual_source import ResidualSource, detector_settings, takes_residual_source
 from bumpstop.cli.detection.residuals import holds_residuals, joint_numbers, load_series
-from bumpstop.cli.folders import check_file, check_folder
+from bumpstop.cli.folders import check_file, check_folder, check_inputs, scenario_files
 from bumpstop.cli.progress import progress
 from bumpstop.errors import InputError, near_matches
 from bumpstop.terminal import table, terminal
@@ -75,6 +75,9 @@ def command(
     check_folder(out)
     check_file(save, "--save")
     scenarios = load_scenarios(scenario or [])
+    read = [*residual_source.files_with(*recordings), *scenarios, *scenario_files(scenarios.values())]
+    check_inputs(save, read, option="--save")
+    check_inputs(out, read, "report.html")
     loaded = []
     with progress("reading residuals") as report:
         for done, one_file in enumerate(recordings, start=1):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     from bumpstop.identification import Payload
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
+
+_OF_BAGS = (".mcap", ".db3", ".yaml", ".zstd")
 
 
 def built_in_or_path(robot: str) -> str:
@@ -54,6 +57,38 @@ def span_of(begin: float | None, until: float | None, length: float, start: floa
     if not low < high:
         raise InputError("--from", f"{low:.6g} leaves nothing before {high:.6g}", valid)
     return low, high
+
+
+def recording_files(paths: Sequence[Path], columns: Path | None = None) -> list[Path]:
+    """Files that are read with recordings: they, those in the folders of bags, the column file and those it names."""
+    from bumpstop.recording.columns import Columns
+
+    found = list(paths)
+    for path in paths:
+        with suppress(OSError):  # is no folder, or none that may be looked into
+            found += [file for file in path.iterdir() if file.suffix in _OF_BAGS]
+    if columns is None:
+        return found
+    # Whoever reads it says what is wrong with it.
+    with suppress(InputError, OSError):
+        if columns.is_file():  # and no pipe, which can be read but once
+            quantities = Columns.load(columns, columns.parent).quantities.values()
+            found += [quantity.file for quantity in quantities if quantity.file is not None]
+    return [*found, columns]
+
+
+def model_files(model: str | Path | None) -> list[Path]:
+    """The file of a joint model, of fitted dynamics or of a plan, and the URDF that it names."""
+    from bumpstop.text_files import parse_toml, read_text
+
+    if model is None:
+        return []
+    found = [Path(model)]
+    with suppress(InputError, OSError):  # the name of a built-in one
+        robot = parse_toml(read_text(model, ""), "").get("robot") if found[0].is_file() else None
+        if isinstance(robot, str) and is_path(robot):
+            found.append(found[0].parent / robot)
+    return found
 
 
 def load_parts(

@@ -15,6 +15,14 @@ FITS = {
     "drive-train": _DRIVE_TRAIN,
     "protocol": _PROTOCOL,
 }
+# What each is written into in a folder.
+FIT_FILES = {
+    "joint": "joint_model.toml",
+    "dynamics": "model.toml",
+    "payload": "payload.toml",
+    "drive-train": "drive_train.toml",
+    "protocol": "joint_model.toml",
+}
 # The fits that take an option, and why the others do not, where that is worth a word.
 _TAKEN_BY: Mapping[str, tuple[tuple[str, ...], Mapping[str, str]]] = {
     "--model": (("joint", "dynamics", "payload", "drive-train"), {"protocol": "leave it out: it finds a joint model"}),

@@ -9,21 +9,25 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from bumpstop.cli.completion import complete_robot
-from bumpstop.cli.folders import check_file, check_folder
+from bumpstop.cli.folders import check_file, check_folder, check_inputs
 from bumpstop.cli.identification.arm_recordings import (
     arm_of,
     built_in_or_path,
     carried_of,
     gravity_of,
     load_parts,
+    model_files,
     payloads_of,
+    recording_files,
 )
-from bumpstop.cli.identification.fit_options import check_options
+from bumpstop.cli.identification.fit_options import FIT_FILES, check_options
 from bumpstop.cli.identification.fit_verdict import with_faults
 from bumpstop.errors import InputError
 from bumpstop.text_files import list_items
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
@@ -123,10 +127,8 @@ def identify(
 
     Exit status: 0 usable, 3 not usable, 2 bad input.
     """
-    if out is not None and out.suffix == ".toml":
-        check_file(out)
-    else:
-        check_folder(out)
+    read = [*recording_files(recordings, columns), robot, *model_files(joint_model), *model_files(dynamics), pushes]
+    _check_out(out, [*read, *model_files(protocol)], "protocol" if protocol is not None else model, consistent)
     options: dict[str, object] = {
         "--model": model,
         "--consistent": consistent,
@@ -262,6 +264,8 @@ def validate(
     from bumpstop.cli.identification.arm_recordings import is_dynamics
 
     check_folder(out)
+    read = [*recording_files(recordings, columns), robot, *model_files(model)]
+    check_inputs(out, read, "report.html")
     _frequency("--filter", filter_hz)
     falls = gravity_of(gravity)
     if not is_dynamics(model):
@@ -290,6 +294,21 @@ def validate(
     return validate_dynamics(
         model, load, payload=payload, contact_joint=contact_joint, filter_hz=filter_hz, out=out, as_json=as_json
     )
+
+
+def _check_out(out: Path | None, read: Sequence[str | Path | None], fit: str | None, consistent: bool) -> None:
+    """Refuse a file or folder that cannot be written, or where a file that is read would be written over.
+
+    ``fit``: a key of ``FIT_FILES``; None: what is recorded decides whether it is joint models or dynamics.
+    """
+    if out is not None and out.suffix == ".toml":
+        check_file(out)
+        for file in [out, *([out.with_suffix(".urdf")] if consistent else [])]:
+            check_inputs(file, read)
+        return
+    check_folder(out)
+    names = [FIT_FILES[each] for each in (("joint", "dynamics") if fit is None else (fit,))]
+    check_inputs(out, read, "report.html", *names, *(["model.urdf"] if consistent else []))
 
 
 def _frequency(option: str, value: float | None) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from bumpstop.cli.folders import writing
+from bumpstop.cli.identification.fit_options import FIT_FILES
 from bumpstop.cli.identification.fit_verdict import print_reading
 from bumpstop.cli.progress import progress
 
@@ -46,7 +47,7 @@ def identify_drive_train_of(
         )
     faults = reading_faults(logs)
     usable = found.identified and not faults
-    file = out if out is None or out.suffix == ".toml" else out / "drive_train.toml"
+    file = out if out is None or out.suffix == ".toml" else out / FIT_FILES["drive-train"]
     if file is not None and out is not None and usable:
         with writing(None if file == out else out):
             found.save(file)

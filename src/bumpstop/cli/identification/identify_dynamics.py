@@ -12,6 +12,7 @@ import typer
 from bumpstop.arrays import finite_or_none
 from bumpstop.cli.identification.arm_recordings import carried_of, known_of
 from bumpstop.cli.identification.consistent_inertia import inertias_json, print_inertias
+from bumpstop.cli.identification.fit_options import FIT_FILES
 from bumpstop.cli.identification.fit_verdict import exit_status, print_reading, print_verdict
 from bumpstop.cli.identification.model_report import dynamics_report
 from bumpstop.cli.identification.parameters import parameters_json
@@ -64,7 +65,7 @@ def identify_dynamics_of(
             bodies = consistent_inertias(logs, fit, payloads=carried)
     scores = fit.score(logs if fit.fitted is None else None, payloads=carried)
     verdict = judge_dynamics(fit, logs)
-    model_file = out if out is None or out.suffix == ".toml" else out / "model.toml"
+    model_file = out if out is None or out.suffix == ".toml" else out / FIT_FILES["dynamics"]
     urdf = None if model_file is None or bodies is None else model_file.with_suffix(".urdf")
     if model_file is not None and out is not None:
         if model_file != out:

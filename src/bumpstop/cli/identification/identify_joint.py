@@ -13,6 +13,7 @@ import typer
 from bumpstop.arrays import finite_or_none
 from bumpstop.cli.folders import writing
 from bumpstop.cli.identification.arm_recordings import known_of
+from bumpstop.cli.identification.fit_options import FIT_FILES
 from bumpstop.cli.identification.fit_verdict import exit_status, print_reading, print_verdict
 from bumpstop.cli.identification.model_report import joint_model_report
 from bumpstop.cli.progress import progress
@@ -64,7 +65,7 @@ def identify_joint(
             raise InputError(options.get(error.field, error.field), error.problem, error.valid) from None
     verdict = judge_joint_model(fit, logs)
     model = replace(fit.model, robot=robot, verdict=verdict.status)
-    model_file = out if out is None or out.suffix == ".toml" else out / "joint_model.toml"
+    model_file = out if out is None or out.suffix == ".toml" else out / FIT_FILES["joint"]
     if model_file is not None:
         with writing(None if model_file == out else out):
             model.save(model_file)

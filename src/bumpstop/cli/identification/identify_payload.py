@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from bumpstop.cli.folders import writing
+from bumpstop.cli.identification.fit_options import FIT_FILES
 from bumpstop.cli.identification.fit_verdict import exit_status, print_reading, print_verdict
 from bumpstop.cli.identification.parameters import parameters_json
 from bumpstop.cli.option_names import as_options
@@ -68,7 +69,7 @@ def identify_what_is_carried(
             gravity=gravity,
         )
     verdict = judge_payload(found, log, arm)
-    model_file = out if out is None or out.suffix == ".toml" else out / "payload.toml"
+    model_file = out if out is None or out.suffix == ".toml" else out / FIT_FILES["payload"]
     if model_file is not None and out is not None:
         with writing(None if model_file == out else out):
             replace(found, verdict=verdict.status).save(model_file)

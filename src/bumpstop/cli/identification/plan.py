@@ -12,7 +12,7 @@ import typer
 
 from bumpstop.cli.command_group import group
 from bumpstop.cli.completion import complete_robot
-from bumpstop.cli.folders import check_folder, writing
+from bumpstop.cli.folders import check_folder, check_inputs, check_own, writing
 from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
 from bumpstop.output_files import write_bytes
@@ -75,8 +75,13 @@ def identification(
 ) -> None:
     """Plan Schroeder's protocol: strokes through zero gravity torque, ramps, holds; one trajectory a joint."""
     from bumpstop.identification.design.plan import ProtocolSettings, plan_identification
-    from bumpstop.identification.design.plan_file import save_plan
+    from bumpstop.identification.design.plan_file import KIND, save_plan
 
+    check_folder(out)
+    check_inputs(out, [robot], "plan.toml", "joint_*.csv", "joint_*.json")
+    if out is not None:
+        # A plan of measurements has a file of this name, too.
+        check_own(out / "plan.toml", lambda _, data: data.get("kind") == KIND, "give another folder")
     arm, named = named_robot(robot, base, tip)
     if load_kg == 0 and any(_three("--load-m", load_m)):
         raise InputError("--load-m", "has no effect without --load-kg", "give both, or neither")
@@ -150,13 +155,7 @@ def write_path(folder: Path, name: str, path: TimedPath, arm: Robot, rate: float
 
 def _remove_others(folder: Path, files: list[str]) -> list[str]:
     """Remove the trajectories of a former plan that the new one does not have; returns their names."""
-    from bumpstop.identification.design.plan_file import KIND
-
-    try:
-        # A plan of measurements has a file of this name, too.
-        if f'kind = "{KIND}"' not in (folder / "plan.toml").read_text(encoding="utf-8"):
-            return []
-    except (OSError, UnicodeDecodeError):
+    if not (folder / "plan.toml").exists():
         return []
     found = [path for path in folder.iterdir() if re.fullmatch(r"joint_[1-9][0-9]*\.(csv|json)", path.name)]
     others = sorted(path for path in found if path.name not in files)
@@ -289,9 +288,10 @@ def excitation(
     from bumpstop.cli.progress import progress
     from bumpstop.identification.design.excitation import ExcitationSettings, plan_excitation
 
+    check_folder(out)
+    check_inputs(out, [robot], "excitation.csv", "excitation.json")
     arm, _ = named_robot(robot, base, tip)
     check_rate(rate)
-    check_folder(out)
     with as_options(_OPTIONS), progress("searching") as report:
         settings = ExcitationSettings(
             period_s=period_s,

@@ -12,6 +12,8 @@ import typer
 from bumpstop.cli.command_group import group
 from bumpstop.cli.completion import complete_robot
 from bumpstop.cli.detection.residual_source import Base, Tip
+from bumpstop.cli.folders import check_inputs
+from bumpstop.cli.identification.arm_recordings import recording_files
 from bumpstop.cli.picture_files import check_picture, save_picture
 from bumpstop.cli.robots import load_robot
 from bumpstop.errors import InputError
@@ -52,7 +54,7 @@ def info(
     """Print rates, gaps, bad rows and ranges, and the limits touched where a robot is given."""
     from rich.console import Console
 
-    check_picture(picture, "run.svg")
+    check_picture(picture, "run.svg", [*recording_files([file], columns), robot])
     arm = _robot(robot, base, tip)
     found = _load(file, columns, arm, topic, max_bad)
     if picture is not None:
@@ -77,9 +79,8 @@ def convert(
     """Write a recording as Parquet, CSV, or MCAP with sensor_msgs/msg/JointState. Bad rows are left out."""
     from bumpstop.recording.formats.writing import holds_current_as_effort, left_out
 
+    check_inputs(out, [*recording_files([file], columns), robot], option="OUT")
     found = _load(file, columns, _robot(robot, base, tip), topic, max_bad)
-    if out.exists() and out.samefile(file):
-        raise InputError(str(out), "is the recording itself", "give another file")
     found.save(out)
     dropped = found.report.rows_dropped
     typer.echo(f"recording: {out}, {found.t.size} rows" + (f", {dropped} bad ones left out" if dropped else ""))

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bumpstop.cli.folders import check_inputs
+from bumpstop.cli.identification.arm_recordings import recording_files
 from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
 
@@ -93,6 +95,8 @@ def monitor(
     )
     if on_collision is None and shell:
         raise InputError("--shell", "has no meaning without --on-collision", "leave it out")
+    read = [*recording_files([Path(source.removeprefix("plant:"))], columns), detector]
+    check_inputs(jsonl, read, option="--jsonl")
     made = LoadedDetector.load(detector)
     asked = SourceOptions(
         speed=pace, columns=columns, topic=topic, answers=answer is not None, stop_after_s=settings.stop_after_s

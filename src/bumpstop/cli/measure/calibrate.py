@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from bumpstop.cli.collision.evaluate import whole
-from bumpstop.cli.folders import check_file, check_folder, check_inputs
+from bumpstop.cli.folders import check_file, check_folder, check_inputs, scenario_files
 from bumpstop.cli.measure.read import ForceColumn, ForceUnit, TimeColumn, TimeUnit, format_of
 from bumpstop.cli.measure.scenarios import named_scenarios
 from bumpstop.errors import InputError
@@ -61,10 +60,10 @@ def calibrate(
     given = dict(named_scenarios(scenario or [], {}, "--scenario"))
     filled = load_plan(plan, given)
     names = file_names([name for name, _ in filled.named])
-    read = [plan, *(Path(path) for text in scenario or [] for path in (text, text.partition("=")[2]))]
-    check_inputs(folder, read, [], "shots.csv", *names.values())
-    if file is not None:
-        check_inputs(file.parent, read, [], escape(file.name))
+    given_files = [Path(path) for text in scenario or [] for path in (text, text.partition("=")[2])]
+    read = [*filled.files, *given_files, *scenario_files(found for _, found in filled.named)]
+    check_inputs(file, read)
+    check_inputs(folder, read, "shots.csv", "report.html", *names.values())
     if file is not None and len(filled.named) > 1:
         raise InputError("--out", f"{str(file)!r} is one file for {len(filled.named)} situations", "give a folder")
     form = format_of(time_unit, force_unit, time_column, force_column)

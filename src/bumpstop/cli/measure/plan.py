@@ -11,7 +11,7 @@ import typer
 
 from bumpstop.cli.collision.evaluate import change, whole
 from bumpstop.cli.completion import complete_setting
-from bumpstop.cli.folders import check_folder, check_inputs, check_no_job
+from bumpstop.cli.folders import check_folder, check_inputs, check_no_job, check_own, scenario_files
 from bumpstop.cli.measure.scenarios import named_scenarios
 from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError, near_matches
@@ -81,7 +81,10 @@ def plan(
     check_no_job(out)
     named = named_scenarios(scenarios, dict(change(text) for text in changes or []), "SCENARIO")
     files = [Path(path) for text in scenarios for path in (text, text.partition("=")[2])]
-    check_inputs(out, files, (scenario for _, scenario in named), TABLE, SETTINGS, f"{SCENARIOS}/*", "report.html")
+    read = [*files, *scenario_files(scenario for _, scenario in named)]
+    check_inputs(out, read, TABLE, SETTINGS, f"{SCENARIOS}/*", "report.html")
+    if out is not None:
+        check_own(out / SETTINGS, lambda _, data: {"situation", "points"} <= data.keys(), "give another folder")
     known = spreads(spread or [])
     with as_options({"gauge": "--gauge"}), progress("planning") as share:
         made = plan_measurements(

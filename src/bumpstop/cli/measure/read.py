@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bumpstop.cli.folders import check_folder
+from bumpstop.cli.folders import check_folder, check_inputs
 from bumpstop.cli.option_names import as_options
 
 if TYPE_CHECKING:
@@ -59,6 +59,7 @@ def read(
     from bumpstop.measure import GaugeFormat, read_gauge
 
     check_folder(out)
+    check_inputs(out, files, "readings.csv", "report.html")
     with as_options(OPTIONS):
         form = GaugeFormat(
             time_column=time_column,

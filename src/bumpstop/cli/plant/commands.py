@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bumpstop.cli.command_group import group
-from bumpstop.cli.folders import check_folder
+from bumpstop.cli.folders import check_folder, check_inputs
+from bumpstop.cli.identification.arm_recordings import model_files
 from bumpstop.cli.option_names import as_options
 from bumpstop.cli.plant.serve import serve
 from bumpstop.errors import InputError
@@ -47,25 +48,32 @@ def run(
     """Run an experiment and write recording.parquet, truth.toml and trace.parquet."""
     from bumpstop.plant.experiment import Experiment
     from bumpstop.plant.picture import checked_ending
+    from bumpstop.plant.run import RECORDING, TRACE, TRUTH
 
     for path, option, ending in ((picture, "--picture", ".png"), (video, "--video", ".gif")):
         if path is not None:
             checked_ending(path, option, ending)
     check_folder(out)
     found = Experiment.load(experiment)
+    plan_file = None if plan is None else plan / "plan.toml" if plan.is_dir() else plan
+    read = [experiment, *found.files(), *model_files(plan_file)]
+    for path, option in ((picture, "--picture"), (video, "--video")):
+        check_inputs(path, read, option=option)
+    written = (RECORDING, TRUTH, TRACE)
+    check_inputs(out, read, *(written if plan is None else (f"joint_*/{name}" for name in written)))
     if seed is not None:
         with as_options({"seed": "--seed"}):
             found = Experiment.from_dict(found.model_dump(exclude_unset=True) | {"seed": seed}, found.folder)
-    if plan is not None:
+    if plan_file is not None:
         if picture is not None or video is not None:
             raise InputError("--picture" if picture is not None else "--video", "has no meaning with --plan")
-        _simulate_protocol(found, plan / "plan.toml" if plan.is_dir() else plan, joint or [], out, as_json)
+        _simulate_protocol(found, plan_file, joint or [], out, as_json)
         return
     if joint:
         raise InputError("--joint", "has no meaning without --plan")
     plant, command = found.prepare()
     done = found.run_on(plant, command)
-    written = [str(path) for path in done.save(out)] if out is not None else []
+    files = [str(path) for path in done.save(out)] if out is not None else []
     if picture is not None or video is not None:
         from bumpstop.plant import picture as drawing
 
@@ -73,9 +81,9 @@ def run(
             if path is not None:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 draw(plant, done, path)
-                written.append(str(path))
+                files.append(str(path))
     if as_json:
-        typer.echo(json.dumps(_as_json(done, written), allow_nan=False, indent=2))
+        typer.echo(json.dumps(_as_json(done, files), allow_nan=False, indent=2))
         return
     log = done.recording
     typer.echo(f"{log.robot}: {log.duration:.3f} s, {len(log.t)} samples at {log.rate_hz:.0f} Hz, {done.lost} lost")
@@ -92,7 +100,7 @@ def run(
         typer.echo(f"reaction after {done.reaction_time:.3f} s")
     for note in done.notes:
         typer.echo(f"note: {note}")
-    for name in written:
+    for name in files:
         typer.echo(f"wrote {name}")
 
 

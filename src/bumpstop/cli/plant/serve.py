@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bumpstop.cli.folders import check_folder
+from bumpstop.cli.folders import check_folder, check_inputs
 from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
 
@@ -48,6 +48,7 @@ def serve(
     """Move the plant in real time behind RTDE or DDS on the loopback, and react as a monitor answers."""
     from bumpstop.live.bench import PlantBench
     from bumpstop.plant.experiment import Experiment
+    from bumpstop.plant.run import RECORDING, TRACE, TRUTH
 
     for option, value, least, most in (
         ("--runs", runs, 0, 1_000_000),
@@ -72,6 +73,7 @@ def serve(
             domain_of(domain)
     check_folder(out)
     found = Experiment.load(experiment)
+    check_inputs(out, [experiment, *found.files()], *(f"run_*/{name}" for name in (RECORDING, TRUTH, TRACE)))
     if seed is not None:
         with as_options({"seed": "--seed"}):
             found = Experiment.from_dict(found.model_dump(exclude_unset=True) | {"seed": seed}, found.folder)

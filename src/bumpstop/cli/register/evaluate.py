@@ -50,15 +50,17 @@ def evaluate_paths(
     seed: int,
     threads: int,
     out: Path | None,
+    more: Sequence[Path] = (),
 ) -> RegisterResult:
-    """Read and evaluate; the folder for the page is checked before that."""
-    from bumpstop.cli.folders import check_folder, check_no_job
+    """Read and evaluate; the folder for the page, which is made of ``more`` files, is checked before that."""
+    from bumpstop.cli.folders import check_folder, check_inputs, check_no_job
     from bumpstop.cli.progress import progress
     from bumpstop.register import evaluate_register, load_register
 
     check_folder(out)
     check_no_job(out)
     register = load_register(*paths, changes=changes)
+    check_inputs(out, [*register.checksums, *more], "report.html")
     with progress("evaluating") as share:
         return evaluate_register(register, samples=samples, seed=seed, threads=threads, progress=share)
 

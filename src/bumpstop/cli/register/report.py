@@ -57,8 +57,8 @@ def command(
         if not (0 < len(text.strip()) <= _MAX_LETTERS and text.isprintable()):
             raise InputError(option, f"{text[:40]!r} cannot be used", f"wanted 1 to {_MAX_LETTERS} letters on one line")
     changed = dict(change(text) for text in changes or [])
-    result = evaluate_paths(register, changed, samples=sampled, seed=seed, threads=threads, out=out)
     files = shots or []
+    result = evaluate_paths(register, changed, samples=sampled, seed=seed, threads=threads, out=out, more=files)
     found = [shot for path in files for shot in load_shots(path, result.register.situations)]
     head = DossierHead(cell=cell.strip(), author=author.strip(), revision=revision.strip())
     result = judge_by_shots(result, found)

@@ -11,6 +11,7 @@ import typer
 
 from bumpstop.arrays import finite_or_none
 from bumpstop.cli.folders import writing
+from bumpstop.cli.identification.fit_options import FIT_FILES
 from bumpstop.cli.identification.fit_verdict import exit_status, print_reading, print_verdict
 from bumpstop.errors import InputError
 
@@ -62,7 +63,8 @@ def identify_by_protocol(
     if out is not None and out.suffix != ".toml":
         typer.echo(f"report: {out / 'report.html'}")
     if out is not None:
-        typer.echo(f"model: {out if out.suffix == '.toml' else out / 'joint_model.toml'}")
+        model_file = out if out.suffix == ".toml" else out / FIT_FILES["protocol"]
+        typer.echo(f"model: {model_file}")
     return exit_status(verdict)
 
 
@@ -72,7 +74,7 @@ def _write(fit: ProtocolFit, beside: FitComparison, verdict: FitVerdict, out: Pa
         model.save(out)
         return
     with writing(out):
-        model.save(out / "joint_model.toml")
+        model.save(out / FIT_FILES["protocol"])
     from bumpstop.reproduction.schroeder2013.protocol_page import write_protocol_report
 
     write_protocol_report(fit, out, beside, verdict)

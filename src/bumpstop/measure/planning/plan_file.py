@@ -145,6 +145,7 @@ class PlanFolder:
         errors: how far shots may be off.
         seed, points: of the ensemble.
         folder: where recordings start.
+        files: that were read, and recordings that rows name.
     """
 
     shots: tuple[FilledShot, ...]
@@ -157,6 +158,7 @@ class PlanFolder:
     seed: int
     points: int
     folder: Path
+    files: tuple[Path, ...]
 
 
 def load_plan(path: Path, scenarios: Mapping[str, Scenario] | None = None) -> PlanFolder:
@@ -181,12 +183,13 @@ def load_plan(path: Path, scenarios: Mapping[str, Scenario] | None = None) -> Pl
     named: dict[str, Scenario] = {}
     devices: dict[str, str] = {}
     onsets: dict[str, float] = {}
+    files = [table, settings_file, *(folder / shot.recording for shot in shots if shot.recording)]
     for number, row in enumerate(_rows(data, settings_file), start=1):
         for key in ("name", "file", "gauge"):
             if not isinstance(row.get(key), str):
                 raise InputError(f"{settings_file}, situation {number}, {key}", "is missing", "wanted text")
-        own = given.pop(row["name"]) if row["name"] in given else load_scenario(folder / row["file"])
-        named[row["name"]] = own
+        files.append(folder / row["file"])
+        named[row["name"]] = given.pop(row["name"]) if row["name"] in given else load_scenario(files[-1])
         if row["gauge"] != "scenario":
             devices[row["name"]] = row["gauge"]
         if "contact_onset_s" in row:
@@ -212,6 +215,7 @@ def load_plan(path: Path, scenarios: Mapping[str, Scenario] | None = None) -> Pl
         seed=int(_number(data, "seed", settings_file)) if "seed" in data else 0,
         points=int(_number(data, "points", settings_file)) if "points" in data else 128,
         folder=folder,
+        files=tuple(files),
     )
 
 
