@@ -3,7 +3,6 @@
 #pragma once
 
 #include <algorithm>
-#include <numeric>
 
 #include "bumpstop/collision/contact/arm_compliance.hpp"
 #include "bumpstop/collision/contact/contact.hpp"
@@ -12,12 +11,13 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// Joint rates per unit of the speed that they give to the contact point along the normal; zero where they give none.
-/// `torque_per_N`: J' n.
-inline std::array<double, max_joints> rate_per_speed(int dof, const double* torque_per_N, const double* qd) {
+/// Joint rates per unit of the speed that they give to a point along a normal; zero where they give none.
+inline std::array<double, max_joints> rate_per_speed(const Chain& chain, const Posture<double>& posture,
+                                                     const LinkPoint& point, const Point3<double>& normal,
+                                                     const double* qd) {
     std::array<double, max_joints> found{};
-    const double speed = std::inner_product(qd, qd + dof, torque_per_N, 0.0);
-    for (int j = 0; speed > 0 && j < dof; ++j) found[std::size_t(j)] = qd[j] / speed;
+    const double speed = dot(point_velocity(chain, posture, point.link, posture.position(point), qd), normal);
+    for (int j = 0; speed > 0 && j < chain.dof; ++j) found[std::size_t(j)] = qd[j] / speed;
     return found;
 }
 
@@ -46,29 +46,13 @@ inline ElasticArm elastic_arm(const Chain& chain, const ArmCompliance& given, co
     return arm;
 }
 
-/// Joint rates per unit of speed along a normal of an arm at joint positions `q`, whose free joints have the rates
-/// `rate`.
-inline std::array<double, max_joints> rate_per_speed(const CollisionSetup& setup, const double* q, const double* rate,
-                                                     const Point3<double>& normal) {
-    JointAngles<double> angle;
-    Posture<double> posture;
-    angle.set(setup.chain, q);
-    forward_kinematics(setup.chain, q, angle, posture);
-    const LinkPoint& contact = setup.contact.point;
-    double torque_per_N[max_joints] = {}, qd[max_joints] = {};
-    for (int j = 0; j <= contact.link && j < setup.chain.dof; ++j)
-        torque_per_N[j] = dot(linear_column(setup.chain, posture, posture.position(contact), j), normal);
-    for (int f = 0; f < setup.motion.free_count; ++f) qd[setup.motion.free_joint[std::size_t(f)]] = rate[f];
-    return rate_per_speed(setup.chain.dof, torque_per_N, qd);
-}
-
 /// The arm on a line, in the pose of the first tick at which it has come as far as `distance`, or of the last tick.
 inline ElasticArm elastic_arm_on_line(const CollisionSetup& setup, const LinePath& path, double distance) {
     const MotionSettings& motion = setup.motion;
     const Timing& timing = setup.timing;
     int tick = 0;
     while (tick + 1 < path.ticks && path.at_tick(tick, timing.period) < distance) ++tick;
-    double position[max_joints], torque_per_N[max_joints] = {};
+    double position[max_joints], qd[max_joints] = {}, torque_per_N[max_joints] = {};
     std::copy_n(path.q.begin(), setup.chain.dof, position);
     std::array<double, max_joints> rate{};
     // The pose is that in which the reaction to an earlier tick begins; after a start from rest, the first that moves.
@@ -76,8 +60,16 @@ inline ElasticArm elastic_arm_on_line(const CollisionSetup& setup, const LinePat
     int early = path.last_with_reaction(std::max(earliest, tick - timing.latency / timing.period), timing);
     for (; early >= earliest && early <= last && std::ranges::all_of(rate, [](double r) { return r == 0; }); ++early) {
         const double* state = path.state_at(early, timing);
-        for (int f = 0; f < motion.free_count; ++f) position[motion.free_joint[std::size_t(f)]] = state[f];
-        rate = rate_per_speed(setup, position, state + motion.free_count, point3<double>(path.normal));
+        for (int f = 0; f < motion.free_count; ++f) {
+            const int j = motion.free_joint[std::size_t(f)];
+            position[j] = state[f];
+            qd[j] = state[motion.free_count + f];
+        }
+        JointAngles<double> angle;
+        Posture<double> posture;
+        angle.set(setup.chain, position);
+        forward_kinematics(setup.chain, position, angle, posture);
+        rate = rate_per_speed(setup.chain, posture, setup.contact.point, point3<double>(path.normal), qd);
     }
     if (tick < path.ticks) std::copy_n(&path.torque_per_N[std::size_t(tick * path.dof)], path.dof, torque_per_N);
     return elastic_arm(setup.chain, *setup.arm, position, torque_per_N, rate.data());

@@ -83,7 +83,8 @@ class ArmTrajectory {
         const Point3<double> point = posture.position(setup_.contact.point);
         for (int j = 0; j <= setup_.contact.point.link && j < setup_.chain.dof; ++j)
             torque_per_N[j] = dot(linear_column(setup_.chain, posture, point, j), normal);
-        const std::array<double, max_joints> rate = bumpstop::rate_per_speed(setup_.chain.dof, torque_per_N, state.qd);
+        const std::array<double, max_joints> rate =
+            rate_per_speed(setup_.chain, posture, setup_.contact.point, normal, state.qd);
         return ContactPropagator(
             ContactSystem(elastic_arm(setup_.chain, *setup_.arm, state.q, torque_per_N, rate.data()), contact.body),
             step());

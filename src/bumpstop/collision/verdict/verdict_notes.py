@@ -67,8 +67,8 @@ def _own_brakes_note(result: CollisionOutcome) -> list[str]:
     if not result.problem.elastic or result.scenario.reaction.stop_category != 0:
         return []
     return [
-        "With reaction.stop_category = 0 every joint brakes by itself, which moves the contact point as it should; the "
-        "gears are reckoned with as if joints kept their ratios. The force may be 13 % higher."
+        "With reaction.stop_category = 0 every joint brakes by itself. The path of the contact point knows that, the "
+        "torque of the gears does not: the force may be 13 % higher."
     ]
 
 
