@@ -158,7 +158,7 @@ function normalWarning({ problem, start }) {
 function restWarning({ problem, start, distance }) {
     const { motion, contact } = problem.scenario;
     if (motion.start !== "rest") return null;
-        // The farthest bodies but one in a thousand.
+    // The farthest bodies but one in a thousand.
     const scale = contact.offset_law === "half_normal" ? 3.29 : 1;
     const farthest = Math.min(scale * start.offset, distance.reduce((most, s) => Math.max(most, s)));
     const ahead = distance.findIndex((s) => s >= farthest * (1 - 1e-12));
@@ -166,11 +166,14 @@ function restWarning({ problem, start, distance }) {
     for (let k = 1; k <= ahead; ++k) speed = Math.max(speed, (distance[k] - distance[k - 1]) / problem.request.step);
     const share = speed / start.approach_speed;
     if (share >= DATA.numbers.full_speed) return null;
-    const gap =
-        contact.offset_law === "fixed" ? "at the distance given" : `within the gap of ${general(1e3 * farthest, 3)} mm`;
+    const fixed = contact.offset_law === "fixed";
+    const gap = fixed ? "at the distance given" : `within the gap of ${general(1e3 * farthest, 3)} mm`;
+    const remedy = fixed
+        ? "Give the largest contact.offset_mm there can be"
+        : 'Give contact.offset_law = "fixed" and contact.offset_mm';
     return (
         `From rest the arm has reached no more than ${percent(share)} of its speed when it touches, ${gap}: a body ` +
-        'farther away is hit harder. Give contact.offset_law = "fixed" and contact.offset_mm, or motion.start = "moving".'
+        `farther away is hit harder. ${remedy}, or motion.start = "moving".`
     );
 }
 

@@ -351,6 +351,24 @@ def test_the_verdict_comes_first_and_ends_with_its_status(tmp_path: Path) -> Non
     assert run("validate", tmp_path / "fine.toml", fine).out.startswith("verdict: usable\n")
 
 
+@pytest.mark.parametrize("quantity", ["tau", "current"])
+def test_a_recording_of_another_robot_is_told(quantity: str, tmp_path: Path) -> None:
+    """Twice the mass can come out as a fit that is sound in itself: its verdict says whose recording it was."""
+    robot = bs.Robot.load("ur5e")
+    log = planted(robot, 1, seconds=8.0)
+    if quantity == "current":
+        log = replace(log, tau=None, current=log.tau / 12.0)
+    replace(log, robot="ur10e").save(tmp_path / "run.parquet")
+    result = run("identify", tmp_path / "run.parquet", "--robot", "ur5e", "--out", tmp_path / "model.toml", "--json")
+    told = "the file names robot 'ur10e', and 'ur5e' is taken"
+    verdict = strict_json(result.out)["verdict"]
+    assert verdict["status"] != "usable"
+    assert any(told in warning for warning in verdict["warnings"])
+    assert told in run("validate", tmp_path / "model.toml", tmp_path / "run.parquet").out
+    log.save(tmp_path / "own.parquet")
+    assert "names robot" not in run("identify", tmp_path / "own.parquet", "--robot", "ur5e").out
+
+
 def test_a_base_that_moves_is_told(tmp_path: Path) -> None:
     """A bag with the joints below the chain says whether the base stood; what hangs beyond the tip is noted."""
     whole = bs.Robot.load("ur5e")

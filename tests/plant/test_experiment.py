@@ -127,6 +127,10 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
         short(object__0__kind="foam", object__0__limits="no_such_table"),
         "object.limits: has no meaning with 'foam'; leave it out",
     ),
+    "limits that are no table": (
+        short(object__0__kind="hand_finger", object__0__limits="no_such_table"),
+        "object.limits: no table is called 'no_such_table'",
+    ),
     "limits of a gauge": (
         short(object__0__kind="gauge_hand_finger", object__0__limits="bgia2011"),
         "object.limits: has no meaning with 'gauge_hand_finger'",

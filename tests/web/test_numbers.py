@@ -99,6 +99,10 @@ WARNINGS = {
     "untouched": ("", {"motion.duration_s": 0.02}),
     "normal": ("contact.normal lies 78.7 degrees off", {"contact.normal": [1.0, 0.0, -0.2]}),
     "rest": ("From rest the arm has reached", {"motion.start": "rest", "contact.offset_sd_s": 0.001}),
+    "rest_at_a_distance": (
+        "Give the largest contact.offset_mm there can be",
+        {"motion.start": "rest", "contact.offset_law": "fixed", "contact.offset_mm": 0.2},
+    ),
     "steps": (
         "Simulation steps are coarse",
         {"simulation.step_s": 0.02, "simulation.substeps": 1, "detector.feedback_period_s": 0.02},

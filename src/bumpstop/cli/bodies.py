@@ -34,15 +34,10 @@ def bodies(
     from rich.table import Table
 
     from bumpstop.contact import LimitTable, builtin_tables
-    from bumpstop.errors import InputError
 
     console = Console(highlight=False, markup=False)
     for name in [limits] if limits is not None else builtin_tables():
-        try:
-            table = LimitTable.load(name)
-        except InputError as error:
-            field = "--limits" if error.field == "contact.limits" else error.field
-            raise InputError(field, error.problem, error.valid) from None
+        table = LimitTable.load(name, field="--limits")
         rows = Table(box=None, pad_edge=False, title=f"{table.name}: {table.title}", title_justify="left")
         for heading in ("body", "clamped N", "N/cm²", "free N", "N/cm²", "N/mm", "kg", "status"):
             rows.add_column(heading, justify="left" if heading in ("body", "status") else "right")

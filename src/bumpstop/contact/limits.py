@@ -73,7 +73,11 @@ class LimitTable:
 
     @classmethod
     def load(
-        cls, name_or_path: str | os.PathLike[str], relative_to: str | os.PathLike[str] | None = None
+        cls,
+        name_or_path: str | os.PathLike[str],
+        relative_to: str | os.PathLike[str] | None = None,
+        *,
+        field: str = "contact.limits",
     ) -> LimitTable:
         """Load a built-in table by name, or a user's table from a TOML file.
 
@@ -82,6 +86,7 @@ class LimitTable:
                 or contains a separator.
             relative_to: folder that a relative path starts from, usually the scenario's; default: the current
                 folder.
+            field: what the user calls the table, for messages.
 
         Raises:
             InputError: an unknown name; a form that is still empty; an absent or unreadable file; damaged TOML;
@@ -95,22 +100,22 @@ class LimitTable:
                 return _load_builtin(name_or_path)
             if name_or_path in _FORMS:
                 raise InputError(
-                    "contact.limits",
+                    field,
                     f"{name_or_path!r} is an empty form without figures",
                     "write it with bumpstop bodies --form FILE, fill it in from a bought copy and give its path",
                 )
             if not (name_or_path.endswith(".toml") or "/" in name_or_path or os.sep in name_or_path):
                 raise InputError(
-                    "contact.limits",
+                    field,
                     f"no table is called {name_or_path!r}",
                     f"a built-in name or a path ending in .toml; {near_matches(name_or_path, _BUILTIN)}",
                 )
         from bumpstop.contact.table_file import read_table
         from bumpstop.text_files import as_path, read_text
 
-        path = as_path(relative_to or ".", "relative_to") / as_path(name_or_path, "contact.limits")
+        path = as_path(relative_to or ".", "relative_to") / as_path(name_or_path, field)
         wanted = f"wanted a limit table (TOML), or one of {', '.join(_BUILTIN)}"
-        table = read_table(read_text(path, wanted, field="contact.limits"), str(path), cls)
+        table = read_table(read_text(path, wanted, field=field), str(path), cls)
         if table.name in _BUILTIN:
             # A changed copy under the old name would pass for the original in every report.
             raise InputError(

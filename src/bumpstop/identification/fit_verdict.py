@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
     from bumpstop.joint import JointTorqueModel
+    from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
 USABLE, WITH_WARNINGS, NOT_USABLE = "usable", "usable with warnings", "not usable"
@@ -93,3 +94,14 @@ def reading_faults(recordings: Sequence[Recording]) -> list[str]:
             faults.append(f"the base is taken to stand still, and is moved by {moving}")
         found += [f"{log.source}: {fault}" if log.source else fault for fault in faults]
     return found
+
+
+def reading_warnings(recordings: Sequence[Recording], robot: Robot | None) -> list[str]:
+    """What recordings say of themselves that limits a fit, with their names."""
+    taken = "the model's robot" if robot is None else repr(robot.name)
+    return [
+        f"{log.source + ': ' if log.source else ''}the file names robot {log.report.other_robot!r}, and {taken} is "
+        "taken: their lengths and masses differ"
+        for log in recordings
+        if log.report.other_robot
+    ]

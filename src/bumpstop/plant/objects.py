@@ -299,7 +299,7 @@ def quoted(name: str) -> str:
 def _of_body(body: str, limits: str, kinds: tuple[str, ...]) -> tuple[float, str, str]:
     from bumpstop.contact import LimitTable
 
-    table = LimitTable.load(limits)
+    table = LimitTable.load(limits, field="object.limits")
     try:
         found = table.contact_limits(body, "clamped")
     except InputError:

@@ -20,6 +20,7 @@ class ReadReport:
         base_motion: from when to when joints moved that carry the base of the robot [s], by their names.
         repaired: rows whose angles were turned back by whole turns.
         other_joints: messages of a bag's topic that have other joints, and are left out.
+        other_robot: the robot that the file names, where it was read as one of another.
         numbered: what the row numbers count: ``"line"`` of a text file, ``"row"`` or ``"message"``, from 1.
     """
 
@@ -32,6 +33,7 @@ class ReadReport:
     base_motion: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     repaired: int = 0
     other_joints: int = 0
+    other_robot: str = ""
     numbered: str = "row"
 
     @property

@@ -32,6 +32,10 @@ SAID: list[tuple[dict[str, Any], str]] = [
         "contact.normal lies 78.7 degrees off the motion: the body is approached at 19.6 %",
     ),
     ({"motion__start": "rest", "contact__offset_law": "uniform"}, "From rest the arm has reached no more than 5"),
+    (
+        {"motion__start": "rest", "contact__offset_law": "fixed", "contact__offset_mm": 0.2},
+        "Give the largest contact.offset_mm there can be",
+    ),
     ({"simulation__step_s": 0.004, "simulation__substeps": 1}, "Simulation steps are coarse"),
     ({"contact__point_m": [0.0, 0.0, 50.0]}, "contact.point_m lies 50 m from tool0"),
     (

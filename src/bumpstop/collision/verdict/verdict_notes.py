@@ -179,10 +179,12 @@ def _rest_note(result: CollisionOutcome) -> list[str]:
     share = speed / problem.approach_speed
     if share >= _FULL_SPEED:
         return []
-    contact = result.scenario.contact
-    gap = "at the distance given" if contact.offset_law == "fixed" else f"within the gap of {1e3 * farthest:.3g} mm"
+    if result.scenario.contact.offset_law == "fixed":
+        gap, remedy = "at the distance given", "Give the largest contact.offset_mm there can be"
+    else:
+        gap = f"within the gap of {1e3 * farthest:.3g} mm"
+        remedy = 'Give contact.offset_law = "fixed" and contact.offset_mm'
     return [
         f"From rest the arm has reached no more than {percent(share)} of its speed when it touches, {gap}: a body "
-        'farther away is hit harder. Give contact.offset_law = "fixed" and contact.offset_mm, or '
-        'motion.start = "moving".'
+        f'farther away is hit harder. {remedy}, or motion.start = "moving".'
     ]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.identification.drive.observability import OPPOSITE_SIGN
-from bumpstop.identification.fit_verdict import FitVerdict, fit_faults, named, reading_faults
+from bumpstop.identification.fit_verdict import FitVerdict, fit_faults, named, reading_faults, reading_warnings
 from bumpstop.identification.segments.current_shift import tell_shifts
 from bumpstop.identification.segments.recorded_columns import doubtful_columns
 
@@ -38,7 +38,7 @@ def judge_joint_model(fit: JointModelFit, recordings: Sequence[Recording]) -> Fi
         recordings: that it was fitted to.
     """
     faults = reading_faults(recordings)
-    warnings: list[str] = []
+    warnings = reading_warnings(recordings, fit.robot)
     opposite = [joint.name for joint in fit.joints if joint.unobservable.get("B") == OPPOSITE_SIGN]
     if opposite:
         faults.append(
@@ -111,7 +111,7 @@ def judge_currents(
         robot: that moved, for a shift in time between its motion and the currents; None: none is looked for.
     """
     faults = reading_faults(recordings)
-    warnings = fit_faults(found.model)
+    warnings = [*fit_faults(found.model), *reading_warnings(recordings, robot)]
     scores = [score for score in found.current_scores() if not score.free_gain]
     if not scores:
         faults.append("the model knows the gain of no joint")
@@ -145,7 +145,7 @@ def judge_payload(found: PayloadFit, recording: Recording, robot: Robot) -> FitV
         robot: that carried it.
     """
     faults = [*fit_faults(found.source.dynamics or found.source.model), *reading_faults([recording])]
-    warnings: list[str] = []
+    warnings = reading_warnings([recording], robot)
     mass, error = found.parameters["m"].value, found.standard_errors["m"]
     if mass is None:
         fault = "the motion does not show the payload's mass"

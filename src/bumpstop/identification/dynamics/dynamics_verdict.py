@@ -11,7 +11,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.identification.dynamics.coulomb_sign import coulomb_signs
 from bumpstop.identification.dynamics.regressor_columns import regressor_columns
-from bumpstop.identification.fit_verdict import FitVerdict, fit_faults, named, reading_faults
+from bumpstop.identification.fit_verdict import FitVerdict, fit_faults, named, reading_faults, reading_warnings
 from bumpstop.identification.segments.current_shift import tell_shifts
 from bumpstop.identification.segments.motion import UniformMotion
 from bumpstop.identification.segments.recorded_columns import doubtful_columns
@@ -53,7 +53,7 @@ def judge_dynamics(fit: DynamicsFit, recordings: Sequence[Recording]) -> FitVerd
         recordings: that it was fitted to.
     """
     faults = reading_faults(recordings)
-    warnings: list[str] = []
+    warnings = reading_warnings(recordings, fit.model.robot)
     names = [joint.name for joint in fit.model.robot.joints]
     moving = [name not in fit.still for name in names]
     if fit.condition is not None and fit.condition > _ILL_CONDITIONED:
@@ -98,8 +98,7 @@ def judge_predictions(
         recordings: the same, for what reading them found; may be left out.
     """
     faults = reading_faults(recordings)
-    warnings: list[str] = []
-    warnings += fit_faults(fit.model)
+    warnings = [*fit_faults(fit.model), *reading_warnings(recordings, fit.model.robot)]
     for score in scores:
         if score.rests:
             warnings.append(f"{score.name} rests: its torque is not judged")

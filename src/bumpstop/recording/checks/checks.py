@@ -23,6 +23,7 @@ from bumpstop.recording.checks.units import (
 )
 from bumpstop.recording.formats.table import RawRecording
 from bumpstop.recording.read_report import ReadReport
+from bumpstop.text_files import other_robot
 
 _LATEST = 1e12  # [s]; no clock of a controller counts so far
 _LISTED = 20
@@ -114,6 +115,7 @@ def checked(
         base_motion=raw.base_motion,
         repaired=repaired,
         other_joints=raw.other_joints,
+        other_robot=raw.robot if robot is not None and other_robot(raw.robot, robot.name) else "",
     )
     return kept, report
 
