@@ -74,11 +74,16 @@ struct SurvivingNoiseDensity {
 
 namespace detail {
 
-/// exp(x) for |x| up to `CorrelatedNoise::max_shift`.
+/// Multiplies values at the nodes, which are symmetric about zero, by exp(slope node); |slope| up to
+/// `CorrelatedNoise::max_shift`.
 template <class T>
-T exp_either(T x) {
-    const T below = exp_minus(abs(x), T(0.0));
-    return select(x > T(0.0), 1.0 / below, below);
+void multiply_by_exponential(const CorrelatedNoise& noise, T slope, T* value) {
+    const auto rises = slope > T(0.0);
+    for (int low = 0, high = noise.size() - 1; low < high; ++low, --high) {
+        const T below = exp_minus(T(abs(slope) * noise.node[high]), T(0.0)), above = 1.0 / below;
+        value[low] *= select(rises, below, above);
+        value[high] *= select(rises, above, below);
+    }
 }
 
 /// The density at the nodes after a tick, where their range keeps its width. With the shift d of the range relative to
@@ -87,8 +92,8 @@ T exp_either(T x) {
 template <class T>
 void propagate_same_width(const CorrelatedNoise& noise, T shift, T* mass, std::vector<T>& value) {
     const int n = noise.size();
-    const T scaled = shift * noise.half_in_innovations(), constant = 0.5 * shift * shift;
-    for (int l = 0; l < n; ++l) mass[l] *= exp_either(T(scaled * (noise.correlation * noise.node[l])));
+    const T slope = shift * noise.half_in_innovations();
+    multiply_by_exponential(noise, T(noise.correlation * slope), mass);
     for (int i = 0; i < n; ++i) {
         const double* row = &noise.kernel[std::size_t(i) * n];
         T sum[4] = {T(0.0), T(0.0), T(0.0), T(0.0)};
@@ -98,9 +103,11 @@ void propagate_same_width(const CorrelatedNoise& noise, T shift, T* mass, std::v
             for (int k = 0; k < 4; ++k) sum[k] += mass[l + k] * row[l + k];
         }
         for (; l < n; ++l) sum[0] += mass[l] * row[l];
-        const T all = (sum[0] + sum[1]) + (sum[2] + sum[3]);
-        value[i] = all * exp_either(T(-(scaled * noise.node[i]) - constant));
+        value[i] = (sum[0] + sum[1]) + (sum[2] + sum[3]);
     }
+    multiply_by_exponential(noise, T(-slope), value.data());
+    const T constant = exp_minus(T(0.5 * shift * shift), T(0.0));
+    for (int i = 0; i < n; ++i) value[i] *= constant;
 }
 
 }  // namespace detail

@@ -286,17 +286,25 @@ void each_piece(const PiecewiseDensity& density, const LinearQuantity& quantity,
 inline void summarise(const PiecewiseDensity& density, LinearQuantity& quantity) {
     quantity.total = quantity.max_reach = 0;
     quantity.sorted.assign(density.panel.size(), 1);
-    for (std::size_t p = 0; p < density.panel.size(); ++p) {
-        const PiecewiseDensity::Panel& panel = density.panel[p];
-        if (!quantity.of_detected || !(panel.mass > 0)) continue;
-        const double *first = &quantity.reach[std::size_t(panel.first_tick)], *end = first + panel.slots;
-        quantity.sorted[p] = std::is_sorted(first, end);
-        quantity.max_reach = std::max(quantity.max_reach, *std::max_element(first, end) - quantity.low_of(density, p));
-    }
-    detail::each_piece(density, quantity, [&](const double*, double, double mass, double reach, double low, double) {
+    const auto include = [&](double mass, double reach, double low) {
         quantity.total += mass;
         if (mass > 0) quantity.max_reach = std::max(quantity.max_reach, reach - low);
-    });
+    };
+    for (std::size_t p = 0; p < density.panel.size(); ++p) {
+        const PiecewiseDensity::Panel& panel = density.panel[p];
+        const double low = quantity.low_of(density, p);
+        if (quantity.of_detected && panel.mass > 0) {
+            const double *first = &quantity.reach[std::size_t(panel.first_tick)], *end = first + panel.slots;
+            quantity.sorted[p] = std::is_sorted(first, end);
+            include(panel.mass, *std::max_element(first, end), low);
+        }
+        if (quantity.of_end && !density.end_series.empty())
+            include(2 * *density.end_series_of(p), quantity.end_reach, low);
+        for (int i = panel.first_alarm; quantity.of_alarms && i < panel.end_alarm; ++i) {
+            const PreContactAlarm& alarm = density.alarm[std::size_t(i)];
+            include(2 * alarm.chance * *density.offset_series_of(p), alarm.reach, low);
+        }
+    }
 }
 
 /// Fills moments and `above_zero` of a quantity that is summarised.
