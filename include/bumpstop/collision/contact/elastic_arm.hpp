@@ -58,7 +58,8 @@ inline ElasticArm elastic_arm_on_line(const CollisionSetup& setup, const LinePat
     // The pose is that in which the reaction to an earlier tick begins; after a start from rest, the first that moves.
     const int earliest = -LinePath::early_ticks(timing), last = path.last_with_reaction(path.ticks, timing);
     int early = path.last_with_reaction(std::max(earliest, tick - timing.latency / timing.period), timing);
-    for (; early >= earliest && early <= last && std::ranges::all_of(rate, [](double r) { return r == 0; }); ++early) {
+    for (; early >= earliest && early <= last && std::all_of(rate.begin(), rate.end(), [](double r) { return r == 0; });
+         ++early) {
         const double* state = path.state_at(early, timing);
         for (int f = 0; f < motion.free_count; ++f) {
             const int j = motion.free_joint[std::size_t(f)];
