@@ -88,7 +88,8 @@ lint: $(VENV)/.linted
 	$(BIN)/mypy -p bumpstop
 	@if command -v clang-format >/dev/null; then clang-format --dry-run --Werror $$(git ls-files '*.hpp' '*.cpp'); \
 	else echo "clang-format is not installed: C++ layout not checked"; fi
-	@for compiler in c++ clang++; do if command -v $$compiler >/dev/null; then \
+	@for compiler in c++ clang++ "clang++ -stdlib=libc++"; do \
+	if echo '#include <vector>' | $$compiler -std=c++20 -fsyntax-only -x c++ - 2>/dev/null; then \
 	for flags in "" $(WIDER); do \
 	$$compiler -std=c++20 -fsyntax-only -Wall -Wextra -Werror -Wno-psabi $$flags -Iinclude -Itests tests/collision/kernels.cpp tests/model/dynamics/dynamics.cpp \
 	tests/signal/causal_derivative.cpp tests/signal/zero_phase.cpp tests/joint/joint_torque.cpp || exit 1; done; \
