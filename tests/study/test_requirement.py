@@ -35,6 +35,18 @@ def test_value_meets_the_risk_and_two_percent_more_does_not(vary: str) -> None:
     assert over(case, vary, worse if step is None else found.value + step) > found.risk
 
 
+def test_accelerations_by_joint_stay_in_proportion() -> None:
+    """As wherever else a list is varied: the answer was of an arm whose joints are all as slow as the slowest."""
+    by_joint = [20.0, 20.0, 20.0, 10.0, 20.0, 8.0]
+    vary = "reaction.joint_acceleration_rad_s2"
+    case = scenario(**{vary: by_joint})
+    found = solve_requirement(case, vary)
+    assert found.value is not None
+    verdict = bs.evaluate(case.with_values({vary: [a * found.value / 8.0 for a in by_joint]})).verdict
+    assert max(verdict.p_over_force, verdict.p_over_pressure or 0.0) == pytest.approx(found.risk_at_value, rel=1e-6)
+    assert over(case, vary, found.value / BEYOND) > found.risk
+
+
 @pytest.mark.parametrize("offset", [None, 3.0, 11.0])
 def test_agrees_with_trying_every_value(offset: float | None) -> None:
     fixed = {} if offset is None else {"contact.offset_law": "fixed", "contact.offset_mm": offset}
@@ -152,9 +164,6 @@ def test_points_of_a_trade_curve_are_on_the_edge(case: bs.Scenario, vary: str, a
         there = second.variable.apply(case, row["against"]["value"])
 
         def risk(value: float, there: bs.Scenario = there) -> float:
-            # Braking is that of all joints alike.
-            if vary == "reaction.joint_acceleration_rad_s2":
-                there = there.with_values({vary: 1.0})
             slower = max(1.0, Variable(vary).value(there) / value) if vary == "motion.speed" else 1.0
             return over(there.with_values({"motion.duration_s": 5.0 * slower}), vary, value)
 

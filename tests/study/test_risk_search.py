@@ -146,6 +146,100 @@ def test_values_close_below_a_crossing_are_met_where_the_risk_jumps(high: float)
         assert over(case, "contact.padding", found.value * math.exp(-step)) <= found.risk
 
 
+def _at_a_distance(robot: str, pose: list[float], velocity: list[float], mm: float, **keys: Any) -> bs.Scenario:
+    text: dict[str, Any] = {"robot": robot, "pose_deg": pose, "motion": {"velocity_mm_s": velocity}}
+    if robot == "sia5d":
+        text["motion"]["held_joints"] = [7]
+    contact, detector, reaction = keys["contact"], keys["detector"], keys["reaction"]
+    return bs.Scenario.from_dict({
+        **text,
+        "contact": {**contact, "offset_law": "fixed", "offset_mm": mm},
+        "detector": detector,
+        "reaction": reaction,
+        "verdict": {"accepted_probability": 1e-6},
+    })  # fmt: skip
+
+
+# A failure far above the edge, whose neighbourhood reaches down to an earlier failure but not below that one; and, in
+# the last, a search that began between two whole steps and did not end.
+_CREST_BELOW_CREST = {
+    "feedback_period": _at_a_distance(
+        "sia5d", [-13.19, 42.51, 12.31, -11.99, -7.41, -29.43, 9.58], [2.06, 76.33, -37.38], 20.0,
+        contact={"body": "hand_finger", "area_cm2": 2.76594154281951},
+        detector={
+            "thresholds_Nm": [9.51, 25.18, 8.06, 29.7, 27.74, 29.72, 25.28],
+            "noise_sd_Nm": [1.21, 3.2, 1.03, 3.78, 3.53, 3.78, 3.22], "feedback_period_s": 0.004,
+        },
+        reaction={"kind": "stop", "joint_acceleration_rad_s2": 25.80316506132681},
+    ),
+    "speed": _at_a_distance(
+        "ur3e", [-13.99, -104.02, 92.05, -84.83, -80.29, -11.03], [-86.65, -7.72, -155.66], 20.0,
+        contact={"body": "lower_arm_wrist", "area_cm2": 4.673457446716328, "limits": "ts15066"},
+        detector={
+            "thresholds_Nm": [11.35, 21.15, 24.15, 9.1, 12.31, 12.11],
+            "noise_sd_Nm": [1.66, 3.1, 3.54, 1.33, 1.8, 1.77], "feedback_period_s": 0.002,
+        },
+        reaction={"kind": "stop", "joint_acceleration_rad_s2": 7.161345151023133, "latency_s": 0.004},
+    ),
+    "steps": _at_a_distance(
+        "sia5d", [-1.31, 19.76, 9.86, -21.13, 5.72, -51.86, 11.68], [116.14, 12.34, 37.81], 1.0,
+        contact={"body": "lower_arm_wrist", "area_cm2": 4.463841175813476, "limits": "ts15066"},
+        detector={
+            "thresholds_Nm": [20.48, 17.32, 25.81, 8.3, 23.03, 26.61, 10.29],
+            "noise_sd_Nm": [2.1, 1.77, 2.64, 0.85, 2.36, 2.73, 1.05], "feedback_period_s": 0.008,
+        },
+        reaction={"kind": "reverse", "joint_acceleration_rad_s2": 23.471396641749077, "latency_s": 0.01},
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", _CREST_BELOW_CREST)
+def test_crests_below_an_earlier_failure_are_looked_at(name: str) -> None:
+    case = _CREST_BELOW_CREST[name]
+    vary = "motion.speed" if name == "speed" else "detector.feedback_period_s"
+    found = solve_requirement(case, vary)
+    assert found.value is not None
+    if name == "speed":
+        tried = [float(value) for value in np.geomspace(0.9 * found.value, found.value, 60)]
+    else:
+        tried = [1e-3 * step for step in range(1, round(1e3 * found.value) + 1)]
+    assert max(over(case, vary, value) for value in tried) <= 1e-6
+    beyond = [found.value * (1 + 2e-4 * i) for i in range(1, 20)] if name == "speed" else [found.value + 1e-3]
+    assert max(over(case, vary, value) for value in beyond) > 1e-6
+
+
+def test_an_answer_has_four_digits_beside_a_risk_that_dips() -> None:
+    """The first value of four digits below the crossing exceeds what is accepted once more."""
+    case = bs.Scenario.from_dict({
+        "robot": "iiwa14",
+        "pose_rad": [
+            -0.21867654080949395, 0.6648316441248183, 1.8302624689534364, 0.6009121850260266, 2.559147955088388,
+            -0.6241716831004931, -0.7546210345955724,
+        ],
+        "motion": {"velocity_mm_s": [-24.926094038106225, -137.00007289280478, 106.00057962110493],
+                   "held_joints": [3]},
+        "contact": {"body": "chest", "limits": "ts15066", "area_cm2": 3.533330516984194},
+        "detector": {
+            "thresholds_Nm": [
+                29.716383342774108, 8.013605776201091, 17.651009738227756, 16.24114537992149, 15.881011250691856,
+                9.056916755827187, 26.919525423092324,
+            ],
+            "noise_sd_Nm": [
+                3.6094045061393207, 0.9733467382422096, 2.1439228775651142, 1.9726782577465571, 1.928935729126496,
+                1.1000691360431096, 3.269693193968972,
+            ],
+            "feedback_period_s": 0.002,
+        },
+        "reaction": {"kind": "reverse", "joint_acceleration_rad_s2": 7.253721042974778, "latency_s": 0.02,
+                     "dead_time_s": 0.04901105135996651},
+        "verdict": {"accepted_probability": 1e-06},
+    })  # fmt: skip
+    found = solve_requirement(case, "contact.padding")
+    assert found.value is not None
+    assert found.value == float(f"{found.value:.4g}")
+    assert over(case, "contact.padding", found.value) <= 1e-6
+
+
 class Step:
     """A risk that passes what is accepted at one value, and none beside it."""
 

@@ -215,3 +215,20 @@ def test_the_use_of_the_limits_agrees_with_what_is_over(scenario: bs.Scenario) -
     assert over > 0.05
     for accepted in (0.001, 0.5 * over, 0.98 * over, 1.02 * over, 2 * over, 0.5):
         assert (over > accepted) == (use.utilisation(accepted) > 1), accepted
+
+
+def test_a_line_that_ends_in_its_first_step() -> None:
+    """The reaction to the first tick begins before there is any path: its contacts had no greatest distance."""
+    result = bs.evaluate(
+        bs.Scenario.from_dict({
+            "robot": "panda",
+            "pose_rad": [-1.93, 0.8458, -0.5388, -0.06981, -0.1156, 0.5557, 0.924],
+            "motion": {"velocity_mm_s": [-165, 237, 10], "damping": 0.01},
+            "contact": {"body": "thigh_knee", "limits": "ts15066"},
+            "detector": {"thresholds_Nm": [30, 30, 30, 30, 30, 30, 30], "noise_sd_Nm": 4},
+            "reaction": {"joint_acceleration_rad_s2": 10, "latency_s": 0.004},
+            "verdict": {"clamped_limit": "two_phase"},
+        })
+    )  # fmt: skip
+    assert result.curve.ticks <= 1
+    assert not result.verdict.acceptable

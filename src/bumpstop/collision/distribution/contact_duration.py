@@ -61,7 +61,7 @@ class ReleaseTimes:
 
     def max_distance(self, tick: int) -> float:
         """Greatest distance [m] of the case that is detected at a tick."""
-        return float(max(self._path[tick].max(), self._distance[: self._begin[tick]].max()))
+        return float(max(self._path[tick].max(), self._distance[: self._begin[tick]].max(initial=-np.inf)))
 
     def left_in_contact(self, tick: int, offset: FloatArray) -> np.ndarray:
         """Whether the arm still presses a body at each offset where its reaction is followed no farther."""

@@ -179,7 +179,7 @@ class VariedRisk:
             new = replace(problem, period_steps=round(value / problem.scenario.simulation.step_s))
             keep = (*keep, "start", "approach_speed")
         else:
-            new = replace(problem, joint_acceleration=np.full_like(problem.joint_acceleration, value))
+            new = replace(problem, joint_acceleration=problem.joint_acceleration * (value / self._given))
             keep = (*keep, "start", "approach_speed", "detector")
         for attribute in keep:
             if attribute not in problem.__dict__:

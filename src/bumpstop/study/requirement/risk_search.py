@@ -26,6 +26,8 @@ _SMALL = 1e-9
 _BESIDE = (0.03, 0.024, 0.018, 0.012, 0.006)
 # Of a risk that has a sampling ripple so many values are looked at, at most.
 _MAX_RIPPLE_VALUES = 600
+# Steps of the fourth digit that an answer is rounded by, at most.
+_MAX_ROUNDINGS = 20
 # How closely a crest's peak is found, in the logarithm.
 _PEAK = 3e-4
 # Of the accepted risk: no crest is so high that a value with less is beside one that fails.
@@ -129,15 +131,18 @@ class RiskSearch:
         last_ticks_decide = self.quantum is not None and self.risk(last).undetected > _SOME_RISK * self.accepted
         if not (last_ticks_decide or has_ripple(self.scenario)):
             return met, fails
-        while True:
+        for _ in range(_MAX_RIPPLE_VALUES):
             candidates = self._with_peaks(self._on_crests(last))
             first = next((i for i, candidate in enumerate(candidates) if not self._met(candidate)), None)
             if first is None:
-                return met, fails
+                break
             if first:
-                return candidates[first - 1], candidates[first]
-            # A failure so far down has crests of its own below it.
-            last = candidates[0]
+                met, fails = candidates[first - 1], candidates[first]
+            if candidates[first] == last:
+                break
+            # A failure farther down has crests of its own below it.
+            last = candidates[first]
+        return met, fails
 
     def _on_crests(self, last: float) -> list[float]:
         """Values close enough together for the crests below one, from the most conservative to itself."""
@@ -182,6 +187,8 @@ class RiskSearch:
     def _ripple(self, last: float) -> tuple[float, float]:
         """Where a sampling ripple may first pass the limit, and how far apart in the logarithm its points must be."""
         problem, name = self.risks.problem, self.variable.name
+        if self.quantum is not None and abs(last - self.most_conservative) <= _MAX_RIPPLE_VALUES * self.quantum:
+            return self.most_conservative, 1.0  # each step is looked at
         hardness = self._hardness(last)
         own = self._hardness(self.variable.value(self.scenario)) if name != "contact.padding" else problem.stiffness
         scale = hardness / own
@@ -245,6 +252,11 @@ class RiskSearch:
             return value
         unit = 10.0 ** (math.floor(math.log10(value)) - 3)
         steps = math.floor(value / unit) if self.upward else math.ceil(value / unit)
-        short = float(f"{steps * unit:.4g}")
-        inside = short >= self.most_conservative if self.upward else short <= self.most_conservative
-        return short if inside and self._met(short) else value
+        # A risk that dips may exceed what is accepted once more at the first of them.
+        for away in range(_MAX_ROUNDINGS):
+            short = float(f"{(steps - away if self.upward else steps + away) * unit:.4g}")
+            if (short < self.most_conservative) == self.upward and short != self.most_conservative:
+                break
+            if self._met(short):
+                return short
+        return value
