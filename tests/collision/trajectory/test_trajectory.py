@@ -103,6 +103,38 @@ def test_stopping_distance(speed: float, tmp_path: Path) -> None:
         assert travelled == pytest.approx(speed**2 / (2 * 2.0) - speed * 0.2e-3 / 2, abs=2e-6 * speed)
 
 
+@pytest.mark.parametrize("law", ["constant_time", "ramp"])
+def test_a_motion_that_brakes_by_itself_is_not_stopped_sooner(law: str, tmp_path: Path) -> None:
+    """What a law says of the rates holds on a path that slows down, too: its own braking does not come on top."""
+    gantry(tmp_path)
+    cruise, own = 0.4, 0.8  # m/s, m/s2
+    t = np.arange(0.0, 1.5001, 0.005)
+    speed = np.minimum(np.minimum(own * t, cruise), own * (1.5 - t))
+    way = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(t))])
+    write_csv(tmp_path / "path.csv", t, way[:, None] * [0, 0, -1.0], speed[:, None] * [0, 0, -1.0])
+    more = {"stopping_time_s": 0.3} if law == "constant_time" else {"ramp_time_s": 0.2}
+    reaction = {"kind": "stop", "joint_acceleration_rad_s2": 2.0, "deceleration": law, **more}
+    kernel = trajectory_kernel(
+        bs.CollisionProblem.from_scenario(scenario(tmp_path, trajectory_motion(), reaction=reaction))
+    )
+    fine = np.linspace(0.0, 1.0, 200_001)
+    for k in (40, 150, 200, 260, 270, 290, 300, 350):
+        u = kernel.reaction(k)
+        v = float(np.interp(u[0], t, speed))
+        if law == "constant_time":
+            rate = v * (1 - fine / 0.3)
+        else:
+            brakes = np.maximum(own if u[0] > 1.0 else 0.0, 2.0 * np.minimum(1.0, fine / 0.2))
+            rate = v - np.concatenate([[0.0], np.cumsum((brakes[1:] + brakes[:-1]) / 2 * np.diff(fine))])
+        left = float(way[-1] - np.interp(u[0], t, way))  # of the path
+        stop = min(float(np.trapezoid(np.maximum(rate, 0.0), fine)), left)
+        travelled = left - float(way[-1] - np.interp(u[-1], t, way))
+        if law == "constant_time" and u[0] < 0.5:
+            assert travelled > 1.1 * stop, "the motion speeds up"
+        elif u[-1] < 1.0 or u[0] > 1.0:
+            assert travelled == pytest.approx(stop, abs=2e-4)
+
+
 def test_contact_before_the_end(tmp_path: Path) -> None:
     """An arm that stops by itself needs no reaction to; the force is that of the rest of its way."""
     gantry(tmp_path)

@@ -2,6 +2,8 @@
 /// Motions given as joint trajectories, along whose path a reaction slows down. Contact may begin at any time.
 #pragma once
 
+#include <utility>
+
 #include "bumpstop/collision/contact/contact_paths.hpp"
 #include "bumpstop/collision/contact/elastic_arm.hpp"
 #include "bumpstop/collision/distribution/survival_criterion.hpp"
@@ -258,11 +260,26 @@ class ArmTrajectory {
         bool forward = true;
         spline_.at(u, state.q, state.qd, second);
         const BrakeProfile profile = brake_profile(setup_.chain, motion, state.q, state.qd, reverses);
-        // A law with stopping times gives the deceleration along the path; otherwise the joints' limits do.
         const bool timed =
-            !deceleration.constant() && deceleration.law != DecelerationLaw::ramp && profile.stop_time > 0;
-        const double slowdown = timed ? 1 / profile.stop_time : 0;                  // of v [1/s]
+            deceleration.law == DecelerationLaw::constant_time || deceleration.law == DecelerationLaw::table;
         const double slowing = timed ? profile.stop_time / motion.substep() : 0.0;  // sub-steps
+        // The hardest deceleration of v within the limits of a sub-step.
+        auto hardest = [&](double substep) {
+            double limit[max_joints], acceleration_overload = 1;
+            for (int j = 0; j < dof(); ++j) limit[j] = motion.acceleration_limit[j] * profile.of(j, substep);
+            const double w = max_deceleration(dof(), state.qd, second, limit, v, acceleration_overload);
+            if (profile.of(0, substep) >= 1)
+                acceleration_overload_ = std::max(acceleration_overload_, acceleration_overload);
+            return w;
+        };
+        // Time that the slowest joint needs to stop at its limit, from the rates of the motion a time `ahead` of u.
+        auto limit_time = [&](double ahead) {
+            double most = 0;
+            for (int j = 0; j < dof(); ++j)
+                most = std::max(most, std::fabs(state.qd[j] + second[j] * ahead) / motion.acceleration_limit[j]);
+            return most;
+        };
+        const double at_begin = limit_time(0);
         for (int i = 0;; ++i) {
             allow_interruption();
             reaction.u.push_back(u);
@@ -275,19 +292,21 @@ class ArmTrajectory {
             }
             if (v == target || i >= longest_) return reaction;
             forward = v > 0;
-            const double substep = double(i) * motion.substeps;
-            double at_limits = 0;
-            if (substep + motion.substeps > slowing) {
-                double acceleration_overload = 1;
-                at_limits = max_deceleration(dof(), state.qd, second, motion.acceleration_limit.data(), v,
-                                             acceleration_overload);
-                acceleration_overload_ = std::max(acceleration_overload_, acceleration_overload);
-            }
+            // In the time given v falls linearly to zero. Where the motion brakes by itself v is the greater by as much, so
+            // that it is the rates that fall linearly.
+            const double here = timed ? limit_time(0.5 * v * step()) : 0.0,
+                         braked = here > 0 ? std::max(1.0, at_begin / here) : 1.0;
+            double w = 0, share = -1;
             for (int sub = 0; sub < motion.substeps; ++sub) {
-                const double w = substep + sub < slowing ? -slowdown  // dv/dt
-                                 : timed                 ? at_limits
-                                                         : at_limits * profile.of(0, substep + sub);
-                v = std::max(target, v + motion.substep() * w);
+                const double done = double(i) * motion.substeps + sub;
+                if (done < slowing) {
+                    v = std::min(v, braked * (1 - (done + 1) / slowing));
+                } else {
+                    const double share_before = std::exchange(share, profile.of(0, done));
+                    if (share != share_before) w = hardest(done);
+                    v += motion.substep() * w;
+                }
+                v = std::max(target, v);
                 u = std::clamp(u + motion.substep() * v, 0.0, end);
             }
         }
