@@ -55,6 +55,18 @@ def test_the_command_passes_what_holds_with_the_inputs_at_their_ends() -> None:
     assert "uncertainty" not in json.loads(known.out)
 
 
+def test_a_value_that_its_own_distribution_leaves_out_is_not_passed(tmp_path: Path) -> None:
+    text = Path("examples/01_hand_downward.toml").read_text(encoding="utf-8")
+    speed = bs.load_scenario("examples/01_hand_downward.toml").motion.velocity_mm_s[2]
+    form = f'{{ distribution = "normal", mean = {-speed}, sd = 0.5 }}'
+    (tmp_path / "cell.toml").write_text(f'{text}\n[uncertainty]\n"motion.speed_mm_s" = {form}\n', encoding="utf-8")
+    done = command("require", tmp_path / "cell.toml", "--vary", "motion.speed")
+    assert done.status == 4
+    assert done.out.startswith("motion.speed: at most")
+    assert "with [uncertainty]: INCONCLUSIVE" in done.out
+    assert "leaves out the value given" in done.out
+
+
 def test_a_study_says_so(tmp_path: Path) -> None:
     study = ParameterStudy.of(uncertain(), ["motion.speed=20:40:3"])
     found = run(study)

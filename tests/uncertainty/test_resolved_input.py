@@ -19,7 +19,9 @@ U = np.linspace(0.001, 0.999, 37)
 
 
 def inputs(table: dict[str, Any], **changes: Any) -> Any:
-    return resolve(CollisionProblem.from_scenario(control_group(uncertainty=table, contact__area_cm2=2.0, **changes)))
+    return resolve(
+        CollisionProblem.from_scenario(control_group(**{"contact__area_cm2": 2.0, **changes}, uncertainty=table))
+    )
 
 
 @pytest.mark.parametrize(
@@ -36,7 +38,7 @@ def inputs(table: dict[str, Any], **changes: Any) -> Any:
     ids=["normal", "sd alone", "relative sd", "lognormal", "uniform", "triangular", "mode at the low end"],
 )
 def test_quantiles(form: dict[str, Any], known: Any) -> None:
-    (found,) = inputs({"contact.area_cm2": form})
+    (found,) = inputs({"contact.area_cm2": form}, contact__area_cm2=2.0 if form.get("mean") is None else 3.0)
     np.testing.assert_allclose(found.quantile(U), known.ppf(U), rtol=2e-5)
 
 
@@ -50,12 +52,43 @@ def test_samples(tmp_path: Path) -> None:
     values = np.random.default_rng(2).uniform(1.0, 3.0, 200)
     (tmp_path / "a.csv").write_text("area_cm2\n" + "\n".join(map(repr, values.tolist())) + "\n", encoding="utf-8")
     table = {"contact.area_cm2": {"distribution": "samples", "file": "a.csv"}}
-    scenario = Scenario.from_dict(control_group(uncertainty=table).to_dict(), tmp_path)
+    scenario = Scenario.from_dict(control_group(uncertainty=table, contact__area_cm2=2.0).to_dict(), tmp_path)
     (found,) = resolve(CollisionProblem.from_scenario(scenario))
     np.testing.assert_allclose(found.quantile(U), np.quantile(values, U, method="hazen"), rtol=1e-12)
     (tmp_path / "a.csv").write_text("1\n2\n3\nx\n5\n6\n", encoding="utf-8")
     with pytest.raises(bs.InputError, match="line 4: 'x' is no number"):
         resolve(CollisionProblem.from_scenario(scenario))
+
+
+@pytest.mark.parametrize(
+    ("key", "form", "outside"),
+    [
+        ("motion.speed_mm_s", {"distribution": "normal", "mean": 50.0, "sd": 1.0},
+         {"motion__velocity_mm_s": [0, 0, -250]}),
+        ("motion.speed_mm_s", {"distribution": "lognormal", "median": 50.0, "sigma": 0.1},
+         {"motion__velocity_mm_s": [0, 0, -100]}),
+        ("reaction.latency_s", {"distribution": "uniform", "low": 0.002, "high": 0.006}, {"reaction__latency_s": 0.2}),
+        ("contact.area_cm2", {"distribution": "triangular", "low": 1.0, "mode": 2.0, "high": 3.0},
+         {"contact__area_cm2": 0.5}),
+        ("detector.thresholds_Nm[2]", {"distribution": "normal", "mean": 10.0, "sd": 0.2},
+         {"detector__thresholds_Nm": [20, 14, 20, 20, 20, 20, 20]}),
+        # The body's own spring, and no value of the scenario.
+        ("contact.stiffness_N_m", {"interval": [60_000, 90_000]}, {"contact__body": "chest"}),
+    ],
+)  # fmt: skip
+def test_figures_that_leave_out_the_value_given_are_refused(
+    key: str, form: dict[str, Any], outside: dict[str, Any]
+) -> None:
+    """A row, --set or a search gave the value, and the distribution judged another: PASS at 250 mm/s for 50."""
+    inputs({key: form}, **({"reaction__latency_s": 0.004} if key == "reaction.latency_s" else {}))
+    with pytest.raises(bs.InputError, match="leaves out the value given") as refused:
+        inputs({key: form}, **outside)
+    assert refused.value.field == f'uncertainty."{key}"'
+
+
+def test_a_measured_body_may_be_another_than_the_table_says() -> None:
+    (found,) = inputs({"contact.stiffness_N_m": {"distribution": "normal", "mean": 9000.0, "sd": 300.0}})
+    assert found.central == pytest.approx(9000.0)
 
 
 def test_a_point_changes_lists_items_and_factors() -> None:

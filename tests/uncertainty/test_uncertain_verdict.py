@@ -43,6 +43,27 @@ def test_two_phases_and_free_contact_have_utilisations_that_agree_with_the_verdi
             assert (found.utilisation[0] > 1) == (found.p_over[0] > 1e-3), (changes, speed)
 
 
+def test_a_distance_in_an_interval_is_looked_at_in_every_phase_of_the_control_cycle() -> None:
+    """Even steps of the scan were five cycles each: all saw the same force, and the verdict was acceptable."""
+    scenario = bs.Scenario.from_dict({
+        "robot": "ur10e",
+        "pose_deg": [10, -80, 110, -120, -90, 20],
+        "motion": {"velocity_mm_s": [0, 0, -100]},
+        "contact": {"body": "hand_finger", "area_cm2": 4, "offset_law": "fixed", "offset_mm": 12.0},
+        "detector": {"thresholds_Nm": [40, 40, 30, 12, 12, 12], "noise_sd_Nm": [2.0, 2.0, 1.5, 0.6, 0.6, 0.6]},
+        "reaction": {"joint_acceleration_rad_s2": 12},
+        "uncertainty": {"contact.offset_mm": {"interval": [4.0, 20.0]}},
+    })  # fmt: skip
+    evaluator = PointEvaluator(scenario)
+    use = evaluator.at(np.linspace(4.0, 20.0, 400)[:, None]).utilisation
+    assert np.mean(use > 1) > 0.2
+    result = bs.evaluate_uncertain(scenario)
+    assert result.conclusion == "inconclusive"
+    assert result.deciding == ("contact.offset_mm",)
+    assert result.case("worst").utilisation > 0.995 * use.max()
+    assert bs.judge_situation(scenario).word == "INCONCLUSIVE"
+
+
 def test_the_interval_covers_further_draws() -> None:
     scenario = random_uncertain(5, assumed=0, distributions=3)
     result = bs.evaluate_uncertain(scenario, seed=1)

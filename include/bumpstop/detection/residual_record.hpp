@@ -11,7 +11,8 @@
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 /// Measured residuals of free motion. A block bootstrap keeps their correlation between joints and in time: a run
-/// consists of blocks of consecutive rows, each from a random row on; the first block is entered at a random place.
+/// consists of blocks of consecutive rows, each from a random row on; the first block is entered at a random place. The
+/// first row follows the last, so that all rows are drawn alike.
 struct ResidualRecord {
     std::vector<double> row;  ///< [row][dof], at the feedback rate [Nm or N]
     std::int64_t rows = 0;
@@ -20,8 +21,8 @@ struct ResidualRecord {
     /// The row used at tick k of a run.
     std::int64_t row_of(std::uint64_t seed, std::int64_t run, std::int64_t k) const {
         const std::int64_t place = k + number_below(seed, run, 0, block);
-        const std::int64_t first = number_below(seed, run, 1 + place / block, rows - block + 1);
-        return first + place % block;
+        const std::int64_t first = number_below(seed, run, 1 + place / block, rows);
+        return (first + place % block) % rows;
     }
 
   private:

@@ -40,6 +40,8 @@ def outcome_of(
         found, told = _CONCLUSIONS.get(verdict.conclusion, "inconclusive"), verdict.reason
     if found != "pass":
         return found, told
+    if verdict.conclusion == "not_acceptable":
+        return "inconclusive", f"[uncertainty] leaves out the values given, which fail: {_lower(verdict.reason)}"
     reason = _open_question(situation, result)
     return ("inconclusive", reason) if reason else ("pass", told)
 
@@ -83,5 +85,8 @@ def _arm_question(result: CollisionResult) -> str:
 
 
 def _sentence(result: CollisionResult) -> str:
-    reason = result.verdict.reason
+    return _lower(result.verdict.reason)
+
+
+def _lower(reason: str) -> str:
     return reason[:1].lower() + reason[1:]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import product
+from itertools import accumulate, pairwise, product
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,11 @@ from bumpstop.uncertainty.point_evaluation import PointEvaluator, Points
 _MAX_CORNERS = 5
 # Values of each interval, its ends among them.
 _SCAN = 9
+# Values of an interval over which the force of a single contact rises and falls from control cycle to control cycle,
+# not in even steps, which could be whole cycles.
+_RIPPLE_SCAN = 64
+_RIPPLES = ("contact.offset_mm", "motion.contact_onset_s", "motion.speed_mm_s")
+_GOLDEN = (math.sqrt(5) - 1) / 2
 # Points of the search that follows where something is worst in the middle, for each interval.
 _POLISH = 25
 # Where false alarms stay below this share of what is accepted, they decide nothing.
@@ -46,6 +52,12 @@ class _Ranges:
         self.evaluator, self._base = evaluator, base
         self.assumed = [j for j, each in enumerate(evaluator.inputs) if each.assumed]
         self.ends = np.array([evaluator.inputs[j].limits(confidence) for j in self.assumed])
+        scenario = evaluator.scenario
+        single = scenario.contact.offset_law == "fixed" or isinstance(scenario.motion.contact_onset_s, float)
+        self.ripples = [k for k, j in enumerate(self.assumed) if single and evaluator.inputs[j].key in _RIPPLES]
+        counts = [_RIPPLE_SCAN if k in self.ripples else _SCAN for k in range(len(self.assumed))]
+        # Rows of the scan that belong to each input.
+        self.parts = [slice(first, end) for first, end in pairwise([0, *accumulate(counts)])]
 
     def rows(self, values: FloatArray) -> FloatArray:
         """Figures of all inputs (n, inputs), of those that are assumed (n, assumed)."""
@@ -54,19 +66,28 @@ class _Ranges:
         return rows
 
     def scan(self) -> FloatArray:
-        """One input after the other from end to end (assumed * _SCAN, assumed)."""
-        values = np.tile(self._base[self.assumed], (len(self.assumed) * _SCAN, 1))
-        for k, (low, high) in enumerate(self.ends):
-            values[k * _SCAN : (k + 1) * _SCAN, k] = np.linspace(low, high, _SCAN)
+        """One input after the other from end to end, in the rows of ``parts`` (n, assumed)."""
+        base = self._base[self.assumed]
+        return np.concatenate([np.zeros((0, base.size)), *(self.along(k, base) for k in range(base.size))])
+
+    def along(self, k: int, at: FloatArray) -> FloatArray:
+        """Input ``k`` from end to end, the others as ``at`` has them (n, assumed)."""
+        low, high = self.ends[k]
+        if k in self.ripples:
+            shares = np.sort(np.concatenate([[0.0, 1.0], np.arange(1, _RIPPLE_SCAN - 1) * _GOLDEN % 1]))
+        else:
+            shares = np.linspace(0.0, 1.0, _SCAN)
+        values = np.tile(at, (shares.size, 1))
+        values[:, k] = low + (high - low) * shares
         return values
 
 
 def search_assumed(evaluator: PointEvaluator, base: FloatArray, confidence: float) -> AssumedSearch:
     """Look for the worst and the best case over the ranges of what is assumed.
 
-    A scan of each range and the corners; where something is worst or best in the middle, Nelder and Mead's simplex
-    within the bounds goes on from there (scipy.optimize). Forces grow or fall with most inputs, so that a corner is
-    mostly the answer.
+    A scan of each range and the corners; what has a ripple once more at the worst of them; where something is worst or
+    best in the middle, Nelder and Mead's simplex within the bounds goes on from there (scipy.optimize). Forces grow or
+    fall with most inputs, so that a corner is mostly the answer.
 
     Args:
         evaluator: of the scenario.
@@ -79,11 +100,14 @@ def search_assumed(evaluator: PointEvaluator, base: FloatArray, confidence: floa
     corners = _corners(ranges, scan, found)
     tried = np.concatenate([scan, corners])
     points = Points.joined([found, evaluator.at(ranges.rows(corners))])
+    for k in ranges.ripples if len(ranges.ends) > 1 else ():
+        there = ranges.along(k, tried[int(np.argmax(_use(points)))])
+        tried, points = np.concatenate([tried, there]), Points.joined([points, evaluator.at(ranges.rows(there))])
     use, alarm, score = _use(points), points.false_alarm, scores(evaluator, points)
 
     def extreme(values: FloatArray, judge: Callable[[Points], FloatArray]) -> FloatArray:
         start = tried[int(np.argmax(values))]
-        bent = any(_bends(values[k * _SCAN : (k + 1) * _SCAN]) for k in range(len(ranges.ends)))
+        bent = any(_bends(values[part]) for part in ranges.parts)
         found: FloatArray = ranges.rows((_polished(ranges, start, judge) if bent else start)[None])[0]
         return found
 
@@ -111,7 +135,7 @@ def swapping_inputs(
     ranges = _Ranges(evaluator, base, confidence)
     found = swapped(evaluator.at(ranges.rows(ranges.scan())))
     return tuple(
-        evaluator.inputs[j].key for k, j in enumerate(ranges.assumed) if found[k * _SCAN : (k + 1) * _SCAN].any()
+        evaluator.inputs[j].key for part, j in zip(ranges.parts, ranges.assumed, strict=True) if found[part].any()
     )
 
 
@@ -144,9 +168,8 @@ def _corners(ranges: _Ranges, scan: FloatArray, found: Points) -> FloatArray:
                          for sides in product((0, 1), repeat=count)])  # fmt: skip
     rows = []
     for values in (_use(found), found.false_alarm):
-        by_input = values.reshape(count, _SCAN)
-        for at in (by_input.argmax(axis=1), by_input.argmin(axis=1)):
-            rows.append([scan[k * _SCAN + at[k], k] for k in range(count)])
+        for extreme in (np.argmax, np.argmin):
+            rows.append([scan[part][int(extreme(values[part])), k] for k, part in enumerate(ranges.parts)])
     return np.array(rows)
 
 

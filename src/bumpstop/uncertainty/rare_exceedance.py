@@ -255,7 +255,7 @@ def _with_measured_noise(
 ) -> FloatArray:
     """The same of residuals that are drawn in blocks: every block that a run could draw counts."""
     rows, block = np.asarray(record.rows), record.block_rows
-    starts = np.arange(len(rows) - block + 1)
+    starts = np.arange(len(rows))
     if starts.size > _MAX_STARTS:
         starts = np.sort(rng.choice(starts, _MAX_STARTS, replace=False))
     monitored = np.isfinite(problem.thresholds)
@@ -277,10 +277,11 @@ def _with_measured_noise(
             place += 1
             if k < problem.first_armed_tick:
                 continue
+            drawn = (silent + at) % len(rows)
             if residual.any():
-                ok = np.asarray((np.abs(rows[silent + at] + residual) <= threshold).all(axis=1))
+                ok = np.asarray((np.abs(rows[drawn] + residual) <= threshold).all(axis=1))
             else:
-                ok = silent_alone[silent + at]
+                ok = silent_alone[drawn]
             silent = silent[ok]
             if over[k, run]:
                 found[run] += alive * (before - silent.size) / before

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -20,8 +20,11 @@ from bumpstop.text_files import read_text
 if TYPE_CHECKING:
     from bumpstop.collision import CollisionProblem, Scenario
 
+Given = Literal["scenario", "robot", "default"]
 # A distribution that has more of itself among impossible values is refused.
 MAX_OUTSIDE = 0.05
+# A value given that a distribution goes beyond, or stays below, less often is left out by it.
+_RARELY = 1e-3
 _MIN_SAMPLES, _MAX_SAMPLES = 5, 1_000_000
 
 
@@ -32,14 +35,14 @@ class ResolvedInput:
     Attributes:
         input: as the scenario has it.
         nominal: the value given, one number or one per joint, or NaN where there is none; 1 of a factor.
-        given: the scenario gives that value itself, and not by default.
+        given: by what: ``"scenario"``, ``"robot"`` for what robot, arm or body say, or ``"default"``.
         low, high: least and greatest possible figure: a value, or a factor where the input is relative.
         samples: of a file, ascending (n,); empty otherwise.
     """
 
     input: UncertainInput
     nominal: float | tuple[float, ...]
-    given: bool
+    given: Given
     low: float
     high: float
     samples: FloatArray
@@ -120,7 +123,7 @@ class ResolvedInput:
     @cached_property
     def central(self) -> float:
         """The median; of an interval the value given, or its middle where none is."""
-        if self.is_interval and self.given:
+        if self.is_interval and self.given != "default":
             return 1.0 if self.input.relative else float(np.asarray(self.nominal))
         return float(self.quantile(np.array(0.5)))
 
@@ -174,10 +177,7 @@ def _resolved(each: UncertainInput, problem: CollisionProblem) -> ResolvedInput:
             if not least * (1 - 1e-12) <= end <= greatest * (1 + 1e-12):
                 problem_words = f"reaches {end:g}, which leaves what {each.key} can be"
                 raise InputError(each.field, problem_words, f"wanted {least:g} to {greatest:g}")
-        here = found.central
-        if not low <= here <= high:
-            what = "the factor 1" if each.relative else f"the value given, {here:g}"
-            raise InputError(each.field, f"{low:g} to {high:g} leaves out {what}", "wanted an interval around it")
+    _check_given(found)
     if found.outside > MAX_OUTSIDE:
         raise InputError(
             each.field,
@@ -187,12 +187,30 @@ def _resolved(each: UncertainInput, problem: CollisionProblem) -> ResolvedInput:
     return found
 
 
-def _nominal(each: UncertainInput, problem: CollisionProblem) -> tuple[float | list[float] | None, bool]:
-    """The value of a key, and whether the scenario gives it itself."""
+def _check_given(found: ResolvedInput) -> None:
+    """Refuse figures that leave out the value given: another case than the scenario's would be judged.
+
+    A distribution may be another than a table of body regions or the robot's data say: then it has been measured.
+    """
+    if found.input.relative:
+        here, what, wanted = 1.0, "the factor 1", "figures around it"
+    else:
+        here = math.nan if isinstance(found.nominal, tuple) else found.nominal
+        what, wanted = f"the value given, {here:g}", "figures around it, or relative ones"
+    if math.isnan(here) or found.given not in (("scenario", "robot") if found.is_interval else ("scenario",)):
+        return
+    rarely = _RARELY if found.input.shape in ("normal", "lognormal") else 0.0
+    low, high = found.quantile(np.array([rarely, 1 - rarely])).tolist()
+    if not low * (1 - 1e-12) <= here <= high * (1 + 1e-12):
+        raise InputError(found.input.field, f"{low:.6g} to {high:.6g} leaves out {what}", f"wanted {wanted}")
+
+
+def _nominal(each: UncertainInput, problem: CollisionProblem) -> tuple[float | list[float] | None, Given]:
+    """The value of a key, and what gives it."""
     scenario, key = problem.scenario, each.whole_key
     table, _, name = key.rpartition(".")
     found: Any
-    given = True
+    given: Given = "scenario"
     if each.is_factor:
         found = 1.0 if each.item is None else [1.0] * problem.robot.dof
     elif key == "motion.speed_mm_s":
@@ -202,7 +220,8 @@ def _nominal(each: UncertainInput, problem: CollisionProblem) -> tuple[float | l
     else:
         owner = getattr(scenario, table) if table else scenario
         found = getattr(owner, name)
-        given = name in owner.model_fields_set and found is not None
+        if name not in owner.model_fields_set or found is None:
+            given = "default" if found is not None else "robot"
         if found is None:
             found = _of_robot_or_body(key, problem)
     if found is not None and not isinstance(found, int | float | list):

@@ -236,7 +236,7 @@ def test_resampling_keeps_rows_whole_and_in_order(tmp_path: Path) -> None:
     block = problem.residuals.block_rows
     noise = noise_of_run(problem, 9, 5, 200)
     places = [int(np.flatnonzero((rows == row).all(axis=1))[0]) for row in noise]
-    breaks = np.flatnonzero(np.diff(places) != 1) + 1
+    breaks = np.flatnonzero(np.diff(places) % len(rows) != 1) + 1
     assert np.all(np.diff(breaks) % block == 0)
     drawn = bs.evaluate(with_record(path), samples=50, seed=9)
     again = bs.evaluate(with_record(path), samples=50, seed=9, threads=2)
@@ -245,6 +245,23 @@ def test_resampling_keeps_rows_whole_and_in_order(tmp_path: Path) -> None:
     np.testing.assert_array_equal(drawn.runs["noise"], again.runs["noise"])
     tick = int(drawn.runs["tick"][5])
     np.testing.assert_array_equal(drawn.runs["noise"][5], noise[tick])
+
+
+@pytest.mark.parametrize("place", [0, 250, 497])
+def test_a_burst_counts_alike_wherever_a_recording_begins(place: int, tmp_path: Path) -> None:
+    """Blocks began where a whole one was left: of the last rows next to none was drawn, nor of the first."""
+    rows = correlated_rows(500, 0.9, np.full(7, 0.5), seed=8)
+    rows[250:253, 1] = 11.0
+    path = record_file(tmp_path, np.roll(rows, place - 250, axis=0))
+    scenario = with_record(path).with_values({"motion.velocity_mm_s": [0, 0, -40]})
+    found = bs.evaluate(scenario, samples=20_000, seed=3).false_alarm_probability
+    expected = bs.evaluate(
+        with_record(record_file(tmp_path, rows)).with_values({"motion.velocity_mm_s": [0, 0, -40]}),
+        samples=20_000,
+        seed=4,
+    ).false_alarm_probability
+    assert expected > 0.01
+    assert found == pytest.approx(expected, rel=0.15)
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.6, 0.95])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -92,10 +93,14 @@ def _judged(scenario: Scenario, found: Requirement) -> Judgement | None:
     if found.value is None or not scenario.uncertainty:
         return None
     from bumpstop.study.variable import Variable
-    from bumpstop.uncertainty import judge_situation
+    from bumpstop.uncertainty import Judgement, judge_situation
 
     there = Variable(found.variable).apply(scenario, found.value)
-    return judge_situation(there.with_values({"verdict.accepted_probability": found.risk}))
+    try:
+        return judge_situation(there.with_values({"verdict.accepted_probability": found.risk}))
+    except InputError as error:
+        # Figures of [uncertainty] that the value leaves behind: what was found is told all the same.
+        return Judgement("INCONCLUSIVE", f"{error}.", math.nan, math.nan, None, 0)
 
 
 def _told(judged: Judgement) -> dict[str, Any]:
