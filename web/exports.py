@@ -124,7 +124,7 @@ def _limits(table: LimitTable) -> dict[str, Any]:
 def _clamped(limits: ContactLimits) -> dict[str, Any]:
     # The page has no warning for a region without one.
     assert limits.pressure_N_cm2 is not None, f"{limits.table} has no pressure limit for {limits.region}"
-    return asdict(limits)
+    return asdict(limits) | {"head_note": limits.head_note}
 
 
 def _examples() -> list[dict[str, str]]:

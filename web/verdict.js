@@ -126,7 +126,7 @@ function nothingHit(parts) {
 
 /** What makes the verdict mean less than it says, as far as this page looks. */
 function warningsOf(parts, verdict) {
-    return [untouchedWarning, normalWarning, restWarning].flatMap((one) => one(parts, verdict) ?? []);
+    return [untouchedWarning, headWarning, normalWarning, restWarning].flatMap((one) => one(parts, verdict) ?? []);
 }
 
 function untouchedWarning(parts, verdict) {
@@ -142,6 +142,11 @@ function untouchedWarning(parts, verdict) {
         `In ${percent(untouched)} of cases nothing is hit; they count as below every limit. Of the others alone ` +
         `${percent(alone)} exceed one${more}.`
     );
+}
+
+/** Limits of the head are none to work up to. */
+function headWarning({ problem }) {
+    return problem.limits?.head_note || null;
 }
 
 function normalWarning({ problem, start }) {

@@ -103,6 +103,7 @@ WARNINGS = {
         "Give the largest contact.offset_mm there can be",
         {"motion.start": "rest", "contact.offset_law": "fixed", "contact.offset_mm": 0.2},
     ),
+    "head": ("is a sensitive region", {"contact.body": "face", "motion.velocity_mm_s": [0, 0, -10.0]}),
     "steps": (
         "Simulation steps are coarse",
         {"simulation.step_s": 0.02, "simulation.substeps": 1, "detector.feedback_period_s": 0.02},

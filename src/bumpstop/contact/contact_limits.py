@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from typing import Literal
 
 from bumpstop.contact.regions import ContactKind
 from bumpstop.errors import InputError
+
+# Skull, forehead, larynx, eyes, ears and face are those that ISO/TS 15066 lists; others are words for parts of them.
+_HEAD = re.compile(
+    r"\b(heads?|skull|cranium|forehead|temples?|face|facial|cheeks?|chin|jaw|nose|mouth|lips?|eyes?|ears?|larynx|"
+    r"throat)\b"
+)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -50,6 +57,19 @@ class ContactLimits:
     force_status: str
     pressure_source: str | None
     pressure_status: str | None
+
+    @property
+    def head_note(self) -> str:
+        """What ISO/TS 15066 asks beside its limits of head and throat; empty of other regions.
+
+        It goes by the words of the region's name, so that tables of users have it, too.
+        """
+        if not self.permitted or not _HEAD.search(f"{self.region} {self.label}".lower().replace("_", " ")):
+            return ""
+        return (
+            f"{self.label} is a sensitive region: ISO/TS 15066 asks that contact with skull, forehead, larynx, eyes, "
+            "ears or face be prevented whenever reasonably practicable, also below the limits."
+        )
 
     @property
     def crossing_area_cm2(self) -> float | None:

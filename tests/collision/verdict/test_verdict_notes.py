@@ -11,6 +11,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.collision.verdict.alarm_rate import alarm_rate
+from bumpstop.contact import LimitTable
 from bumpstop.detection.tuning.residual_record import write_residuals
 from collision.cases import control_group, ur10e
 from collision.trajectory_cases import gantry, scenario, trajectory_motion, write_csv
@@ -46,6 +47,7 @@ SAID: list[tuple[dict[str, Any], str]] = [
     ({"contact__stiffness_N_m": 2000.0, "motion__velocity_mm_s": [0, 0, -900]}, "The body is deformed by"),
     ({"motion__velocity_mm_s": [0, 0, -0.25]}, "The tip moves at 0.25 mm/s"),
     ({"reaction__joint_acceleration_rad_s2": 260.0}, "reaction.joint_acceleration_rad_s2 = 260 is more than"),
+    ({"contact__body": "face", "motion__velocity_mm_s": [0, 0, -10]}, "Face is a sensitive region: ISO/TS 15066 asks"),
     ({"contact__area_cm2": 200.0}, "contact.area_cm2 = 200 is 88.9 times"),
     ({"contact__area_cm2": 0.01}, "contact.area_cm2 = 0.01 is a point of 1 mm2"),
     ({"contact__kind": "free", "contact__body_mass_kg": 0.02}, "contact.body_mass_kg = 0.02 is lighter"),
@@ -62,6 +64,36 @@ def test_is_said_alone_and_everywhere(changes: dict[str, Any], said: str) -> Non
     assert found[0] in result.notes
     assert found[0] in result.to_json()["verdict"]["warnings"]
     assert bs.evaluate(control_group()).warnings == ()
+
+
+def test_every_region_of_the_head_has_its_note(tmp_path: Path) -> None:
+    table = tmp_path / "own.toml"
+    table.write_text(
+        'name = "own"\ntitle = "Own"\nsource = "made up"\nstatus = "none"\n\n'
+        + "".join(
+            f'[[region]]\nname = "{name}"\nlabel = "{label}"\n'
+            "force_N = 130.0\ntransient_multiplier = 2.0\nspring_N_mm = 60.0\n\n"
+            for name, label in (
+                ("head_back", "Back"),
+                ("r1", "Left eye"),
+                ("forearm", "Forearm"),
+                ("surface", "Jaw"),
+            )
+        ),
+        encoding="utf-8",
+    )
+    noted = {
+        "bgia2011": {"cranium_forehead", "face", "neck_front"},
+        "ts15066": {"skull_forehead", "face"},
+        str(table): {"head_back", "r1", "surface"},
+    }
+    for name, regions in noted.items():
+        limits = LimitTable.load(name)
+        found = {each.name for each in limits.regions if limits.contact_limits(each.name, "clamped").head_note}
+        assert found == regions
+        # Where no contact is permitted the verdict says more.
+        free = [limits.contact_limits(each.name, "free") for each in limits.regions]
+        assert all(each.permitted or not each.head_note for each in free)
 
 
 def test_angles_in_the_wrong_unit() -> None:

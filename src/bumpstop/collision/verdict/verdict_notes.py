@@ -37,6 +37,7 @@ def verdict_notes(result: CollisionOutcome, verdict: Verdict, evaluate: Callable
     return [
         *as_given(result.scenario),
         *_nothing_hit_note(result, verdict),
+        *_head_note(result),
         *_pressure_note(result),
         *_normal_note(result),
         *_rest_note(result),
@@ -140,6 +141,12 @@ def _nothing_hit_note(result: CollisionOutcome, verdict: Verdict) -> list[str]:
         f"In {percent(untouched)} of cases nothing is hit; they count as below every limit. Of the others alone "
         f"{percent(alone)} exceed one{more}."
     ]
+
+
+def _head_note(result: CollisionOutcome) -> list[str]:
+    """Limits of the head are none to work up to."""
+    limits = result.problem.limits
+    return [limits.head_note] if limits is not None and limits.head_note else []
 
 
 def _pressure_note(result: CollisionOutcome) -> list[str]:
