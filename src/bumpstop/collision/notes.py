@@ -22,7 +22,8 @@ def notes_of(result: CollisionOutcome, warnings: tuple[str, ...]) -> list[str]:
     """All of them, in the order in which they are read, behind the warnings of its verdict."""
     problem = result.problem
     scenario, limits = problem.scenario, problem.limits
-    notes = [*warnings, *problem.notes, *unused_notes(scenario), *sample_notes(result)]
+    # What a robot's file is doubted for may stand beside the verdict, too.
+    notes = [*dict.fromkeys((*warnings, *problem.notes)), *unused_notes(scenario), *sample_notes(result)]
     contact, detector = scenario.contact, scenario.detector
     notes.extend(_contact_notes(result))
     notes.extend(_noise_notes(result))

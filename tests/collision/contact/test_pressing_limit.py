@@ -96,7 +96,9 @@ def test_the_verdict_uses_it(samples: int | None) -> None:
     said = f"{alike.pressing_limit.static_force:.4g} N at the torque limit of joint {alike.pressing_limit.joint}"
     assert any(said in note for note in alike.notes)
     assert alike.to_json()["arm"]["pressing_limit"]["peak_force_N"] == force
-    weak = case.with_values({"arm.torque_limit_Nm": 20.0, "motion.velocity_mm_s": [0, 0, -5.0]})
+    weak = case.with_values(
+        {"arm.torque_limit_Nm": [330.0, 330.0, 150.0, 8.0, 8.0, 8.0], "motion.velocity_mm_s": [0, 0, -5.0]}
+    )
     assert bs.evaluate(weak, samples=samples).verdict.acceptable is True
 
 
@@ -157,3 +159,28 @@ def test_an_arm_in_mujoco_presses_no_harder(stiffness: float, speed: float, shar
     assert expected.joint == 3
     assert np.median(force[-20:]) == pytest.approx(expected.static_force, rel=0.03 if speed < 0.1 else 0.15)
     assert expected.static_force < force.max() < expected.peak_force
+
+
+@pytest.mark.parametrize(
+    ("limits", "said"),
+    [
+        ([3.3, 3.3, 1.5, 0.56, 0.55, 0.54], "joint 2 has 3.3 Nm, and its links take up to 139 Nm"),
+        ([330.0, 50.0, 150.0, 56.0, 56.0, 56.0], "joint 2 has 50 Nm, and its weight takes"),
+    ],
+)
+def test_torque_limits_that_cannot_hold_the_arm_bound_nothing(limits: list[float], said: str) -> None:
+    """Those of motors before their gears: an arm that nobody detects was acceptable."""
+    result = pressed(arm={"torque_limit_Nm": limits})
+    assert pressed().pressing_limit is not None
+    assert result.pressing_limit is None
+    assert math.isinf(result.peak_force.quantile(0.5))
+    (warning,) = [one for one in result.warnings if "torque limits" in one]
+    assert said in warning
+    assert not any("torque limits" in one for one in pressed().warnings)
+
+
+def test_weight_along_an_axis_needs_no_torque() -> None:
+    """Of an arm on a wall: gravity is along the axes of joints 2 to 4."""
+    case = scenario(**DEAF, arm={"torque_limit_Nm": [330.0, 50.0, 150.0, 56.0, 56.0, 56.0]})
+    assert bs.evaluate(case).pressing_limit is None
+    assert bs.evaluate(case.with_values({"gravity_m_s2": [0.0, 9.80665, 0.0]})).pressing_limit is not None

@@ -18,6 +18,8 @@ from collision.trajectory_cases import trajectory_motion, write_csv
 
 POSE = np.radians([0.0, -60, 90, -120, -90, 0])
 BODY = {"body": "thigh_knee", "limits": "ts15066", "area_cm2": 10.0}
+# Wrists that hold little more than themselves, and the torques of motors before their gears.
+WEAK, MOTORS = [330.0, 330.0, 150.0, 4.0, 4.0, 4.0], [3.3, 3.3, 1.5, 0.56, 0.56, 0.56]
 
 
 def forth(folder: Path, *, rows: int = 31, onset: float | str = "uniform", **changes: dict[str, Any]) -> bs.Scenario:
@@ -66,7 +68,7 @@ def test_a_line_and_its_trajectory_are_pressed_alike(tmp_path: Path) -> None:
 @pytest.mark.parametrize("samples", [None, 400])
 def test_drives_bound_what_a_path_would_give(samples: int | None, tmp_path: Path) -> None:
     strong = bs.evaluate(forth(tmp_path, arm={"torque_limit_Nm": 1e5}), samples=samples)
-    weak = bs.evaluate(forth(tmp_path, arm={"torque_limit_Nm": 1.0}), samples=samples)
+    weak = bs.evaluate(forth(tmp_path, arm={"torque_limit_Nm": WEAK}), samples=samples)
     assert strong.undetected_probability == weak.undetected_probability == pytest.approx(1.0)
     assert strong.pressing_limit is not None
     assert weak.pressing_limit is not None
@@ -76,6 +78,11 @@ def test_drives_bound_what_a_path_would_give(samples: int | None, tmp_path: Path
     assert unknown.pressing_limit is None
     greatest = unknown.peak_force.quantile(0.999)
     assert strong.peak_force.quantile(0.999) == greatest
+    # Limits that cannot hold the arm bound nothing.
+    light = bs.evaluate(forth(tmp_path, arm={"torque_limit_Nm": MOTORS}), samples=samples)
+    assert light.pressing_limit is None
+    assert light.peak_force.quantile(0.999) == greatest
+    assert any("cannot hold its own weight" in warning for warning in light.warnings)
     limit = weak.pressing_limit.peak_force
     assert limit < 0.8 * greatest
     assert weak.peak_force.quantile(0.999) <= limit
@@ -128,7 +135,7 @@ def test_it_is_the_greatest_of_the_poses_in_contact(tmp_path: Path) -> None:
 @pytest.mark.parametrize("rows", [31, 18])
 def test_speed_limits_count_it(rows: int, tmp_path: Path) -> None:
     begin, found = 0.6, []
-    for torque in (1.0, 200.0):
+    for torque in (WEAK, 200.0, MOTORS):
         case = forth(tmp_path, rows=rows, onset=begin, arm={"torque_limit_Nm": torque})
         problem = bs.CollisionProblem.from_scenario(case)
         assert problem.limits is not None
@@ -137,3 +144,5 @@ def test_speed_limits_count_it(rows: int, tmp_path: Path) -> None:
         assert share == pytest.approx(expected, rel=1e-6)
         found.append(share)
     assert found[0] < 0.9 * found[1]
+    # Where the arm moves on, limits that cannot hold it leave no bound.
+    assert math.isinf(found[2]) is (rows == 18)

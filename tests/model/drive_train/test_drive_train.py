@@ -81,10 +81,10 @@ def test_the_class_by_hand() -> None:
     limited = replace(
         robot,
         drive_train_entries=(
-            DriveTrainEntry(quantity="torque_limit", values=(50.0, 20.0), status="published", source="sheet"),
+            DriveTrainEntry(quantity="torque_limit", values=(500.0, 200.0), status="published", source="sheet"),
         ),
     )
-    np.testing.assert_allclose(limited.drive_train.gear_stiffness, [5000, 2000])
+    np.testing.assert_allclose(limited.drive_train.gear_stiffness, [50000, 20000])
     assert "torque_limit" not in limited.drive_train.assumed
 
 
@@ -96,7 +96,7 @@ def test_what_slides() -> None:
     assert found.rotor_inertia[0] == pytest.approx(90.0)
     assert found.gear_stiffness[0] == pytest.approx(90.0 * 9.80665 / 2e-4)
     assert found.rotor_inertia[1] == two_links().drive_train.rotor_inertia[1]
-    limit = DriveTrainEntry(quantity="torque_limit", values=(4000.0, 20.0), status="published", source="sheet")
+    limit = DriveTrainEntry(quantity="torque_limit", values=(4000.0, 200.0), status="published", source="sheet")
     limited = replace(robot, drive_train_entries=(limit,)).drive_train
     assert limited.rotor_inertia[0] == pytest.approx(90.0), "it moves as much as before"
     assert limited.gear_stiffness[0] == pytest.approx(4000.0 / 2e-4)

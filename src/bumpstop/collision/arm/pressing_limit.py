@@ -12,6 +12,7 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.curve import AT_REST, StoppingCurve, states_at_reactions, stopping_curve
 from bumpstop.model import gravity_torque, mass_matrix
+from bumpstop.model.drive_train.assumed import torque_limit_doubt
 from bumpstop.model.dynamics import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -62,7 +63,8 @@ def pressing_limit(problem: CollisionProblem, curve: StoppingCurve) -> PressingL
     """The pressing limit of a line, the greatest of the poses of contact; None where there is none.
 
     A motor holds the contact force F and its share of the arm's weight g while |a| F <= torque limit + |g|, a = J^T n,
-    so the weakest joint bounds the static force. The sign of g is taken on the safe side. An arm of kinetic energy E
+    so the weakest joint bounds the static force. Limits below |g| are none of that arm: they bound nothing. The sign of
+    g is taken on the safe side. An arm of kinetic energy E
     that such a force drives on deforms a body of stiffness K until K x^2 / 2 = E + F x: F + sqrt(F^2 + 2 E K). A damper
     c adds no more than c v, with v the speed of the contact point: a point that speeds up is pressed on by F alone.
     A body gets away or holds; an arm that stands at the end of its line presses with what the line gives.
@@ -108,8 +110,11 @@ class Drives:
         """
         robot, train = problem.robot, problem.drive_train
         inertia = mass_matrix(robot, q) + np.diag(train.rotor_inertia)
+        weight = _weight(problem, q)
+        # Motors that cannot hold the arm are not those that do: nobody knows what the others give.
+        known = np.all(train.torque_limit >= weight, axis=1, keepdims=True)
         return cls(
-            holding=train.torque_limit + np.abs(gravity_torque(robot, q, gravity=problem.scenario.gravity_m_s2)),
+            holding=np.where(known, train.torque_limit + weight, math.inf),
             doubled_energy=np.einsum("ki,kij,kj->k", qd, inertia, qd),
             rates=qd,
             stiffness=problem.stiffness,
@@ -134,8 +139,46 @@ class Drives:
 
 
 def knows_torque_limits(problem: CollisionProblem) -> bool:
-    """Whether drives bound what presses a body: the arm is elastic, a joint's limit is known, and the body holds."""
+    """Whether drives bound what presses a body: the arm is elastic, the body holds, and a joint's limit is known.
+
+    Limits that no arm of such a weight has are not known: :func:`torque_limit_doubt`.
+    """
+    return _has_torque_limits(problem) and not torque_limit_doubt(problem.robot, problem.drive_train.torque_limit)
+
+
+def doubted_limits(problem: CollisionProblem) -> str:
+    """Why torque limits that are given bound nothing, in a sentence; empty where they do, or where there are none.
+
+    Raises:
+        InputError: the inertia of a link is not known.
+    """
+    if not (problem.elastic and not problem.gets_away):
+        return ""
+    limits, robot = problem.drive_train.torque_limit, problem.robot
+    given = next((e.values for e in robot.drive_train_entries if e.quantity == "torque_limit"), limits)
+    doubt = torque_limit_doubt(robot, limits if np.isfinite(limits).any() else given)
+    if doubt or not _has_torque_limits(problem):
+        return doubt
+    poses = problem.q[None] if problem.trajectory is None else problem.trajectory.position
+    weight = _weight(problem, poses).max(axis=0)
+    joint = int(np.argmin(limits - weight))
+    if limits[joint] >= weight[joint]:
+        return ""
+    unit = "Nm" if robot.joints[joint].kind == "revolute" else "N"
+    return (
+        f"The torque limits of {robot.name} cannot hold the arm where it is: joint {joint + 1} has "
+        f"{limits[joint]:.4g} {unit}, and its weight takes {weight[joint]:.4g} {unit}. They count as unknown, and "
+        "collisions that are never detected as unbounded."
+    )
+
+
+def _has_torque_limits(problem: CollisionProblem) -> bool:
     return problem.elastic and not problem.gets_away and bool(np.isfinite(problem.drive_train.torque_limit).any())
+
+
+def _weight(problem: CollisionProblem, q: FloatArray) -> FloatArray:
+    """Torque that holds the arm's own weight at joint positions (N, dof) [Nm or N]."""
+    return np.abs(gravity_torque(problem.robot, q, gravity=problem.scenario.gravity_m_s2))
 
 
 def undetected_force(problem: CollisionProblem, curve: StoppingCurve) -> float | None:

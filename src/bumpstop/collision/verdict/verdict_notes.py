@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bumpstop.collision.arm.pressing_limit import doubted_limits
 from bumpstop.collision.distribution.distribution import NEGLIGIBLE
 from bumpstop.collision.probability_text import percent
 from bumpstop.collision.verdict.as_given import as_given
@@ -42,6 +43,7 @@ def verdict_notes(result: CollisionOutcome, verdict: Verdict, evaluate: Callable
         *_normal_note(result),
         *_rest_note(result),
         *_assumed_arm_note(result),
+        *_torque_limit_note(result),
         *_own_brakes_note(result),
         *_sooner_note(result),
         *_swing_note(result),
@@ -61,6 +63,12 @@ def _assumed_arm_note(result: CollisionOutcome) -> list[str]:
         f"The forces rest on an ASSUMED drive train ({', '.join(assumed)}): measured ones may be higher. Vary [arm] or "
         "identify it."
     ]
+
+
+def _torque_limit_note(result: CollisionOutcome) -> list[str]:
+    """Torque limits that cannot hold the arm bound no force."""
+    doubt = doubted_limits(result.problem)
+    return [doubt] if doubt else []
 
 
 def _own_brakes_note(result: CollisionOutcome) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.model.drive_train.drive_train import DriveTrain
@@ -31,12 +32,19 @@ _GRAVITY = 9.80665
 _PAYLOAD_OFFSET = 0.3
 # Of the smallest joints [Nm or N].
 _MIN_TORQUE = 2.0
+# Limits below this share of what the weight of the links alone may take are none of that arm: a motor's before its gear
+# are a hundredth of the joint's. Published ones are 1.3 times as much and more, springs may carry half of an arm.
+_MIN_HOLDING_SHARE = 0.25
+# A rotor before its gear is a thousandth of the reflected one and less; published and assumed ones differ by ten.
+_MIN_ROTOR_SHARE = 1 / 500
 
 
 def drive_train_of(robot: SerialChain) -> DriveTrain:
     """See :attr:`bumpstop.model.Robot.drive_train`."""
     found = assumed_drive_train(robot)
     for entry in robot.drive_train_entries:
+        if entry.quantity == "torque_limit" and torque_limit_doubt(robot, entry.values):
+            continue
         found = found.with_values(entry.quantity, entry.values, entry.status, entry.source)
     rotors = np.array([joint.rotor_inertia for joint in robot.joints])
     if (rotors > 0).any():
@@ -54,16 +62,19 @@ def drive_train_of(robot: SerialChain) -> DriveTrain:
 def assumed_drive_train(robot: SerialChain) -> DriveTrain:
     """What is assumed of a robot's drive train, from its masses and lengths and its torque limits where known.
 
-    Rated torque T of each joint is its torque limit, else the :func:`holding_torque`. Rotors: 0.01 kg m2 per Nm of T.
-    Gears: twisted by 0.01 rad under T; damped by 5 % of critical. Servo: 100 rad/s, with a position gain of 25 1/s,
-    and the whole acceleration fed forward. Of joints that slide, rotors weigh what they move, and gears yield by
-    0.2 mm under T. The torque limit of the class itself is infinite: unknown.
+    Rated torque T of each joint is its torque limit, where that is known and not doubted, else the
+    :func:`holding_torque`. Rotors: 0.01 kg m2 per Nm of T. Gears: twisted by 0.01 rad under T; damped by 5 % of
+    critical. Servo: 100 rad/s, with a position gain of 25 1/s, and the whole acceleration fed forward. Of joints that
+    slide, rotors weigh what they move, and gears yield by 0.2 mm under T. The torque limit of the class itself is
+    infinite: unknown.
 
     Returns:
         The drive train; the status of every quantity is ``"assumed"``.
     """
     known = {entry.quantity: np.asarray(entry.values) for entry in robot.drive_train_entries}
     limit = known.get("torque_limit", np.full(robot.dof, math.inf))
+    if torque_limit_doubt(robot, limit):
+        limit = np.full(robot.dof, math.inf)
     held = holding_torque(robot)
     torque = np.where(np.isfinite(limit), limit, held)
     turns = np.array([joint.kind == "revolute" for joint in robot.joints])
@@ -101,6 +112,62 @@ def holding_torque(robot: SerialChain) -> FloatArray:
     """
     masses, centers = _masses(robot)
     payload = _PAYLOAD_SHARE * float(masses.sum()) if robot.payload_kg is None else robot.payload_kg
+    return np.maximum(_stretched_torque(robot, masses, centers, payload), _MIN_TORQUE)
+
+
+def torque_limit_doubt(robot: SerialChain, limits: npt.ArrayLike) -> str:
+    """Why torque limits cannot be those of a robot's joints, in a sentence; empty: nothing is against them.
+
+    A joint's limit is below a quarter of the torque that holds the links alone, without any payload, as far out as they
+    are long: no arm is built like that. One such joint casts doubt on all limits, which have one source.
+
+    Args:
+        robot: without its masses nothing is known.
+        limits: of the joints (dof,) [Nm or N]; infinite: unknown.
+    """
+    if robot.inertia_objection:
+        return ""
+    given, weight = np.asarray(limits, dtype=np.float64), _stretched_torque(robot, *_masses(robot), 0.0)
+    # A joint that slides may lie level, whatever it carries.
+    turns = np.array([joint.kind == "revolute" for joint in robot.joints])
+    lacking = np.flatnonzero(turns & (given < _MIN_HOLDING_SHARE * weight))
+    if not lacking.size:
+        return ""
+    # The first mostly stands upright: one that carries is the better witness.
+    named = lacking[1:] if lacking.size > 1 else lacking
+    joint = int(named[np.argmin(given[named] / weight[named])])
+    return (
+        f"The torque limits of {robot.name} cannot hold its own weight: joint {joint + 1} has {given[joint]:.4g} Nm, "
+        f"and its links take up to {weight[joint]:.3g} Nm. They count as unknown; are they those of the motors, "
+        "before the gears, or in another unit?"
+    )
+
+
+def rotor_doubt(robot: SerialChain, rotors: npt.ArrayLike) -> str:
+    """Why rotor inertias are hardly those seen at the joints, in a sentence; empty: nothing is against them.
+
+    A rotor is below a five-hundredth of what the class of arms has for that joint, as without the square of its gear
+    ratio. Joints that slide are passed over.
+
+    Args:
+        robot: whose joints they are of.
+        rotors: of the joints (dof,) [kg m2]; NaN: unknown.
+    """
+    given, usual = np.asarray(rotors, dtype=np.float64), assumed_drive_train(robot).rotor_inertia
+    turns = np.array([joint.kind == "revolute" for joint in robot.joints])
+    lacking = np.flatnonzero(turns & (given < _MIN_ROTOR_SHARE * usual))
+    if not lacking.size:
+        return ""
+    joint = int(lacking[np.argmin(given[lacking] / usual[lacking])])
+    return (
+        f"The rotor inertias of {robot.name} are hardly those seen at its joints: joint {joint + 1} has "
+        f"{given[joint]:.2g} kg m2, arms like it {usual[joint]:.2g} kg m2. They count as unknown; is the gear ratio "
+        "missing?"
+    )
+
+
+def _stretched_torque(robot: SerialChain, masses: FloatArray, centers: FloatArray, payload: float) -> FloatArray:
+    """Torque of the weight of links and payload [kg], as far out as the links are long (dof,) [Nm or N]."""
     offsets = np.array([float(np.linalg.norm(joint.origin)) for joint in robot.joints])
     tip = float(np.linalg.norm(robot.tip_origin))
     torque = np.zeros(robot.dof)
@@ -111,7 +178,7 @@ def holding_torque(robot: SerialChain) -> FloatArray:
             torque[j] = _GRAVITY * (masses[j:].sum() + payload)
         else:
             torque[j] = _GRAVITY * (masses[j:] @ (away + centers[j:]) + payload * max(away[-1] + tip, _PAYLOAD_OFFSET))
-    return np.maximum(torque, _MIN_TORQUE)
+    return torque
 
 
 def _masses(robot: SerialChain) -> tuple[FloatArray, FloatArray]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from bumpstop.model.drive_train.assumed import drive_train_of
+from bumpstop.model.drive_train.assumed import drive_train_of, rotor_doubt, torque_limit_doubt
 from bumpstop.model.drive_train.entry import DriveTrainEntry, entry_of_some
 from bumpstop.model.serial_chain import SerialChain
 from bumpstop.model.urdf.xml_elements import children, local
@@ -73,7 +73,8 @@ def with_drives(robot: Chain, efforts: Sequence[float], rotors: Sequence[float],
 
     Returns:
         The robot; its torque limits are ``"unverified"`` where any are told, its rotors where all are. A figure that is
-        the same in all joints that have one, and these are three or more, is a placeholder and passed over.
+        the same in all joints that have one, and these are three or more, is a placeholder and passed over. Limits that
+        cannot hold the arm, and rotors before their gears, are named in a warning, and not used.
     """
     source = f"the URDF file {file}"
     limits, known = np.asarray(efforts, dtype=np.float64), np.asarray(rotors, dtype=np.float64)
@@ -81,9 +82,17 @@ def with_drives(robot: Chain, efforts: Sequence[float], rotors: Sequence[float],
         entry = DriveTrainEntry(
             quantity="torque_limit", values=tuple(limits.tolist()), status="unverified", source=source
         )
-        robot = replace(robot, drive_train_entries=(*robot.drive_train_entries, entry))
+        doubt = torque_limit_doubt(robot, limits)
+        robot = replace(
+            robot,
+            drive_train_entries=(*robot.drive_train_entries, entry),
+            warnings=(*robot.warnings, doubt) if doubt else robot.warnings,
+        )
     told = ~np.isnan(known)
     if told.any() and not _placeholder(known[told]):
+        doubt = rotor_doubt(robot, known)
+        if doubt:
+            return replace(robot, warnings=(*robot.warnings, doubt))
         assumed = drive_train_of(robot)
         entry = entry_of_some("rotor_inertia", known, assumed.rotor_inertia, source, assumed.source["rotor_inertia"])
         robot = replace(robot, drive_train_entries=(*robot.drive_train_entries, entry))

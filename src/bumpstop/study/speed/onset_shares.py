@@ -100,4 +100,7 @@ def onset_shares(
         share = np.append(detected, stiffness * out.undetected_distance / lasting)
     else:
         share = stiffness * np.append(out.max_distance, out.undetected_distance) / lasting
+    if not (problem.gets_away or undetected.bounded):
+        # An arm that moves on where its file ends, and whose drives nobody knows, presses without bound.
+        share[out.probability.size + missed] = np.inf
     return OnsetShares(onset, probability, share, len(begin))
