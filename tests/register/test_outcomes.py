@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
+from bumpstop.model import Robot
+from bumpstop.model.urdf.writer import write_urdf
 from bumpstop.register import RegisterError, RegisterResult, SituationResult
 from bumpstop.register.measured import judge_by_shots
 from bumpstop.register.shots import Shot
+from bumpstop.text_files import to_toml
 from register.cases import EXAMPLES, write_register
 
 
@@ -225,6 +228,20 @@ def test_measured_peaks_never_make_an_outcome_better(tmp_path: Path) -> None:
     assert judge_by_shots(result, [shot(limit.force_N + 1, 60, (math.nan, math.nan))]).outcome == "pass"
     failing = RegisterResult(result.register, (replace(result.results[0], outcome="fail", reason="as computed"),))
     assert judge_by_shots(failing, [shot(60)]).results == failing.results
+
+
+def test_an_arm_in_millimetres_does_not_pass(tmp_path: Path) -> None:
+    scenario = bs.load_scenario(EXAMPLES.parent / "02_lower_arm_downward.toml")
+    robot = Robot.load("sia5d")
+    urdf = tmp_path / "arm.urdf"
+    write_urdf(replace(robot, tip_name="tcp", tip_origin=(0.0, 0.0, 120.0)), urdf)
+    text = to_toml(scenario.with_values({"robot": str(urdf), "motion.velocity_mm_s": [0, 0, -20]}).as_given())
+    (tmp_path / "mm.toml").write_text(text, encoding="utf-8")
+    (found,) = bs.evaluate_register(bs.load_register(tmp_path / "mm.toml")).results
+    assert found.verdict.acceptable
+    assert found.outcome == "inconclusive"
+    assert "do not look like metres" in found.reason
+    assert found.reason in found.warnings
 
 
 def test_a_situation_that_cannot_be_computed_is_named_with_all_others(tmp_path: Path) -> None:

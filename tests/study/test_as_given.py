@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 import bumpstop as bs
+from bumpstop.model.urdf.writer import write_urdf
+from bumpstop.program.evaluation import evaluate_program
 from bumpstop.study import TrajectorySpeedLimits, run
 from bumpstop.study.parameters.parameters import ParameterStudy
 from bumpstop.study.range import Range
@@ -31,6 +34,22 @@ def test_a_requirement_says_so() -> None:
     assert known.value == found.value
     rows = require_curve(uncertain(), "motion.speed", Range.parse("contact.padding=2e4:4e4:2", uncertain()))
     assert all(row["notes"] == list(found.notes) for row in rows)
+
+
+def test_doubtful_lengths_of_the_robot_are_said(tmp_path: Path) -> None:
+    """A safe speed that rests on a tool of 120 m was as good as any other."""
+    robot, urdf = bs.Robot.load("sia5d"), tmp_path / "arm.urdf"
+    write_urdf(replace(robot, tip_name="tcp", tip_origin=(0.0, 0.0, 120.0)), urdf)
+    scenario = uncertain().without_uncertainty().with_values({"robot": str(urdf)})
+    (said,) = solve_requirement(scenario, "motion.speed").notes
+    assert "the tip 'tcp' lies 120 m off" in said
+    assert run(ParameterStudy.of(scenario, ["motion.speed=20:40:2"])).summary["notes"] == [said]
+    cell = bs.load_scenario("examples/programs/cell.toml")
+    elbow = replace(bs.Robot.load(cell.robot), tip_name="tcp", tip_origin=(0.0, 0.0, 120.0))
+    write_urdf(elbow, urdf)
+    (tmp_path / "p.script").write_text("movej([0.12, -1.57, 1.57, -1.57, -1.57, 0], v=0.4)\n")
+    found = evaluate_program(tmp_path / "p.script", cell.with_values({"robot": str(urdf)}))
+    assert "the tip 'tcp' lies 120 m off" in found.to_json()["notes"][0]
 
 
 def test_the_command_judges_what_it_found() -> None:

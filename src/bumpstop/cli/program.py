@@ -128,7 +128,7 @@ def _print(result: ProgramResult) -> None:
             console.print(f"lines {_lines(one)}, {one.segment.name}: {one.present.why}")
     for line, text in result.source.not_understood:
         console.print(f"line {line} is not understood and left as it is: {text[:80]}")
-    for note in result.source.notes:
+    for note in result.notes:
         console.print(f"note: {note}")
     won = sum(one.won_s for one in result.segments if math.isfinite(one.won_s))
     against = " and ".join(f"{body.scenario.contact.body}, {body.allowed_force:.4g} N allowed" for body in bodies)

@@ -18,6 +18,7 @@ from bumpstop.model.drive_train.entry import DriveTrainEntry, check_entries
 from bumpstop.model.inertia import Matrix3, Vector3
 from bumpstop.model.inertia_doubts import inertia_doubts
 from bumpstop.model.joint import IDENTITY, Frame, Joint, check_name, check_rotation
+from bumpstop.model.length_doubts import length_doubts
 from bumpstop.model.reach import reach
 
 InertiaStatus = Literal["published", "unverified", "assumed", "unknown"]
@@ -158,6 +159,14 @@ class SerialChain:
         if self.inertia_status == "published" or all(joint.inertia is None for joint in self.joints):
             return ()
         return inertia_doubts(self.name, self.joints, self.reach, self.turning_reach)
+
+    @cached_property
+    def length_doubts(self) -> tuple[str, ...]:
+        """Why the lengths are probably not in metres; empty where they are plausible for an arm.
+
+        See :func:`bumpstop.model.length_doubts.length_doubts`.
+        """
+        return length_doubts(self.name, self.joints, self.tip_name, self.tip_origin)
 
     @property
     def inertia_objection(self) -> str:

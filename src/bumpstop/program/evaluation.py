@@ -99,6 +99,11 @@ class ProgramResult:
         """Of the segments that are judged."""
         return {one.segment: one.factor for one in self.segments if one.safe_factor > 0}
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed of the program, and what is doubted of the robot."""
+        return (*self.cell.robot.length_doubts, *self.source.notes)
+
     def to_json(self) -> dict[str, Any]:
         """As ``--json`` prints it."""
         known = [one for one in self.segments if math.isfinite(one.won_s)]
@@ -110,7 +115,7 @@ class ProgramResult:
             "won_s": sum(one.won_s for one in known),
             "segments": [one.to_json() for one in self.segments],
             "not_understood": [{"line": line, "text": text} for line, text in self.source.not_understood],
-            "notes": list(self.source.notes),
+            "notes": list(self.notes),
         }
 
 

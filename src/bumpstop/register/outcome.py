@@ -30,8 +30,8 @@ def outcome_of(
 
     A situation passes where its verdict is acceptable and nothing that was only assumed decides it. It is inconclusive
     where the verdict is, where there is no limit of force or of pressure, where the contact area was not given, where
-    sampled collisions are too few, where the other model of the arm or finer steps exceed the limits, and where the
-    register says that a value is assumed or unverified.
+    sampled collisions are too few, where lengths of the arm are hardly in metres, where the other model of the arm or
+    finer steps exceed the limits, and where the register says that a value is assumed or unverified.
     """
     verdict = result.verdict
     if judgement is not None:
@@ -55,6 +55,9 @@ def _open_question(situation: Situation, result: CollisionResult) -> str:
     if verdict.p_over_pressure is None:
         table = verdict.limits.table if verdict.limits else "the table"
         return f"The force is acceptable, but {table} has no pressure limit for this region: pressure is not judged."
+    doubts = result.problem.robot.length_doubts
+    if doubts:
+        return doubts[0]
     if "area_cm2" not in scenario.contact.model_fields_set:
         return "contact.area_cm2 is not given: the pressure rests on an assumed 1 cm²."
     if any("the verdict is NOT ACCEPTABLE" in warning for warning in result.warnings):

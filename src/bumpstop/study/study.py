@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.collision.scenario.settings_file import files_of, scenario_data
-from bumpstop.collision.verdict.as_given import as_given
+from bumpstop.collision.verdict.as_given import doubts_as_given
 from bumpstop.errors import InputError
 from bumpstop.shards import ShardedJob, code_digest, digest, to_jsonable, versions
 
@@ -54,7 +54,7 @@ class Study(ShardedJob):
     def summarise(self, volumes: Iterable[pl.DataFrame]) -> dict[str, Any]:  # noqa: D102
         import polars as pl
 
-        notes = as_given(self.scenario)
+        notes = doubts_as_given(self.scenario)
         return self.summary(pl.concat(list(volumes))) | ({"notes": notes} if notes else {})
 
     def settings(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What is said where a scenario's numbers are taken for known, and the scenario says that they are not."""
+"""What is said where a scenario's numbers are taken for known: those that it calls uncertain, and doubtful lengths."""
 
 from __future__ import annotations
 
@@ -6,6 +6,13 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from bumpstop.collision.scenario.scenario import Scenario
+
+
+def doubts_as_given(scenario: Scenario) -> list[str]:
+    """As :func:`as_given`, and why lengths of its robot are hardly in metres: for results without a verdict's notes."""
+    from bumpstop.collision.scenario.scenario_file import robot_of
+
+    return [*as_given(scenario), *robot_of(scenario).length_doubts]
 
 
 def as_given(scenario: Scenario) -> list[str]:

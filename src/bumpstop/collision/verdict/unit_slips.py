@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.collision.probability_text import percent
+from bumpstop.model.length_doubts import MAX_LENGTH_M, MIN_LENGTH_M
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -32,6 +33,7 @@ _LIGHTEST_KG = 0.1
 def unit_slips(result: CollisionOutcome) -> list[str]:
     """A sentence about each value that looks like one of another unit."""
     return [
+        *_lengths(result),
         *_point(result),
         *_stiffness(result),
         *_deformation(result),
@@ -45,15 +47,30 @@ def unit_slips(result: CollisionOutcome) -> list[str]:
     ]
 
 
+def _lengths(result: CollisionOutcome) -> list[str]:
+    """A lever a thousand times too long is felt at once, and every force looks small."""
+    return list(result.problem.robot.length_doubts)
+
+
 def _point(result: CollisionOutcome) -> list[str]:
     contact, robot = result.scenario.contact, result.problem.robot
+    # A rail without an end is no length of the arm.
+    farthest = min(robot.span, MAX_LENGTH_M)
+    link = contact.link or robot.tip_name
     away = math.hypot(*contact.point_m)
-    if not away > robot.span:
-        return []
-    return [
-        f"contact.point_m lies {away:.4g} m from {contact.link or robot.tip_name}, farther than the whole arm of "
-        f"{robot.span:.4g} m reaches: it is in metres, in the frame of its link."
-    ]
+    if away > farthest:
+        return [
+            f"contact.point_m lies {away:.4g} m from {link}, farther than the whole arm of {farthest:.4g} m reaches: "
+            "it is in metres, in the frame of its link."
+        ]
+    # Frames that are fixed to a link have lengths of their own, which are no part of the chain.
+    own = next((math.hypot(*frame.origin) for frame in robot.frames if frame.name == contact.link), 0.0)
+    if own > max(farthest, MIN_LENGTH_M):
+        return [
+            f"contact.link = {link!r} is fixed {own:.4g} m off its link, farther than the whole arm of {farthest:.4g} "
+            "m reaches: lengths of a URDF are in metres."
+        ]
+    return []
 
 
 def _stiffness(result: CollisionOutcome) -> list[str]:

@@ -117,7 +117,7 @@ def chain_from_urdf(
         base_joints=base_joints,
         other_joints=tuple(joint.name for joint in _beside(bodies, chain)),
     )
-    robot = replace(robot, warnings=(*robot.warnings, *robot.inertia_doubts))
+    robot = replace(robot, warnings=(*robot.warnings, *robot.length_doubts, *robot.inertia_doubts))
     return with_drives(robot, [joint.effort for joint in chain], [joint.rotor_inertia for joint in chain], path.name)
 
 

@@ -121,7 +121,7 @@ class LeftAsItIsPart(Part):
         for heading, items in (
             ("Not understood", [f"line {line}: {text[:200]}" for line, text in result.source.not_understood]),
             ("Inconclusive", unjudged),
-            ("What was assumed", list(result.source.notes)),
+            ("What was assumed", list(result.notes)),
             ("What is not claimed", list(_CLAIMS)),
         ):
             if items:

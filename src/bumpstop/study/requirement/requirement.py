@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from bumpstop.collision.verdict.as_given import as_given
+from bumpstop.collision.verdict.as_given import doubts_as_given
 from bumpstop.errors import InputError, near_matches
 from bumpstop.study.range import Range
 from bumpstop.study.requirement.risk_search import RiskSearch
@@ -270,5 +270,5 @@ class _Answer:
             reason=reason + (_ILL_CONDITIONED if ill_conditioned and binding != "singularity" else ""),
             ill_conditioned=ill_conditioned,
             evaluations=self.search.risks.evaluations,
-            notes=tuple(as_given(self.search.scenario)),
+            notes=tuple(doubts_as_given(self.search.scenario)),
         )
