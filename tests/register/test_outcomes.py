@@ -225,9 +225,48 @@ def test_measured_peaks_never_make_an_outcome_better(tmp_path: Path) -> None:
         (limit.force_N + 0.1, 60, "inconclusive"),
     ):
         assert judge_by_shots(result, [shot(measured, speed)]).outcome == outcome, (measured, speed)
-    assert judge_by_shots(result, [shot(limit.force_N + 1, 60, (math.nan, math.nan))]).outcome == "pass"
+    assert judge_by_shots(result, [shot(limit.force_N + 1, 60, (math.nan, math.nan))]).outcome == "inconclusive"
     failing = RegisterResult(result.register, (replace(result.results[0], outcome="fail", reason="as computed"),))
     assert judge_by_shots(failing, [shot(60)]).results == failing.results
+
+
+NO_BAND = (math.nan, math.nan)
+
+
+@pytest.mark.parametrize(
+    ("made", "outcome", "said"),
+    [
+        (
+            shot(120, band=NO_BAND),
+            "inconclusive",
+            "above the 98.65 N that 0.1 % should exceed: the prediction",
+        ),
+        (shot(120, band=(0.0, 1e6)), "inconclusive", "above the 98.65 N that 0.1 % should exceed"),
+        (shot(90, band=NO_BAND), "pass", ""),
+        (shot(120, speed=100, band=NO_BAND), "pass", ""),
+        (shot(0.09, band=NO_BAND), "inconclusive", "below a fifth of the computed median of"),
+        (shot(0.09), "inconclusive", "measured 0.09 N, below a third of the predicted 80 to 95 N: reading or unit?"),
+        (shot(0), "inconclusive", "reading or unit?"),
+        (shot(27), "pass", ""),
+        (shot(90, speed=10), "inconclusive", "its band of 80 to 95 N is that of 50 mm/s, the speed of the motion"),
+        (shot(90, speed=51), "pass", ""),
+        # Planned at another speed, with the band of that.
+        (shot(45, speed=20, band=(36.0, 54.0)), "pass", ""),
+    ],
+)
+def test_readings_that_show_nothing_or_refute_the_prediction(
+    made: Shot, outcome: str, said: str, tmp_path: Path
+) -> None:
+    result = bs.evaluate_register(bs.load_register(write_register(tmp_path, {"name": "a", "speed_mm_s": 50})))
+    (found,) = judge_by_shots(result, [shot(85), made]).results
+    assert found.outcome == outcome
+    assert said in found.reason
+    assert said in found.to_json()["reason"]
+    # Of one that fails by itself the reason stays, and this stands beside it.
+    failing = RegisterResult(result.register, (replace(result.results[0], outcome="fail", reason="as computed"),))
+    (failed,) = judge_by_shots(failing, [made]).results
+    assert (failed.outcome, failed.reason) == ("fail", "as computed")
+    assert [said in warning for warning in failed.warnings] == [True] * bool(said)
 
 
 def test_an_arm_in_millimetres_does_not_pass(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,7 +16,7 @@ import pytest
 import bumpstop as bs
 from bumpstop.contact import LimitTable
 from bumpstop.register import RegisterResult, evaluate_register, load_register
-from bumpstop.register.shots import load_shots
+from bumpstop.register.shots import Shot, load_shots
 from bumpstop.report.register.dossier import DossierHead, write_dossier
 from bumpstop.report.register.page import write_register
 from bumpstop.report.register.provenance import ProvenancePart
@@ -85,6 +86,34 @@ def shots_of(folder: Path, result: RegisterResult) -> tuple[Path, Any]:
         encoding="utf-8",
     )
     return path, load_shots(path, result.register.situations)
+
+
+def test_shots_that_show_nothing_are_marked(tmp_path: Path, result: RegisterResult) -> None:
+    name = "hand between flange and table"
+    found = next(one for one in result.results if one.situation.name == name)
+    speed = math.hypot(*(found.situation.scenario.motion.velocity_mm_s or ()))
+    middle = found.peak_force["p50"]
+    shot = Shot(situation=name, shot="1", speed_mm_s=speed, predicted_N=middle, low_N=middle - 6, high_N=middle + 6,
+                measured_N=middle)  # fmt: skip
+    none = {"low_N": math.nan, "high_N": math.nan}
+    shots = [
+        shot,
+        replace(shot, shot="2", measured_N=middle / 1000),
+        replace(shot, shot="3", speed_mm_s=speed / 4),
+        replace(shot, shot="4", measured_N=2 * middle, **none),
+        replace(shot, shot="5", **none),
+    ]
+    page = write_dossier(result, tmp_path, HEAD, shots).read_text(encoding="utf-8")
+    words = {row[1]: row[-1] for row in Text(page).rows if len(row) == 7 and row[0] == name and row[1] in "12345"}
+    limit = found.verdict.limits.force_N if found.verdict.limits else math.inf
+    assert words == {
+        "1": "in the band",
+        "2": "far below: reading or unit?",
+        "3": "speed? the band is of another",
+        "4": "above the limit" if 2 * middle > limit else "above",
+        "5": "",
+    }
+    assert "1 of 3 measured peaks with a band lie in it" in page
 
 
 def test_a_file_that_changes_meanwhile_is_named(tmp_path: Path) -> None:

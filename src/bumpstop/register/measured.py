@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+
+from bumpstop.collision import evaluate
+from bumpstop.collision.probability_text import percent
+from bumpstop.errors import InputError
 from bumpstop.register.evaluation import RegisterResult, worst_first
 from bumpstop.register.shots import Shot
 
@@ -14,45 +19,175 @@ if TYPE_CHECKING:
     from bumpstop.register.evaluation import SituationResult
 
 _SAME_SPEED = 1 + 1e-3
+# Where a shot's speed is farther from that of the motion, its band may be that of the motion by mistake.
+_SPEED_TOLERANCE = 0.05
+# A peak below this share of the least that was predicted is hardly a reading in N of that contact.
+_MIN_SHARE = 1 / 3
+# The same of the median, where there is no band.
+_MIN_SHARE_OF_MEDIAN = 1 / 5
+# A band with ends farther apart than this holds every reading, and judges none.
+_WIDEST = 10.0
+
+Finding = Literal["over_limit", "speed", "low_reading", "above", "below", "in_band", "no_band", "not_measured"]
+_WORDS: dict[Finding, str] = {
+    "over_limit": "above the limit",
+    "speed": "speed? the band is of another",
+    "low_reading": "far below: reading or unit?",
+    "above": "above",
+    "below": "below",
+    "in_band": "in the band",
+    "no_band": "",
+    "not_measured": "not measured yet",
+}
+# What changes a verdict, the gravest first.
+_GRAVE: tuple[Finding, ...] = ("over_limit", "speed", "low_reading", "above")
+
+
+@dataclass(frozen=True)
+class JudgedShot:
+    """A shot beside its prediction.
+
+    Attributes:
+        shot: what was measured.
+        finding: what it says.
+        reason: why the verdict may not hold, in a sentence; empty: nothing is against it.
+        excess: how far it is beyond what it should be; the largest of several shots is the worst.
+    """
+
+    shot: Shot
+    finding: Finding
+    reason: str = ""
+    excess: float = 0.0
+
+    @property
+    def words(self) -> str:
+        """The finding as pages write it."""
+        return _WORDS[self.finding]
+
+
+@dataclass(frozen=True)
+class _Expected:
+    """Median, and quantile of the accepted probability, of the peak force at the speed of a shot [N]; NaN: unknown."""
+
+    median: float
+    most: float
+
+
+_Expectation = Callable[["SituationResult", float], _Expected]
 
 
 def judge_by_shots(result: RegisterResult, shots: Sequence[Shot]) -> RegisterResult:
     """The results with the shots taken into account, worst first.
 
     A situation fails where a shot that is no faster than its motion measured more than the force limit. One that would
-    pass is inconclusive where a shot measured more than the band of its prediction: the prediction is too low. Shots
-    never make a verdict better.
+    pass is inconclusive where a shot measured more than the band of its prediction, or without a band more than the
+    quantile of the accepted probability at its speed: the prediction is too low. So it is where a shot measured less
+    than a third of the band's lower end (without a band, a fifth of the median), and where its band is that of the
+    motion and its speed is another: such a shot shows nothing. What does not change the verdict stands beside it as a
+    warning. Shots never make a verdict better.
     """
-    by_name: dict[str, list[Shot]] = {}
-    for shot in shots:
-        if shot.measured:
-            by_name.setdefault(shot.situation, []).append(shot)
-    judged = [_judge(one, by_name.get(one.situation.name, [])) for one in result.results]
-    return RegisterResult(result.register, worst_first(judged))
+    judged: dict[str, list[JudgedShot]] = {}
+    for one in judged_shots(result, shots):
+        judged.setdefault(one.shot.situation, []).append(one)
+    results = [_judge(one, judged.get(one.situation.name, [])) for one in result.results]
+    return RegisterResult(result.register, worst_first(results))
 
 
-def _judge(result: SituationResult, shots: Sequence[Shot]) -> SituationResult:
-    if not shots:
+def judged_shots(result: RegisterResult, shots: Sequence[Shot]) -> tuple[JudgedShot, ...]:
+    """Every shot beside its prediction, in the order given."""
+    by_name = {one.situation.name: one for one in result.results}
+    known: dict[tuple[str, float], _Expected] = {}
+
+    def expected(situation: SituationResult, speed_mm_s: float) -> _Expected:
+        key = (situation.situation.name, speed_mm_s)
+        if key not in known:
+            known[key] = _expected(situation, speed_mm_s)
+        return known[key]
+
+    def judged(shot: Shot) -> JudgedShot:
+        return _judged(shot, by_name[shot.situation], expected)
+
+    return tuple(judged(shot) for shot in shots)
+
+
+def _judge(result: SituationResult, shots: Sequence[JudgedShot]) -> SituationResult:
+    reasons = {}
+    for finding in _GRAVE:
+        found = [one for one in shots if one.finding == finding]
+        if found:
+            reasons[finding] = max(found, key=lambda one: one.excess).reason
+    if not reasons:
         return result
-    limit, speed = _force_limit(result), _speed_mm_s(result)
-    over = [shot for shot in shots if shot.measured_N > limit and shot.speed_mm_s <= speed * _SAME_SPEED]
-    if over:
-        worst = max(over, key=lambda shot: shot.measured_N)
-        reason = f"{_shot(worst)} measured {worst.measured_N:.4g} N, above the limit of {limit:g} N."
-        return result if result.outcome == "fail" else replace(result, outcome="fail", reason=reason)
-    above = [shot for shot in shots if shot.in_band is False and shot.measured_N > shot.high_N]
-    if above and result.outcome == "pass":
-        worst = max(above, key=lambda shot: shot.measured_N / max(shot.high_N, 1e-9))
-        reason = (
-            f"{_shot(worst)} measured {worst.measured_N:.4g} N, above the predicted {worst.low_N:.4g} to "
-            f"{worst.high_N:.4g} N: the prediction is too low."
-        )
-        return replace(result, outcome="inconclusive", reason=reason)
-    return result
+    gravest, *others = reasons.values()
+    outcome = result.outcome
+    if "over_limit" in reasons and outcome != "fail":
+        return replace(result, outcome="fail", reason=gravest, warnings=(*result.warnings, *others))
+    if outcome == "pass":
+        return replace(result, outcome="inconclusive", reason=gravest, warnings=(*result.warnings, *others))
+    return replace(result, warnings=(*result.warnings, *reasons.values()))
 
 
-def _shot(shot: Shot) -> str:
-    return f"Shot {shot.shot} at {shot.speed_mm_s:g} mm/s"
+def _judged(shot: Shot, result: SituationResult, expected: _Expectation) -> JudgedShot:
+    if not shot.measured:
+        return JudgedShot(shot, "not_measured")
+    limit, speed, measured = _force_limit(result), _speed_mm_s(result), shot.measured_N
+    told = f"Shot {shot.shot} at {shot.speed_mm_s:g} mm/s measured {measured:.4g} N"
+    if measured > limit and shot.speed_mm_s <= speed * _SAME_SPEED:
+        return JudgedShot(shot, "over_limit", f"{told}, above the limit of {limit:g} N.", measured)
+    if shot.in_band is None or shot.high_N > _WIDEST * shot.low_N:
+        return _judged_without_band(shot, result, told, expected(result, shot.speed_mm_s))
+    band = f"{shot.low_N:.4g} to {shot.high_N:.4g} N"
+    if _is_band_of_motion(shot, result, expected):
+        reason = f"{told}, and its band of {band} is that of {speed:.4g} mm/s, the speed of the motion: speed or row?"
+        return JudgedShot(shot, "speed", reason, abs(math.log(max(shot.speed_mm_s, 1e-9) / speed)))
+    if measured < _MIN_SHARE * shot.low_N:
+        reason = f"{told}, below a third of the predicted {band}: reading or unit?"
+        return JudgedShot(shot, "low_reading", reason, shot.low_N - measured)
+    if shot.in_band:
+        return JudgedShot(shot, "in_band")
+    if measured < shot.low_N:
+        return JudgedShot(shot, "below")
+    reason = f"{told}, above the predicted {band}: the prediction is too low."
+    return JudgedShot(shot, "above", reason, measured / max(shot.high_N, 1e-9))
+
+
+def _judged_without_band(shot: Shot, result: SituationResult, told: str, here: _Expected) -> JudgedShot:
+    if shot.measured_N > here.most:
+        accepted = percent(result.verdict.accepted_probability)
+        reason = f"{told}, above the {here.most:.4g} N that {accepted} should exceed: the prediction is too low."
+        return JudgedShot(shot, "above", reason, shot.measured_N / max(here.most, 1e-9))
+    if shot.measured_N < _MIN_SHARE_OF_MEDIAN * here.median < math.inf:
+        reason = f"{told}, below a fifth of the computed median of {here.median:.4g} N: reading or unit?"
+        return JudgedShot(shot, "low_reading", reason, here.median - shot.measured_N)
+    return JudgedShot(shot, "no_band")
+
+
+def _is_band_of_motion(shot: Shot, result: SituationResult, expected: _Expectation) -> bool:
+    """Whether the band is that of the motion's own speed, and not that of the shot's.
+
+    Plans have shots at other speeds than the motion's, each with the band of its speed.
+    """
+    speed, own = _speed_mm_s(result), result.peak_force["p50"]
+    if not math.isfinite(speed) or abs(shot.speed_mm_s - speed) <= _SPEED_TOLERANCE * speed:
+        return False
+    if not shot.low_N <= own <= shot.high_N:
+        return False
+    here = expected(result, shot.speed_mm_s).median
+    return not math.isnan(here) and not shot.low_N <= here <= shot.high_N
+
+
+def _expected(result: SituationResult, speed_mm_s: float) -> _Expected:
+    """Of a line at that speed, of a trajectory as it is."""
+    scenario = result.situation.scenario.without_uncertainty()
+    velocity = scenario.motion.velocity_mm_s
+    try:
+        if velocity is not None:
+            along = np.array(velocity) / math.hypot(*velocity)
+            scenario = scenario.with_values({"motion.velocity_mm_s": (speed_mm_s * along).tolist()})
+        force = evaluate(scenario).peak_force
+    except InputError:
+        return _Expected(math.nan, math.nan)
+    return _Expected(force.quantile(0.5), force.quantile(1 - result.verdict.accepted_probability))
 
 
 def _force_limit(result: SituationResult) -> float:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from bumpstop.contact import LimitTable, builtin_tables
 from bumpstop.register.inputs import tables_used
+from bumpstop.register.measured import judged_shots
 from bumpstop.report.document import Document
 from bumpstop.report.register.assumptions import AssumptionsPart
 from bumpstop.report.register.documents import DocumentsPart
@@ -79,7 +80,7 @@ def write_dossier(
         OutcomePart(result, head.rows()),
         SituationsPart(result),
         AssumptionsPart(result.results),
-        MeasurementsPart(shots, [one.situation.name for one in result.results]),
+        MeasurementsPart(judged_shots(result, shots), [one.situation.name for one in result.results]),
         StoppingDataPart(situations),
         InputsPart(result.results),
         LimitTablesPart([*tables_used(list(situations)), *builtin]),

@@ -12,7 +12,7 @@ from bumpstop.terminal import number
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bumpstop.register.shots import Shot
+    from bumpstop.register.measured import JudgedShot
 
 
 class MeasurementsPart(Part):
@@ -21,12 +21,12 @@ class MeasurementsPart(Part):
     title = "Measurement plan and results"
     anchor = "measurements"
 
-    def __init__(self, shots: Sequence[Shot], situations: Sequence[str]) -> None:
-        self._shots, self._situations = shots, situations
+    def __init__(self, shots: Sequence[JudgedShot], situations: Sequence[str]) -> None:
+        self._judged, self._situations = shots, situations
 
     def content(self) -> list[Html]:
         """A table of shots, and which situations have none."""
-        shots = self._shots
+        shots = [one.shot for one in self._judged]
         if not shots:
             return [
                 paragraph(
@@ -35,7 +35,8 @@ class MeasurementsPart(Part):
                 )
             ]
         made = [shot for shot in shots if shot.measured]
-        judged = [shot.in_band for shot in made if shot.in_band is not None]
+        # A band of another speed tells nothing of a shot.
+        judged = [one.shot.in_band and one.finding != "speed" for one in self._judged if one.shot.in_band is not None]
         missing = [name for name in self._situations if name not in {shot.situation for shot in made}]
         found = [
             paragraph(
@@ -47,14 +48,12 @@ class MeasurementsPart(Part):
         if missing:
             found.append(paragraph("Without a measured shot: ", ", ".join(missing), "."))
         headings = ("situation", "shot", "speed, mm/s", "predicted, N", "band, N", "measured, N", "")
-        return [*found, table(headings, [_row(shot) for shot in shots], caption="Shots of the force gauge")]
+        return [*found, table(headings, [_row(one) for one in self._judged], caption="Shots of the force gauge")]
 
 
-def _row(shot: Shot) -> tuple[str, ...]:
+def _row(judged: JudgedShot) -> tuple[str, ...]:
+    shot, word = judged.shot, judged.words
     band = "" if math.isnan(shot.low_N) or math.isnan(shot.high_N) else f"{number(shot.low_N)} to {number(shot.high_N)}"
-    word = {True: "in the band", False: "below" if shot.measured_N < shot.low_N else "above", None: ""}[shot.in_band]
-    if not shot.measured:
-        word = "not measured yet"
     return (
         shot.situation,
         shot.shot,
@@ -62,5 +61,5 @@ def _row(shot: Shot) -> tuple[str, ...]:
         "" if math.isnan(shot.predicted_N) else whole(number(shot.predicted_N)),
         whole(band) if band else "",
         whole(number(shot.measured_N)) if shot.measured else "",
-        element("strong", word) if shot.in_band is False else word,
+        element("strong", word) if judged.reason or judged.finding == "below" else word,
     )
