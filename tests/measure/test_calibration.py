@@ -174,6 +174,26 @@ def test_a_bad_shot_is_named_and_hardly_counts() -> None:
         assert b.expected_N[0] == pytest.approx(a.expected_N[0], rel=0.03)
 
 
+@pytest.mark.parametrize("share", [0.3, 0.001])
+def test_readings_that_are_too_low_for_a_cell_are_doubted(share: float) -> None:
+    """A third of the force asks for a latency below zero, which was cut off without a word."""
+    z = np.zeros(len(ensemble().parameters))
+    columns = [0, 1, 2, 3] * 2
+    assert calibrate(ensemble(), shots_at(z, columns), refine=0).warnings == ()
+    low = [replace(shot, force_N=share * shot.force_N) for shot in shots_at(z, columns)]
+    made = calibrate(ensemble(), low, refine=0)
+    assert made.warnings[0].startswith("8 of 8 shots lie below the least that was believed before")
+    assert "Are readings in another unit, or does the gauge show too little?" in made.warnings[0]
+    assert made.to_json()["warnings"] == list(made.warnings)
+    written = calibrated_toml(made, ensemble().conditions[0].situation.scenario)
+    assert f"# WARNING: {made.warnings[0]}" in written
+    latency = next(each for each in made.found if each.key == LATENCY)
+    given = min(condition.scenario.reaction.latency_s for condition in ensemble().conditions)
+    below = [warning for warning in made.warnings if "which would be below zero and counts as 0" in warning]
+    assert len(below) == (given + latency.median < 0)
+    assert all("too low to be explained by a latency" in warning for warning in below)
+
+
 def test_bad_shots_of_one_number_are_told_apart() -> None:
     """As of two plans that were measured one after the other."""
     columns = [0, 1, 2, 3, 0, 1, 2, 3, 1, 3]

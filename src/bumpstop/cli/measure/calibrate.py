@@ -122,6 +122,8 @@ def _print(made: PlanCalibration) -> None:
             "-" if force.limit_N != force.limit_N else f"{force.limit_N:.4g}",
         )
     console.print(forces)
+    for warning in found.warnings:
+        console.print(f"warning: {warning}", soft_wrap=True)
     for note in (*made.left_out, *found.notes):
         console.print(f"note: {note}", soft_wrap=True)
     best = found.next_shot

@@ -68,6 +68,7 @@ def calibrated_toml(calibration: Calibration, scenario: Scenario) -> str:
     spread = data.pop("uncertainty", {}) | uncertainty(calibration, scenario)
     values = calibrated_values(calibration, scenario)
     lines = ["# Calibrated by measured peak forces. Values are medians; [uncertainty] has their spread."]
+    lines += [f"# WARNING: {warning}" for warning in calibration.warnings]
     for found in calibration.found:
         sure = f"factor {found.median:.3g} [{found.low:.3g}, {found.high:.3g}]"
         if found.kind == "shift":

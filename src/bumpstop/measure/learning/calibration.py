@@ -20,8 +20,9 @@ from bumpstop.measure.learning.posterior import (
     sample_posterior,
     single_shots,
 )
-from bumpstop.measure.learning.shots import BadShot, MeasuredShot
-from bumpstop.measure.parameters import Parameters
+from bumpstop.measure.learning.reading_doubts import reading_doubts
+from bumpstop.measure.learning.shots import BadShot, MeasuredShot, is_of
+from bumpstop.measure.parameters import LATENCY, Parameters
 from bumpstop.measure.planning.design import Belief
 from bumpstop.measure.planning.plan import target_weights
 
@@ -138,6 +139,7 @@ class Calibration:
         forces: of every situation and speed.
         next_shot: the best one to take now.
         notes: what a reader should know.
+        warnings: why the figures are hardly those of the cell.
     """
 
     parameters: Parameters
@@ -150,6 +152,7 @@ class Calibration:
     forces: tuple[CalibratedForce, ...]
     next_shot: NextShot
     notes: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
 
     @property
     def shown(self) -> tuple[FoundParameter, ...]:
@@ -172,6 +175,7 @@ class Calibration:
             "forces": [each.to_json() for each in self.forces],
             "next_shot": self.next_shot.to_json(),
             "effective_draws": self.posterior.effective,
+            "warnings": list(self.warnings),
             "notes": list(self.notes),
         }
 
@@ -231,6 +235,12 @@ def calibrate(
         bad_shots=bad,
         forces=forces,
         next_shot=_next_shot(ensemble, surfaces, posterior, after, errors),
+        warnings=reading_doubts(
+            [forces[column].before_N for column in columns],
+            shots,
+            ensemble.conditions,
+            next((each.median for each in found if each.key == LATENCY), 0.0),
+        ),
         notes=(*_notes(found, bad, posterior, surfaces, columns), *_force_notes(forces, shots)),
     )
 
@@ -239,13 +249,9 @@ def _part(progress: Callable[[float], None] | None, number: int) -> Callable[[fl
     return None if progress is None else lambda share: progress((number + share) / _ROUNDS)
 
 
-def _is_of(situation: str, speed_mm_s: float, shot: MeasuredShot) -> bool:
-    return situation == shot.situation and math.isclose(speed_mm_s, shot.speed_mm_s, rel_tol=1e-3)
-
-
 def _column(ensemble: PeakForceEnsemble, shot: MeasuredShot) -> int:
     for c, condition in enumerate(ensemble.conditions):
-        if _is_of(condition.situation.name, condition.speed_mm_s, shot):
+        if is_of(condition.situation.name, condition.speed_mm_s, shot):
             return c
     raise InputError(
         f"shot {shot.number}",
@@ -356,7 +362,7 @@ def _force_notes(forces: Sequence[CalibratedForce], shots: Sequence[MeasuredShot
     notes = []
     for force in forces:
         where = f"{force.situation} at {force.speed_mm_s:.4g} mm/s"
-        here = [shot.force_N for shot in shots if _is_of(force.situation, force.speed_mm_s, shot)]
+        here = [shot.force_N for shot in shots if is_of(force.situation, force.speed_mm_s, shot)]
         over = sum(shot > force.limit_N for shot in here)
         if over:
             notes.append(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,3 +54,8 @@ class BadShot:
             "force_N": shot.force_N,
             "ratio": self.ratio,
         }
+
+
+def is_of(situation: str, speed_mm_s: float, shot: MeasuredShot) -> bool:
+    """Whether a shot is one of a situation at a speed."""
+    return situation == shot.situation and math.isclose(speed_mm_s, shot.speed_mm_s, rel_tol=1e-3)

@@ -129,7 +129,7 @@ class ParametersPart(Part):
         ]
         error = made.posterior.gauge_error
         low, high = np.quantile(error, (0.025, 0.975))
-        notes = [*self._made.left_out, *made.notes]
+        notes = [*made.warnings, *self._made.left_out, *made.notes]
         return [
             paragraph(
                 "Factors on what the scenarios say, and times added to it: medians with central 95 % intervals. The "

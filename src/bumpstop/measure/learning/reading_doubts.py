@@ -1,0 +1,55 @@
+"""Readings that no cell gives: another unit, a gauge that shows too little, or a latency below zero."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bumpstop.measure.parameters import LATENCY, nominal
+
+if TYPE_CHECKING:
+    from bumpstop.measure.learning.peak_force_ensemble import Condition
+    from bumpstop.measure.learning.shots import MeasuredShot
+
+# More than half of the shots below what was believed, and in the middle by a factor of two: no parameter is so far off.
+# Readings that are too high are told by their limits, and make nothing look safe.
+_MANY, _LOW_RATIO = 0.5, 0.5
+
+
+def reading_doubts(
+    before: Sequence[tuple[float, float, float]],
+    shots: Sequence[MeasuredShot],
+    conditions: Sequence[Condition],
+    latency_shift: float,
+) -> tuple[str, ...]:
+    """Why measured shots are hardly those of their cell, a sentence for each reason.
+
+    Args:
+        before: median and central 95 % of the peak force of each shot, as believed before any was measured [N].
+        shots: measured.
+        conditions: whose scenarios the latency is of.
+        latency_shift: what the shots add to it [s].
+    """
+    ratio = float(np.median([shot.force_N / median for shot, (median, _, _) in zip(shots, before, strict=True)]))
+    low = sum(shot.force_N < least for shot, (_, least, _) in zip(shots, before, strict=True))
+    too_low = ratio < _LOW_RATIO and low > _MANY * len(shots)
+    doubts = (
+        f"{low} of {len(shots)} shots lie below the least that was believed before, {ratio:.2g} times the "
+        "expected force in the middle. Are readings in another unit, or does the gauge show too little? What was "
+        "learned only hides it: do not use the calibrated scenarios before that is settled.",
+    )
+    return (*(doubts if too_low else ()), *_latency_doubt(latency_shift, conditions, too_low=too_low))
+
+
+def _latency_doubt(shift: float, conditions: Sequence[Condition], *, too_low: bool) -> tuple[str, ...]:
+    """A latency below zero counts as zero in the scenarios."""
+    given = min(float(nominal(condition.scenario, LATENCY)) for condition in conditions)
+    if given + shift >= 0:
+        return ()
+    why = "readings are too low to be explained by a latency" if too_low else "a latency alone does not explain them"
+    return (
+        f"The shots ask for a latency {1e3 * -shift:.3g} ms shorter than the {1e3 * given:.3g} ms of the scenario, "
+        f"which would be below zero and counts as 0: {why}.",
+    )
