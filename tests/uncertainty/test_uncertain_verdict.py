@@ -61,6 +61,9 @@ def test_a_distance_in_an_interval_is_looked_at_in_every_phase_of_the_control_cy
     assert result.conclusion == "inconclusive"
     assert result.deciding == ("contact.offset_mm",)
     assert result.case("worst").utilisation > 0.995 * use.max()
+    (bar,) = result.tornado
+    assert bar.utilisation_low < 1.05 * use.min()
+    assert bar.utilisation_high > 0.98 * use.max()
     assert bs.judge_situation(scenario).word == "INCONCLUSIVE"
 
 

@@ -45,6 +45,18 @@ class AssumedSearch:
     best: FloatArray
 
 
+def has_ripple(evaluator: PointEvaluator, key: str) -> bool:
+    """Whether the force rises and falls over an input from control cycle to control cycle: of a single contact."""
+    scenario = evaluator.scenario
+    single = scenario.contact.offset_law == "fixed" or isinstance(scenario.motion.contact_onset_s, float)
+    return single and key in _RIPPLES
+
+
+def ripple_shares() -> FloatArray:
+    """Where such an input is looked at, as shares of its range, both ends among them (n,)."""
+    return np.sort(np.concatenate([[0.0, 1.0], np.arange(1, _RIPPLE_SCAN - 1) * _GOLDEN % 1]))
+
+
 class _Ranges:
     """Ranges of the assumed inputs, all others fixed."""
 
@@ -52,12 +64,11 @@ class _Ranges:
         self.evaluator, self._base = evaluator, base
         self.assumed = [j for j, each in enumerate(evaluator.inputs) if each.assumed]
         self.ends = np.array([evaluator.inputs[j].limits(confidence) for j in self.assumed])
-        scenario = evaluator.scenario
-        single = scenario.contact.offset_law == "fixed" or isinstance(scenario.motion.contact_onset_s, float)
-        self.ripples = [k for k, j in enumerate(self.assumed) if single and evaluator.inputs[j].key in _RIPPLES]
-        counts = [_RIPPLE_SCAN if k in self.ripples else _SCAN for k in range(len(self.assumed))]
+        self.ripples = [k for k, j in enumerate(self.assumed) if has_ripple(evaluator, evaluator.inputs[j].key)]
+        even = np.linspace(0.0, 1.0, _SCAN)
+        self.shares = [ripple_shares() if k in self.ripples else even for k in range(len(self.assumed))]
         # Rows of the scan that belong to each input.
-        self.parts = [slice(first, end) for first, end in pairwise([0, *accumulate(counts)])]
+        self.parts = [slice(first, end) for first, end in pairwise([0, *accumulate(map(len, self.shares))])]
 
     def rows(self, values: FloatArray) -> FloatArray:
         """Figures of all inputs (n, inputs), of those that are assumed (n, assumed)."""
@@ -72,11 +83,7 @@ class _Ranges:
 
     def along(self, k: int, at: FloatArray) -> FloatArray:
         """Input ``k`` from end to end, the others as ``at`` has them (n, assumed)."""
-        low, high = self.ends[k]
-        if k in self.ripples:
-            shares = np.sort(np.concatenate([[0.0, 1.0], np.arange(1, _RIPPLE_SCAN - 1) * _GOLDEN % 1]))
-        else:
-            shares = np.linspace(0.0, 1.0, _SCAN)
+        (low, high), shares = self.ends[k], self.shares[k]
         values = np.tile(at, (shares.size, 1))
         values[:, k] = low + (high - low) * shares
         return values

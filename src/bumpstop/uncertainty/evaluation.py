@@ -13,7 +13,13 @@ from bumpstop.arrays import FloatArray, as_whole_number
 from bumpstop.collision.distribution.monte_carlo_blocks import Progress
 from bumpstop.collision.scenario.scenario import as_scenario
 from bumpstop.errors import InputError
-from bumpstop.uncertainty.assumed_search import AssumedSearch, search_assumed, swapping_inputs
+from bumpstop.uncertainty.assumed_search import (
+    AssumedSearch,
+    has_ripple,
+    ripple_shares,
+    search_assumed,
+    swapping_inputs,
+)
 from bumpstop.uncertainty.cases import TornadoBar, UncertainCase
 from bumpstop.uncertainty.conclusion import JudgedCases, at_rank, conclude, rank_of, verdict_of
 from bumpstop.uncertainty.dependence import dependence_note
@@ -179,11 +185,21 @@ def _case(name: str, runs: tuple[Points, ...], confidence: float, representative
 
 
 def _tornado(evaluator: PointEvaluator, confidence: float) -> tuple[TornadoBar, ...]:
-    """One input at a time from end to end of its range, all others central."""
+    """One input at a time from end to end of its range, all others central.
+
+    The use of the limit by a single contact rises and falls over its distance, onset and speed: of these from its least
+    to its greatest.
+    """
     central, bars = evaluator.central_figures, []
     ends = np.array([each.limits(confidence) for each in evaluator.inputs])
     rows = np.repeat(central[None], 2 * len(central), axis=0)
-    for j in range(len(central)):
+    for j, each in enumerate(evaluator.inputs):
+        if has_ripple(evaluator, each.key):
+            shares = ripple_shares()
+            along = np.tile(central, (shares.size, 1))
+            along[:, j] = ends[j, 0] + np.ptp(ends[j]) * shares
+            use = evaluator.at(along).utilisation
+            ends[j] = along[[int(use.argmin()), int(use.argmax())], j]
         rows[2 * j : 2 * j + 2, j] = ends[j]
     points = evaluator.at(rows)
     for j, each in enumerate(evaluator.inputs):
