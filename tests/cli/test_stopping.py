@@ -124,3 +124,11 @@ def test_a_scenario_takes_what_is_written(law: str, tmp_path: Path) -> None:
         for reaction in (written, {"kind": "stop", "joint_acceleration_rad_s2": full_speed})
     ]
     assert forces[0] > 1.5 * forces[1]
+
+
+def test_of_several_stop_categories_the_option_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = tmp_path / "table.csv"
+    table.write_text("speed_deg_s,category,distance_1_deg\n50,0,1\n99,0,4\n50,1,2\n99,1,4\n", encoding="utf-8")
+    assert run(str(table)) == 2
+    assert "error: --category: is not given, and" in capsys.readouterr().err
+    assert run(str(table), "--category", "1") == 0

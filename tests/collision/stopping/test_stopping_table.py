@@ -114,7 +114,75 @@ def test_toml_by_columns_and_by_rows(tmp_path: Path) -> None:
 def test_names_of_columns(name: str, quantity: str, joint: int | None, unit: str) -> None:
     column = read_column(name)
     assert column is not None
-    assert (column.quantity, column.joint, column.unit) == (quantity, joint, unit)
+    assert (column.quantity, column.counted(1).joint, column.unit) == (quantity, joint, unit)
+
+
+UR = """speed (rad/s),Joint 0 (BASE) stopping distance [rad],Joint 1 (SHOULDER) stopping distance [rad],\
+Joint 2 (ELBOW) stopping distance [rad],time base [ms],time 1 [ms],Joint 3 (WRIST 1) angle [rad]
+0.7,0.105,0.175,0.084,300,500,0.05
+1.4,0.210,0.350,0.168,300,500,0.10
+"""
+
+
+def test_a_word_beside_a_number_decides_how_the_file_counts(tmp_path: Path) -> None:
+    """As in manuals of Universal Robots: joint 0 is the base."""
+    table = load(tmp_path, UR)
+    assert table.joints == (1, 2, 3, 4)
+    assert table.distance[0].tolist() == [0.105, 0.175, 0.084, 0.05]
+    np.testing.assert_array_equal(table.time[0], [0.3, 0.5, np.nan, np.nan])
+    assert "The file counts joints from 0; here they are counted from 1." in table.notes
+    names, *rows = UR.splitlines()
+    without_base = "\n".join(",".join(row.split(",")[:1] + row.split(",")[2:4]) for row in (names, *rows))
+    assert load(tmp_path, without_base).joints == (2, 3)
+    as_here = UR.replace("Joint 0", "J1").replace("Joint 1", "J2").replace("Joint 2", "J3").replace("Joint 3", "J4")
+    table = load(tmp_path, as_here.replace("time 1", "time 2"))
+    assert table.joints == (1, 2, 3, 4)
+    assert table.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("names", "joints"),
+    [
+        ("joint", ("Joint 1 (SHOULDER)", "Joint 2 (ELBOW)")),
+        ("joint", ("shoulder", "elbow")),
+        ("joint,remark", ("1,Shoulder", "2,Elbow")),
+        ("joint,joint name", ("2,SHOULDER", "3,ELBOW")),
+        ("axis", ("A2", "A3")),
+    ],
+)
+def test_rows_say_their_joints_by_word_and_number(tmp_path: Path, names: str, joints: tuple[str, str]) -> None:
+    rows = [f"{joint},{v},{v * s}" for joint, s in zip(joints, (0.3, 0.2), strict=True) for v in (1, 2)]
+    table = load(tmp_path, f"{names},speed [rad/s],distance [rad]\n" + "\n".join(rows) + "\n")
+    assert table.joints == (2, 3)
+    np.testing.assert_allclose(table.distance[0], [0.3, 0.2])
+
+
+@pytest.mark.parametrize(
+    ("name", "joint", "category"),
+    [
+        ("STOP 1 stopping distance A2 [deg]", 2, 1),
+        ("Stopping distance axis 1 (STOP 0) [deg]", 1, 0),
+        ("Axis 2 stopping distance Stop 0 [deg]", 2, 0),
+        ("Stop category 0 distance A1 [deg]", 1, 0),
+        ("Cat. 1 stopping distance J2 [deg]", 2, 1),
+        ("distance_J2_cat2_deg", 2, 2),
+        ("stop_1_distance_3_deg", 3, 1),
+        ("stopping distance 2 [deg]", 2, None),
+    ],
+)
+def test_the_number_of_a_stop_category_is_no_joint(tmp_path: Path, name: str, joint: int, category: int | None) -> None:
+    table = load(tmp_path, f"speed [deg/s],{name}\n30,6\n60,12\n")
+    assert (table.joints, table.category) == ((joint,), category)
+
+
+def test_of_columns_of_several_stop_categories_one_must_be_chosen(tmp_path: Path) -> None:
+    text = "speed [deg/s],STOP 0 distance A1 [deg],STOP 1 distance A1 [deg]\n50,1,2\n100,4,4\n"
+    with pytest.raises(bs.InputError, match="stop categories 0, 1") as refused:
+        load(tmp_path, text)
+    assert refused.value.field == "category"
+    np.testing.assert_allclose(load(tmp_path, text, category=1).distance[:, 0], [2 * DEG, 4 * DEG])
+    with pytest.raises(bs.InputError, match="2 is not in"):
+        load(tmp_path, text, category=2)
 
 
 def test_unsorted_and_repeated_rows_are_mended_and_told(tmp_path: Path) -> None:
@@ -154,6 +222,8 @@ def test_of_several_stop_categories_one_must_be_chosen(tmp_path: Path) -> None:
     with pytest.raises(bs.InputError, match="stop categories 0, 1"):
         load(tmp_path, text)
     np.testing.assert_allclose(load(tmp_path, text, category=1).distance[:, 0], [2 * DEG, 4 * DEG])
+    words = text.replace(",0,", ",STOP 0,").replace(",1,", ",Cat. 1,")
+    same(load(tmp_path, words, category=1), load(tmp_path, text, category=1))
 
 
 @pytest.mark.parametrize(
@@ -179,6 +249,19 @@ def test_of_several_stop_categories_one_must_be_chosen(tmp_path: Path) -> None:
         ("", "table.csv", "is empty"),
         (PLAIN.replace("distance_2", "distance_j0"), "column 'distance_j0_deg'", "from 0"),
         ("joint,speed_deg_s,distance_deg\n0,1,1\n0,2,2\n", "row 1, column 'joint'", "from 0"),
+        ("joint,speed_deg_s,distance_deg\n1.5,1,1\n1.5,2,2\n", "row 1, column 'joint'", "1.5 is no joint"),
+        ("joint,speed_deg_s,distance_deg\n1,1,1\n,2,2\n", "row 2", "names no joint"),
+        ("speed_deg_s,category,distance_1_deg\n1,1,1\n2,,4\n3,1,9\n", "row 2, column 'category'", "is empty"),
+        ("speed_deg_s,category,distance_1_deg\n1,1,1\n2,1.5,4\n", "row 2, column 'category'", "no stop category"),
+        (PLAIN.replace("distance_1", "distance_3_base"), "column 'distance_3_base_deg'", "word for joint 1"),
+        (
+            PLAIN.replace("distance_1", "distance_1_base").replace("distance_2", "distance_1_shoulder"),
+            "column 'distance_1_shoulder_deg'",
+            "counts joints from 0 by their words, and",
+        ),
+        (PLAIN.replace("distance_1", "J1_distance_A2"), "column 'J1_distance_A2_deg'", "names two joints"),
+        (PLAIN.replace("distance_1", "wrist_distance_1"), "column 'wrist_distance_1_deg'", "names a wrist joint"),
+        (PLAIN.replace("distance_1", "stop_1_cat_0_J1"), "column 'stop_1_cat_0_J1_deg'", "two stop categories"),
     ],
 )
 def test_bad_tables_are_refused_by_name(tmp_path: Path, text: str, field: str, problem: str) -> None:

@@ -226,6 +226,18 @@ def test_brakes_without_a_payload_are_noted(tmp_path: Path) -> None:
         ("speed_deg_s,distance_1_deg\n1,1\n2,2\n", {"payload_kg": 1.0}, "reaction.payload_kg", "no meaning"),
         (grid(plain).replace("_deg", "_mm"), {}, "reaction.stopping_table", "lengths"),
         ("speed_deg_s,distance_1_deg\n1,1\n", {}, "reaction.stopping_table", "one distance"),
+        (
+            "category,speed_deg_s,distance_1_deg\n0,1,1\n0,2,2\n1,1,1\n1,2,2\n",
+            {},
+            "reaction.stop_category",
+            "is not given, and",
+        ),
+        (
+            "category,speed_deg_s,distance_1_deg\n0,1,1\n0,2,2\n",
+            {"stop_category": 1},
+            "reaction.stop_category",
+            "1 is not",
+        ),
     ],
 )
 def test_tables_that_do_not_fit_are_refused(

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from bumpstop.collision.stopping.joint_names import NO_JOINT, JointName
 from bumpstop.errors import InputError
 
 _DEG = math.pi / 180
@@ -20,9 +21,6 @@ UNITS: dict[str, dict[str, float]] = {
     "joint": {"": 1.0},
 }
 LENGTHS = ("mm", "m", "mm/s", "m/s")
-TCP = 0
-"""Number of the tool centre point, where a column is about it and about no joint."""
-
 _QUANTITIES = {
     "category": ("category", "cat"),
     "payload": ("payload", "load"),
@@ -47,7 +45,8 @@ _UNIT_WORDS = {
     "m": "m",
 }
 _UNIT_OF = {word: unit for unit, words in _UNIT_WORDS.items() for word in words.split()}
-_JOINTS = {"base": 1, "shoulder": 2, "elbow": 3, "tcp": TCP, "tool": TCP}
+# "STOP 1", "Cat. 1", "stop category 0", and so where "_" parts words.
+STOP_CATEGORY = re.compile(r"(?<![a-z0-9])(?:stop[\W_]*)?(?:stop|cat(?:egory)?)[\W_]*([012])(?![a-z0-9]|[.,]\d)")
 
 
 @dataclass(frozen=True)
@@ -58,48 +57,65 @@ class Column:
         name: as written.
         quantity: a key of :data:`UNITS`.
         unit: one of them; empty where the name says none.
-        joint: from 1, :data:`TCP`, or None where the column is about all of them.
+        named: the joint, as the name says it.
+        joint: the same from 1, :data:`TCP`, or None where the column is about all of them.
+        category: the stop category that the name says, or None.
     """
 
     name: str
     quantity: str
     unit: str
-    joint: int | None
+    named: JointName
+    joint: int | None = None
+    category: int | None = None
+
+    def counted(self, first: int) -> Column:
+        """The column of a file whose first joint has the number ``first``.
+
+        Raises:
+            InputError: it counts joints from 0, and the file does not.
+        """
+        return replace(self, joint=self.named.joint(first, f"column {self.name!r}"))
 
 
 def read_column(name: str) -> Column | None:
-    """What a name says; None where it names no quantity of a stopping table.
+    """What a name says, but for the joint; None where it names no quantity of a stopping table.
 
     Args:
-        name: such as ``speed_percent``, ``distance_2_deg``, ``J1 stopping time [ms]``.
+        name: such as ``speed_percent``, ``distance_2_deg``, ``J1 stopping time [ms]``, ``STOP 1 distance A2 [deg]``.
 
     Raises:
-        InputError: it counts joints from 0 and does not name them.
+        InputError: it names two joints or two stop categories.
     """
+    category, text = _take_category(name)
+    words = words_of(text)
+    if category is not None and not any(re.search("[a-z]", word) for word in words):  # "stop category (0, 1)"
+        return Column(name, "category", "", NO_JOINT)
+    unit, words = _take_unit(words)
+    named = JointName.of(words, f"column {name!r}")
+    rest, no_joint = named.rest, named.number is None and named.word is None
+    quantity = next((known for known, names in _QUANTITIES.items() if any(word in names for word in rest)), "")
+    if not quantity and no_joint and any(word in ("joint", "axis") for word in rest):
+        quantity, unit = "joint", ""
+    if not quantity and unit and (not no_joint or not rest):
+        quantity = next(known for known in ("distance", "speed", "time", "payload") if unit in UNITS[known])
+    return Column(name, quantity, unit, named, category=category) if quantity else None
+
+
+def _take_category(name: str) -> tuple[int | None, str]:
+    """The stop category in a name, and the name without it: its number is no joint's."""
+    found = {int(said) for said in STOP_CATEGORY.findall(name.lower())}
+    if len(found) > 1:
+        raise InputError(f"column {name!r}", "names two stop categories", "wanted one")
+    return next(iter(found), None), STOP_CATEGORY.sub(" ", name.lower())
+
+
+def words_of(name: str) -> list[str]:
+    """The lower-case words and numbers of a name; units are such words."""
     text = name.lower().replace("°", " deg ").replace("%", " percent ").replace("φ", " angle ")
     text = re.sub(r"deg\s*/\s*s(ec)?\b|degrees?\s*(per|/)\s*s(econd|ec)?\b", "deg/s", text)
     text = re.sub(r"\b(mm|m|rad)\s*/\s*s(ec)?\b", r"\1/s", text)
-    words = [word for word in re.split(r"[^a-z0-9/]+", text) if word]
-    unit, words = _take_unit(words)
-    if not set(words) & set(_JOINTS) and any(re.fullmatch(r"(joint|axis|j|a)?0+", word) for word in words):
-        raise InputError(f"column {name!r}", "counts joints from 0", "wanted numbers from 1")
-    joint: int | None = None
-    rest: list[str] = []
-    for word in words:
-        numbered = re.fullmatch(r"(joint|axis|j|a|t|d|s|time|distance|angle)?(\d+)", word)
-        if numbered and joint is None and int(numbered[2]) >= 1:
-            joint = int(numbered[2]) + (3 if "wrist" in words else 0)  # the first of them is joint 4
-            rest += [numbered[1]] if numbered[1] not in (None, "joint", "axis", "j", "a") else []
-        elif word in _JOINTS and joint is None:
-            joint = _JOINTS[word]
-        else:
-            rest.append(word)
-    quantity = next((known for known, names in _QUANTITIES.items() if any(word in names for word in rest)), "")
-    if not quantity and joint is None and any(word in ("joint", "axis") for word in rest):
-        quantity, unit = "joint", ""
-    if not quantity and unit and (joint is not None or not rest):
-        quantity = next(known for known in ("distance", "speed", "time", "payload") if unit in UNITS[known])
-    return Column(name, quantity, unit, joint) if quantity else None
+    return [word for word in re.split(r"[^a-z0-9/]+", text) if word]
 
 
 def _take_unit(words: list[str]) -> tuple[str, list[str]]:

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from bumpstop.arrays import FloatArray
-from bumpstop.collision.stopping.column_names import TCP
+from bumpstop.collision.stopping.joint_names import TCP
 from bumpstop.errors import InputError
 
 # Distances by speed of one joint differ by payload and extension, but not by this: what does is in another unit.
@@ -31,6 +31,7 @@ class StoppingTable:
         full_speed: (joints,) at 100 % [rad/s or m/s]; NaN where speeds are not shares.
         linear: the distances are lengths, of the tool centre point or of joints that slide.
         row: (rows,) numbers in the file, from 1.
+        category: the stop category of its rows; None where the file says none.
         notes: what was repaired or assumed while reading.
     """
 
@@ -45,6 +46,7 @@ class StoppingTable:
     full_speed: FloatArray
     linear: bool
     row: tuple[int, ...]
+    category: int | None = None
     notes: tuple[str, ...] = ()
 
     @property

@@ -11,7 +11,7 @@ import numpy as np
 
 from bumpstop import _native
 from bumpstop.arrays import FloatArray
-from bumpstop.collision.stopping.column_names import TCP
+from bumpstop.collision.stopping.joint_names import TCP
 from bumpstop.collision.stopping.stopping_table import StoppingTable
 from bumpstop.collision.stopping.table_file import load_stopping_table
 from bumpstop.errors import InputError
@@ -84,6 +84,8 @@ def stopping_times(reaction: BrakingKeys, folder: Path, robot: Robot) -> Stoppin
     try:
         table = load_stopping_table(folder / reaction.stopping_table, category=reaction.stop_category)
     except InputError as error:
+        if error.field == "category":
+            raise InputError("reaction.stop_category", error.problem, error.valid) from None
         raise InputError(_FIELD, f"{error.field}: {error.problem}", error.valid) from None
     _check_joints(table, robot)
     notes = [f"Stopping table: {note}" for note in table.notes]

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from bumpstop.collision.stopping.stopping_table import StoppingTable
-from bumpstop.collision.stopping.table_reader import EXAMPLE, FULL_SPEED, STATED, WANTED, TableReader, number_of
+from bumpstop.collision.stopping.table_cells import number_of
+from bumpstop.collision.stopping.table_reader import EXAMPLE, FULL_SPEED, STATED, WANTED, TableReader
 from bumpstop.csv_table import cells_of
 from bumpstop.errors import InputError
 from bumpstop.text_files import as_path, parse_toml, read_text
@@ -31,7 +32,7 @@ def load_stopping_table(
         path: .csv (comma, semicolon or tab) or .toml (``columns`` and ``rows``, or ``[[row]]`` tables).
         full_speed_deg_s: of the joints at 100 %, one for all or one for each; None: as the file states it.
         reach_mm: turns distances of the tool centre point in mm into angles at the extension; None: as the file says.
-        category: read the rows of this stop category alone; None: the file must have one only.
+        category: read the rows and columns of this stop category alone; None: the file must have one only.
 
     Returns:
         The checked table; see :meth:`StoppingTable.checked` for what is refused.

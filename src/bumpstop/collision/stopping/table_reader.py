@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 
 from bumpstop.arrays import FloatArray
-from bumpstop.collision.stopping.column_names import LENGTHS, TCP, Column, check_unit, read_column
+from bumpstop.collision.stopping.column_names import LENGTHS, Column, check_unit, read_column
+from bumpstop.collision.stopping.joint_names import NO_JOINT, TCP, JointName, first_number
 from bumpstop.collision.stopping.stopping_table import StoppingTable
+from bumpstop.collision.stopping.table_cells import are_joint_words, category_of, joint_of, number_of
 from bumpstop.errors import InputError
 
 _DEG = math.pi / 180
@@ -19,23 +21,6 @@ FULL_SPEED = {"full_speed_deg_s": _DEG, "full_speed_rad_s": 1.0, "full_speed_mm_
 STATED = (*FULL_SPEED, "reach_mm")
 WANTED = "wanted a table of stopping distances (.csv or .toml)"
 EXAMPLE = "speed_percent, distance_1_deg, distance_2_deg, and where known payload_percent, extension_percent"
-
-
-def number_of(cell: Any) -> float | None:
-    """A number, NaN for an empty cell, or None."""
-    if isinstance(cell, bool):
-        return None
-    if isinstance(cell, int | float):
-        return float(cell)
-    if cell is None:
-        return math.nan
-    text = str(cell).strip().rstrip("%°").strip()
-    if text.lower() in ("", "-", "nan", "n/a", "na", "none"):
-        return math.nan
-    try:
-        return float(text)
-    except ValueError:
-        return None
 
 
 class TableReader:
@@ -51,6 +36,7 @@ class TableReader:
     def __init__(self, name: str, names: list[str], cells: list[list[Any]], stated: dict[str, Any]) -> None:
         self.name, self.stated = name, stated
         self.notes: list[str] = []
+        self.category: int | None = None
         if len(set(names)) != len(names):
             twice = next(column for column in names if names.count(column) > 1)
             raise InputError(name, f"has the column {twice!r} twice", "name each once")
@@ -61,32 +47,42 @@ class TableReader:
             raise InputError(name, "has no rows", WANTED)
         self.columns: list[Column] = []
         self.values: dict[str, FloatArray] = {}
-        unknown = []
-        for place, column_name in enumerate(names):
-            column = read_column(column_name)
-            if column is None:
-                unknown.append(column_name)
-                continue
-            self.columns.append(column)
-            self.values[column_name] = self._numbers(column, [row[place] for row in cells])
+        read = [read_column(each) for each in names]
+        for place, each in enumerate(names):
+            if read[place] is None and are_joint_words([row[place] for row in cells]):
+                read[place] = Column(each, "joint", "", NO_JOINT)
+        unknown = [each for each, column in zip(names, read, strict=True) if column is None]
+        in_rows = self._joints_of_rows(read, cells)
+        columns = [(f"{name}, column {column.name!r}", column.named) for column in read if column is not None]
+        first = first_number([*columns, *in_rows])
+        for place, column in enumerate(read):
+            if column is not None and column.quantity != "joint":
+                self.columns.append(column.counted(first))
+                self.values[column.name] = self._numbers(column, [row[place] for row in cells])
+        # By row, where rows say a joint; NaN where one says none.
+        self.joints = np.array([joint.joint(first, field) for field, joint in in_rows], dtype=float)
+        if first == 0:
+            self.notes.append("The file counts joints from 0; here they are counted from 1.")
         if unknown:
             self.notes.append("Columns passed over: " + ", ".join(repr(each) for each in unknown) + ".")
+
+    def _joints_of_rows(self, columns: list[Column | None], cells: list[list[Any]]) -> list[tuple[str, JointName]]:
+        """What errors call each row's joint, and what all its cells about it say together; empty without such cells."""
+        about = {place: column.name for place, column in enumerate(columns) if column and column.quantity == "joint"}
+        found = []
+        for number, row in enumerate(cells, start=1) if about else ():
+            field = f"{self.name}, row {number}, column {next(iter(about.values()))!r}"
+            found.append((field, joint_of([row[place] for place in about], field)))
+        return found
 
     def _numbers(self, column: Column, cells: list[Any]) -> FloatArray:
         values = np.empty(len(cells))
         for number, cell in enumerate(cells, start=1):
-            value = number_of(cell)
-            if column.quantity == "joint" and isinstance(cell, str) and value is None:
-                read = read_column(f"{cell} deg")
-                value = None if read is None or read.joint is None else float(read.joint)
+            field = f"{self.name}, row {number}, column {column.name!r}"
+            value = category_of(cell, field) if column.quantity == "category" else number_of(cell)
             if value is None or math.isinf(value):
-                field = f"{self.name}, row {number}, column {column.name!r}"
                 raise InputError(field, f"{str(cell)[:40]!r} is not a number", "wanted a number, or nothing")
-            if column.quantity == "joint" and value == 0 and number_of(cell) is not None:
-                field = f"{self.name}, row {number}, column {column.name!r}"
-                raise InputError(field, "counts joints from 0", "wanted numbers from 1")
             if value < 0 or (value == 0 and column.quantity in ("speed", "distance", "extension")):
-                field = f"{self.name}, row {number}, column {column.name!r}"
                 raise InputError(field, f"{value:g} cannot be used", "wanted more than zero")
             values[number - 1] = value
         return values
@@ -94,9 +90,8 @@ class TableReader:
     def table(self, category: int | None) -> StoppingTable:
         """The checked table."""
         keep = self._of_category(category)
-        long = [column for column in self.columns if column.quantity == "joint"]
-        if long:
-            return self._from_long(long[0], keep).checked()
+        if self.joints.size:
+            return self._from_long(keep).checked()
         distances = self._by_joint("distance")
         if not distances:
             raise InputError(self.name, "has no distances", f"wanted columns such as {EXAMPLE}")
@@ -153,12 +148,13 @@ class TableReader:
             full_speed=full_speed,
             linear=linear,
             row=tuple(int(i) + 1 for i in keep) if group is None else tuple(int(keep[i]) + 1 for i in group),
+            category=self.category,
             notes=tuple(self.notes),
         )
 
-    def _from_long(self, joint_column: Column, keep: np.ndarray) -> StoppingTable:
+    def _from_long(self, keep: np.ndarray) -> StoppingTable:
         """One row for each joint: gathered into one row for each payload, extension and speed."""
-        numbers = self.values[joint_column.name][keep]
+        numbers = self.joints[keep]
         (distance_column,) = self._single("distance")
         times = [column for column in self.columns if column.quantity == "time"]
         joints = tuple(sorted({int(number) for number in numbers if math.isfinite(number)}))
@@ -188,21 +184,31 @@ class TableReader:
         return self._assemble(joints, distance, time, carried, keep, group=first)
 
     def _of_category(self, category: int | None) -> np.ndarray:
+        """Rows of a stop category; columns of other categories are dropped.
+
+        Raises:
+            InputError: there are several, and none was asked for, or there is no such.
+        """
         count = len(next(iter(self.values.values()), []))
-        found = [column for column in self.columns if column.quantity == "category"]
-        if not found:
-            return np.arange(count)
-        values = self.values[found[0].name]
-        known = sorted({int(value) for value in values if math.isfinite(value)})
-        if category is None and len(known) > 1:
-            raise InputError(
-                f"{self.name}, column {found[0].name!r}",
-                f"has the stop categories {', '.join(map(str, known))}",
-                "say which one is meant: --category",
-            )
-        if category is not None and category not in known:
-            raise InputError("category", f"{category} is not in {self.name}", f"valid: {', '.join(map(str, known))}")
-        return np.flatnonzero(values == category) if category is not None else np.arange(count)
+        (column,) = self._single("category") if any(each.quantity == "category" for each in self.columns) else (None,)
+        values = np.full(count, np.nan) if column is None else self.values[column.name]
+        in_rows = {int(value) for value in values if math.isfinite(value)}
+        in_names = {each.category for each in self.columns if each.category is not None}
+        for known, where in (
+            (in_rows, f"column {column.name!r}" if column else ""),
+            (in_names, "the names of columns"),
+        ):
+            several = ", ".join(map(str, sorted(known)))
+            if category is None and len(known) > 1:
+                problem = f"is not given, and {self.name} has the stop categories {several} in {where}"
+                raise InputError("category", problem, f"wanted one of {several}")
+            if category is not None and known and category not in known:
+                raise InputError("category", f"{category} is not in {self.name}", f"valid: {several}")
+        if category is not None:
+            self.columns = [each for each in self.columns if each.category in (None, category)]
+        only = [each for each in (category, *in_rows, *in_names) if each is not None]
+        self.category = only[0] if in_rows or in_names else None
+        return np.flatnonzero(values == category) if category is not None and in_rows else np.arange(count)
 
     def _single(self, quantity: str) -> list[Column]:
         found = [column for column in self.columns if column.quantity == quantity]
