@@ -23,7 +23,8 @@ def notes_of(result: CollisionOutcome, warnings: tuple[str, ...]) -> list[str]:
     problem = result.problem
     scenario, limits = problem.scenario, problem.limits
     # What a robot's file is doubted for may stand beside the verdict, too.
-    notes = [*dict.fromkeys((*warnings, *problem.notes)), *unused_notes(scenario), *sample_notes(result)]
+    unused = unused_notes(scenario, problem.deceleration)
+    notes = [*dict.fromkeys((*warnings, *problem.notes)), *unused, *sample_notes(result)]
     contact, detector = scenario.contact, scenario.detector
     notes.extend(_contact_notes(result))
     notes.extend(_noise_notes(result))

@@ -117,7 +117,7 @@ class CollisionResult(CollisionOutcome, Displayed):
         print_probabilities(self, console)
         # What the figures above are not about; what was assumed otherwise is in the report.
         ends = (*self.end_notes(), *line_end_notes(self))
-        for note in (*unused_notes(self.scenario), *sample_notes(self), *ends):
+        for note in (*unused_notes(self.scenario, self.problem.deceleration), *sample_notes(self), *ends):
             console.print(f"note: {note}")
         integrated = self.kind == "exact"
         kind = (

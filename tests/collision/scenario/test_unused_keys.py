@@ -152,6 +152,22 @@ def test_defaults_that_nobody_gave_are_neither_noted_nor_spelt_out() -> None:
         assert list(given_without_effect(copy)) == ["detector.observer_gain_1_s"]
 
 
+@pytest.mark.parametrize("category", [1, 2])
+@pytest.mark.parametrize("several", [True, False])
+def test_a_stop_category_that_chooses_rows_counts(category: int, several: bool, tmp_path: Path) -> None:
+    head, rows = "speed_deg_s,distance_1_deg", [(10, 1), (90, 9)]
+    table = [f"category,{head}", *(f"{c},{v},{d * c}" for c in (1, 2) for v, d in rows)]
+    plain = [head, *(f"{v},{d}" for v, d in rows)]
+    (tmp_path / "table.csv").write_text("\n".join(table if several else plain) + "\n")
+    data = SCENARIOS["without a body"].to_dict()
+    data["reaction"] |= {"kind": "stop", "deceleration": "table", "stopping_table": "table.csv"}
+    data["reaction"] |= {"stop_category": category}
+    result = bs.evaluate(Scenario.from_dict(data, tmp_path))
+    said = "reaction.stop_category has no effect on numbers"
+    assert any(said in note for note in result.notes) is not several
+    assert (said in str(result).replace("\n", " ")) is not several
+
+
 def test_measured_residuals_leave_no_use_for_a_noise(tmp_path: Path) -> None:
     rows = np.random.default_rng(1).normal(0, 2, (3000, 7))
     ResidualSeries(np.arange(0.0, 12.0, 0.004), rows).save(tmp_path / "noise.parquet")

@@ -156,6 +156,16 @@ def test_notes_tell_what_was_assumed(tmp_path: Path) -> None:
     assert "Below 20 deg/s" in told
 
 
+@pytest.mark.parametrize(("category", "told"), [({}, True), ({"stop_category": 0}, False)])
+def test_a_table_of_brakes_in_a_scenario_that_says_no_category_is_noted(
+    tmp_path: Path, category: dict[str, int], told: bool
+) -> None:
+    table = "speed_deg_s,STOP 0 distance J1 [deg]\n10,1\n20,4\n"
+    scenario = line(tmp_path, table, kind="stop", deceleration="table", stopping_table="table.csv", **category)
+    notes = bs.CollisionProblem.from_scenario(scenario).notes
+    assert any("is one of stop category 0, and reaction.stop_category is not given" in note for note in notes) is told
+
+
 def test_without_a_payload_the_slowest_counts(tmp_path: Path) -> None:
     given, heavy = (
         overtravel(one_joint(tmp_path, 1, 1.0, grid(plain), STRETCHED, **payload))

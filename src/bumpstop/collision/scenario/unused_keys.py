@@ -6,6 +6,11 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from bumpstop.collision.scenario.scenario_tables import ScenarioTables
+    from bumpstop.collision.stopping.deceleration import Deceleration
+
+
+# Whether drives or brakes stop the arm also says which rows of a stopping table count.
+_DRIVES = "on numbers: with 1 and 2 drives stop the arm, and joints keep their ratios"
 
 
 def keys_without_effect(scenario: ScenarioTables) -> dict[str, str]:
@@ -29,8 +34,8 @@ def keys_without_effect(scenario: ScenarioTables) -> dict[str, str]:
         found["gravity_m_s2"] = "but where the drives of an elastic arm press a clamped body"
     if not scenario.uncertainty:
         found["verdict.confidence"] = "without [uncertainty]"
-    if scenario.reaction.stop_category in (1, 2):
-        found["reaction.stop_category"] = "on numbers: with 1 and 2 drives stop the arm, and joints keep their ratios"
+    if scenario.reaction.stop_category in (1, 2) and scenario.reaction.deceleration != "table":
+        found["reaction.stop_category"] = _DRIVES
     return found
 
 
@@ -39,9 +44,13 @@ def given_without_effect(scenario: ScenarioTables) -> dict[str, str]:
     return {key: why for key, why in keys_without_effect(scenario).items() if _is_given(scenario, key)}
 
 
-def unused_notes(scenario: ScenarioTables) -> list[str]:
-    """A sentence about each key that was given and changes nothing."""
-    return [f"{key} has no effect {why}." for key, why in given_without_effect(scenario).items()]
+def unused_notes(scenario: ScenarioTables, deceleration: Deceleration) -> list[str]:
+    """A sentence about each key that was given and changes nothing, also beside what files say."""
+    found = given_without_effect(scenario)
+    times = deceleration.times
+    if times is not None and times.category is None and scenario.reaction.stop_category in (1, 2):
+        found["reaction.stop_category"] = _DRIVES
+    return [f"{key} has no effect {why}." for key, why in found.items()]
 
 
 def _is_given(scenario: ScenarioTables, key: str) -> bool:

@@ -37,6 +37,7 @@ class StoppingTimes:
         rate: levels (R,), rising from 0 on, where times are extrapolated [rad/s or m/s].
         time: (dof, E, R) [s].
         reach: farthest the tip gets from the axis of joint 1 [m].
+        category: the stop category of the table's rows; None where it says none.
         notes: what was assumed.
     """
 
@@ -44,6 +45,7 @@ class StoppingTimes:
     rate: FloatArray
     time: FloatArray
     reach: float
+    category: int | None = None
     notes: tuple[str, ...] = ()
 
     @cached_property
@@ -117,6 +119,11 @@ def stopping_times(reaction: BrakingKeys, folder: Path, robot: Robot) -> Stoppin
     missing = [str(j) for j in range(1, robot.dof + 1) if j not in table.joints and TCP not in table.joints]
     if missing:
         notes.append(f"Joint {', '.join(missing)} is not in the stopping table: takes the longest time of the others.")
+    if table.category == 0 and reaction.stop_category is None:
+        notes.append(
+            "The stopping table is one of stop category 0, and reaction.stop_category is not given: joints keep their "
+            "ratios, as with drives."
+        )
     unit, factor = table.speed_unit
     notes.append(
         f"Below {rates[0] * factor:.3g} {unit}, the stopping table's slowest row, a joint takes at least as long as "
@@ -127,6 +134,7 @@ def stopping_times(reaction: BrakingKeys, folder: Path, robot: Robot) -> Stoppin
         rate=nodes,
         time=time,
         reach=robot.reach if len(extensions) > 1 else 1.0,
+        category=table.category,
         notes=tuple(notes),
     )
 
