@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bumpstop.collision.curve import states_at_reactions
 from bumpstop.collision.probability_text import percent
 from bumpstop.collision.scenario.unused_keys import unused_notes
 from bumpstop.collision.verdict.alarm_rate import alarm_rate
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
 
 # Of so many runs the standard error is a third.
 _MIN_EXPECTED_RUNS = 10
+# Of the extension of a pose that was made for a level [%].
+_ROUNDING = 1e-4
 
 
 def notes_of(result: CollisionOutcome, warnings: tuple[str, ...]) -> list[str]:
@@ -26,6 +29,7 @@ def notes_of(result: CollisionOutcome, warnings: tuple[str, ...]) -> list[str]:
     unused = unused_notes(scenario, problem.deceleration)
     notes = [*dict.fromkeys((*warnings, *problem.notes)), *unused, *sample_notes(result)]
     contact, detector = scenario.contact, scenario.detector
+    notes.extend(_extension_notes(result))
     notes.extend(_contact_notes(result))
     notes.extend(_noise_notes(result))
     notes.append(f"{(words := alarm_rate(problem).words)[0].upper()}{words[1:]}, the detector armed all the time.")
@@ -82,6 +86,29 @@ def line_end_notes(result: CollisionOutcome) -> list[str]:
         notes.append(
             f"Where {where}, after {cut * step:.3g} s, the arm brakes at its acceleration limits; no reaction begins "
             "after that."
+        )
+    return notes
+
+
+def _extension_notes(result: CollisionOutcome) -> list[str]:
+    """Where reactions begin at an extension that the stopping table does not know."""
+    problem, times = result.problem, result.problem.deceleration.times
+    if times is None or times.levels is None:
+        return []
+    trajectory = problem.trajectory
+    q = states_at_reactions(problem, result.curve)[0] if trajectory is None else trajectory.position
+    extended, (low, high) = 100 * times.extended(problem.robot, q), times.levels
+    told = "Where reactions begin the arm is extended to {:.3g} % of its reach, {} the stopping table's {:.3g} %: its "
+    notes = []
+    if extended.max() > 100 * high + _ROUNDING:
+        notes.append(
+            told.format(extended.max(), "beyond", 100 * high)
+            + "times there count. Farther out an arm mostly takes longer to stop, and the force may be higher."
+        )
+    if extended.min() < 100 * low - _ROUNDING:
+        notes.append(
+            told.format(extended.min(), "below", 100 * low)
+            + "times there count. Farther in an arm mostly stops sooner, so that is mostly the safe side."
         )
     return notes
 

@@ -14,36 +14,10 @@ import bumpstop as bs
 from bumpstop.collision.stopping.deceleration import Deceleration
 from bumpstop.collision.stopping.stopping_times import stopping_times
 from bumpstop.collision.trajectory.trajectory_curve import trajectory_kernel
+from collision.stopping_cases import DEG, STRETCHED, extension, line, one_joint
 
 ROOT = Path(__file__).resolve().parents[3]
 TM5_700 = ROOT / "examples" / "stopping" / "tm5_700.toml"
-DEG = np.pi / 180
-
-
-def one_joint(folder: Path, joint: int, rate: float, table: str, pose: list[float], **reaction: Any) -> bs.Scenario:
-    """A UR10e of which a single joint turns at a constant rate."""
-    q = np.array(pose) * DEG
-    rows = []
-    for t in np.arange(0, 0.41, 0.02):
-        q_t = q.copy()
-        q_t[joint - 1] += rate * t
-        rows.append(",".join(f"{x:.12f}" for x in (t, *q_t)))
-    (folder / "turn.csv").write_text("t," + ",".join(f"q_{j}" for j in range(1, 7)) + "\n" + "\n".join(rows) + "\n")
-    (folder / "table.csv").write_text(table)
-    data: dict[str, Any] = {
-        "robot": "ur10e",
-        "motion": {"kind": "trajectory", "file": "turn.csv"},
-        "contact": {"stiffness_N_m": 50000},
-        "detector": {"thresholds_Nm": [40, 40, 30, 12, 12, 12], "noise_sd_Nm": 1.0},
-        "reaction": {
-            "kind": "stop",
-            "joint_acceleration_rad_s2": 10,
-            "deceleration": "table",
-            "stopping_table": "table.csv",
-        }
-        | reaction,
-    }
-    return bs.Scenario.from_dict(data, folder)
 
 
 def overtravel(scenario: bs.Scenario) -> float:
@@ -70,15 +44,6 @@ def test_a_joint_that_stands_but_for_rounding_does_not_brake(tmp_path: Path) -> 
     trembling = [",".join((t, f"{1e-17 * float(t):.3e}", *rest)) for t, _, *rest in moved]
     path.write_text("\n".join([head, *trembling]) + "\n")
     assert overtravel(scenario) == pytest.approx(without, rel=1e-9)
-
-
-STRETCHED = [0, 0, 0, 0, 0, 0]  # the arm lies: its tip is near its reach
-
-
-def extension(pose: list[float]) -> float:
-    robot = bs.Robot.load("ur10e")
-    x, y, _ = robot.pose(np.array(pose) * DEG)[:3, 3]
-    return float(np.hypot(x, y) / robot.reach)
 
 
 def grid(distance: Any) -> str:
@@ -154,16 +119,6 @@ def test_notes_tell_what_was_assumed(tmp_path: Path) -> None:
     assert "Payload not given" in told
     assert "Joint 4, 5, 6 is not in the stopping table" in told
     assert "Below 20 deg/s" in told
-
-
-@pytest.mark.parametrize(("category", "told"), [({}, True), ({"stop_category": 0}, False)])
-def test_a_table_of_brakes_in_a_scenario_that_says_no_category_is_noted(
-    tmp_path: Path, category: dict[str, int], told: bool
-) -> None:
-    table = "speed_deg_s,STOP 0 distance J1 [deg]\n10,1\n20,4\n"
-    scenario = line(tmp_path, table, kind="stop", deceleration="table", stopping_table="table.csv", **category)
-    notes = bs.CollisionProblem.from_scenario(scenario).notes
-    assert any("is one of stop category 0, and reaction.stop_category is not given" in note for note in notes) is told
 
 
 def test_without_a_payload_the_slowest_counts(tmp_path: Path) -> None:
@@ -257,19 +212,6 @@ def test_tables_that_do_not_fit_are_refused(
         bs.CollisionProblem.from_scenario(one_joint(tmp_path, 1, 1.0, table, STRETCHED, **reaction))
     assert refused.value.field == field
     assert problem in str(refused.value)
-
-
-def line(folder: Path, table: str, **reaction: Any) -> bs.Scenario:
-    (folder / "table.csv").write_text(table)
-    data: dict[str, Any] = {
-        "robot": "ur10e",
-        "pose_deg": [10, -80, 110, -120, -90, 20],
-        "motion": {"velocity_mm_s": [80, 40, -60], "duration_s": 0.3},
-        "contact": {"stiffness_N_m": 50000},
-        "detector": {"thresholds_Nm": [40, 40, 30, 12, 12, 12], "noise_sd_Nm": [7, 7, 5, 2, 2, 2]},
-        "reaction": {"joint_acceleration_rad_s2": 10} | reaction,
-    }
-    return bs.Scenario.from_dict(data, folder)
 
 
 @pytest.mark.parametrize("kind", ["stop", "reverse"])

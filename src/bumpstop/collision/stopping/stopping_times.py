@@ -36,7 +36,9 @@ class StoppingTimes:
         extension: levels (E,), rising, share of the reach [1]; a single one where the table has none.
         rate: levels (R,), rising from 0 on, where times are extrapolated [rad/s or m/s].
         time: (dof, E, R) [s].
-        reach: farthest the tip gets from the axis of joint 1 [m].
+        reach: farthest the tip gets from the axis of joint 1 [m]; 1 where that is no matter.
+        levels: lowest and highest extension of the table [1]; None where it has none, or the arm reaches without end.
+        unlisted: joints, from 1, that the table does not list: they have the longest time that it has.
         category: the stop category of the table's rows; None where it says none.
         notes: what was assumed.
     """
@@ -45,6 +47,8 @@ class StoppingTimes:
     rate: FloatArray
     time: FloatArray
     reach: float
+    levels: tuple[float, float] | None = None
+    unlisted: tuple[int, ...] = ()
     category: int | None = None
     notes: tuple[str, ...] = ()
 
@@ -58,11 +62,15 @@ class StoppingTimes:
         found.reach = self.reach
         return found
 
+    def extended(self, robot: Robot, q: FloatArray) -> FloatArray:
+        """Extensions at poses (N, dof): distance of the tip from the axis of joint 1 over the reach (N,) [1]."""
+        return distance_from_axis(robot.joints[0], robot.pose(q)[:, :3, 3]) / self.reach
+
     def by_joint(self, robot: Robot, q: FloatArray, rates: FloatArray) -> FloatArray:
         """What each joint takes, at poses (N, dof) from rates (N, dof): (N, dof) [s]; 0 where it stands."""
         extended = np.ones(len(q))
         if len(self.extension) > 1:
-            extended = distance_from_axis(robot.joints[0], robot.pose(q)[:, :3, 3]) / self.reach
+            extended = self.extended(robot, q)
         at, size = self.native.at, np.abs(np.nan_to_num(rates))
         moving = size > STANDING * size.max(axis=1, keepdims=True)
         return np.array(
@@ -76,8 +84,8 @@ class StoppingTimes:
 def stopping_times(reaction: BrakingKeys, folder: Path, robot: Robot) -> StoppingTimes:
     """The times of a reaction's stopping table, whose path starts at ``folder``, at its payload.
 
-    Between payloads, extensions and rates they are interpolated linearly. Beyond the grid the nearest level counts
-    that stops later, and a note says so. Without a payload every joint takes its longest time of any.
+    Between payloads, extensions and rates they are interpolated linearly. Beyond the extensions the nearest counts, and
+    so it is below the payloads. Without a payload every joint takes its longest time of any.
 
     Raises:
         InputError: the table is not of this robot's joints, or ends below the payload.
@@ -92,6 +100,7 @@ def stopping_times(reaction: BrakingKeys, folder: Path, robot: Robot) -> Stoppin
     _check_joints(table, robot)
     notes = [f"Stopping table: {note}" for note in table.notes]
     extensions = np.unique(table.extension[np.isfinite(table.extension)].round(9))
+    levels = (float(extensions[0]), float(extensions[-1])) if len(extensions) and math.isfinite(robot.reach) else None
     if not len(extensions):
         extensions = np.array([1.0])
     elif len(extensions) > 1 and not math.isfinite(robot.reach):
@@ -116,9 +125,11 @@ def stopping_times(reaction: BrakingKeys, folder: Path, robot: Robot) -> Stoppin
     for k, joint in enumerate(table.joints):
         if joint != TCP:
             time[joint - 1] = with_payload[k]
-    missing = [str(j) for j in range(1, robot.dof + 1) if j not in table.joints and TCP not in table.joints]
-    if missing:
-        notes.append(f"Joint {', '.join(missing)} is not in the stopping table: takes the longest time of the others.")
+    unlisted = tuple(j for j in range(1, robot.dof + 1) if j not in table.joints)
+    if unlisted and TCP not in table.joints:
+        notes.append(
+            f"Joint {', '.join(map(str, unlisted))} is not in the stopping table: takes the longest time of the others."
+        )
     if table.category == 0 and reaction.stop_category is None:
         notes.append(
             "The stopping table is one of stop category 0, and reaction.stop_category is not given: joints keep their "
@@ -133,7 +144,9 @@ def stopping_times(reaction: BrakingKeys, folder: Path, robot: Robot) -> Stoppin
         extension=extensions,
         rate=nodes,
         time=time,
-        reach=robot.reach if len(extensions) > 1 else 1.0,
+        reach=robot.reach if levels is not None else 1.0,
+        levels=levels,
+        unlisted=unlisted,
         category=table.category,
         notes=tuple(notes),
     )
