@@ -120,6 +120,17 @@ def test_what_is_written_covers_every_row(law: str, noise: float) -> None:
         assert (most / table.distance).min() < 1.02
 
 
+def test_below_the_slowest_row_the_table_itself_is_recommended() -> None:
+    """There a constant deceleration stops sooner than the table, which takes as long as in its slowest row."""
+    said = 'Where a scenario may be slower, name the table itself (deceleration = "table")'
+    fit = fit_stopping(planted("constant", 4.0 * SCALE, np.array([0.05])))
+    assert said in fit.reaction_toml
+    assert str(fit).count(said) == 1
+    # A scenario takes no lengths of the tool centre point.
+    lengths = fit_stopping(replace(planted("constant_time", 0.3 * SCALE, np.zeros(0)), linear=True))
+    assert said not in lengths.reaction_toml
+
+
 def test_two_speeds_do_not_tell_laws_with_more_numbers() -> None:
     table = planted("constant_time", 0.3 * SCALE, np.zeros(0))
     two = table._only(np.flatnonzero(np.isin(table.speed[:, 0], (0.4, 3.0))))

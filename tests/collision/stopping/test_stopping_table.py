@@ -288,6 +288,33 @@ def test_a_faster_row_that_stops_sooner_is_told(tmp_path: Path) -> None:
     assert any("row 3 is shorter than in the slower row 2" in note for note in table.notes)
 
 
+@pytest.mark.parametrize(("time", "told"), [("100", True), ("299", False), ("900", False), ("", False)])
+@pytest.mark.parametrize("full", ["", "# full_speed_deg_s = 100\n"])
+def test_a_distance_longer_than_all_of_the_time_at_its_speed_is_told(
+    tmp_path: Path, time: str, told: bool, full: str
+) -> None:
+    """Three tenths of a second at 30 deg/s are 9 deg."""
+    speed = "speed_percent" if full else "speed_deg_s"
+    text = f"{full}{speed},distance_1_deg,time_1_ms\n30,9,{time}\n60,18,{time}\n90,27,900\n"
+    (note,) = load(tmp_path, text).notes or ("",)
+    row = (
+        "The distance of joint 1 in row 1, 2 is longer than its speed for all of the published time: 9 deg at 30 deg/s"
+    )
+    assert note.startswith(row) is told
+    assert note.endswith("the units and the full speed." if full else "the units.") is told
+
+
+def test_full_speeds_go_to_joints_by_their_numbers(tmp_path: Path) -> None:
+    text = "speed_percent,distance_3_deg,distance_1_deg\n50,1,1\n100,3,3\n"
+    table = load(tmp_path, text, full_speed_deg_s=[100.0, 300.0])
+    np.testing.assert_allclose(table.speed[1] / DEG, [100, 300])
+    assert table.joints == (1, 3)
+    with pytest.raises(bs.InputError, match="or 2: one for each joint of the table, by their numbers"):
+        load(tmp_path, text, full_speed_deg_s=[100.0, 200.0, 300.0])
+    absolute = load(tmp_path, text.replace("percent", "deg_s"), full_speed_deg_s=100.0)
+    assert absolute.notes == ("full_speed_deg_s has no effect on speeds that are no shares.",)
+
+
 def test_the_example_is_the_maker_s_table() -> None:
     table = load_stopping_table(TM5_700)
     assert table.distance.shape == (18, 3)

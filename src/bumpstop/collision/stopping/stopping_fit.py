@@ -24,6 +24,11 @@ SCENARIO_LAWS = ("constant_time", "constant", "ramp")
 # A law of more numbers must be this much better than one of fewer: relative, and of the distance.
 _BETTER, _MEASURABLE = 0.8, 0.002
 _MAX_DEAD_TIME, _MAX_RAMP = 1.0, 2.0  # s
+# Where the table has angles: a scenario takes no lengths.
+_NAME_THE_TABLE = (
+    'Where a scenario may be slower, name the table itself (deceleration = "table"): '
+    "a joint then takes at least as long as in that row."
+)
 _MAX_DECELERATION = 1e5  # as that of a scenario [rad/s2 or m/s2]
 
 
@@ -174,6 +179,7 @@ class StoppingFit:
             f"leave-one-out error of the distance: median {100 * fit.median_error:.2g} %, "
             f"worst {100 * fit.worst_error:.2g} %",
             f"The numbers cover every row of the table. Its slowest row is {factor * slowest:.3g} {unit}.",
+            *([] if self.table.linear else [_NAME_THE_TABLE]),
         ]
         if self.law == "constant_time":
             said.append("joint_acceleration_rad_s2: while the arm follows its path, and on the way back.")

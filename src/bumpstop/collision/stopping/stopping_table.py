@@ -13,6 +13,8 @@ from bumpstop.errors import InputError
 
 # Distances by speed of one joint differ by payload and extension, but not by this: what does is in another unit.
 _MAX_SPREAD = 12.0
+# Of published distances and times: a stop that takes its whole way at full speed would be as far off.
+_ROUNDING = 0.02
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -101,6 +103,7 @@ class StoppingTable:
                 )
             table._check_scale(k)
             notes += table._falling(k)
+            notes += table._too_far(k)
         return replace(table, notes=tuple(notes))
 
     def _only(self, rows: np.ndarray) -> StoppingTable:
@@ -172,3 +175,18 @@ class StoppingTable:
                         f"row {self.row[slow]}."
                     )
         return notes
+
+    def _too_far(self, k: int) -> list[str]:
+        """A note where a joint goes farther than at its first speed for all of the published time."""
+        with np.errstate(invalid="ignore"):
+            far = self.distance[:, k] > self.speed[:, k] * self.time[:, k] * (1 + _ROUNDING)
+        if not far.any():
+            return []
+        i, (unit, factor) = int(far.argmax()), self.distance_unit
+        rows = ", ".join(str(self.row[each]) for each in np.flatnonzero(far))
+        full = " and the full speed" if np.isfinite(self.full_speed[k]) else ""
+        return [
+            f"The distance of {self.joint_name(k)} in row {rows} is longer than "
+            f"its speed for all of the published time: {self.distance[i, k] * factor:.4g} {unit} at "
+            f"{self._speed(self.speed[i, k])} within {self.time[i, k] * 1e3:.4g} ms. Look at the units{full}."
+        ]

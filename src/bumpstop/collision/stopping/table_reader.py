@@ -23,6 +23,10 @@ WANTED = "wanted a table of stopping distances (.csv or .toml)"
 EXAMPLE = "speed_percent, distance_1_deg, distance_2_deg, and where known payload_percent, extension_percent"
 
 
+def _full_speeds(joints: int) -> str:
+    return f"wanted one number above zero, or {joints}: one for each joint of the table, by their numbers"
+
+
 class TableReader:
     """Cells and names of a file on their way to a table.
 
@@ -299,6 +303,9 @@ class TableReader:
         if found[0].unit not in ("percent", "share"):
             speed = np.column_stack([self._in_si(column)[keep] for column in columns])
             self._no_holes(columns, speed, keep)
+            self.notes += [
+                f"{key} has no effect on speeds that are no shares." for key in FULL_SPEED if key in self.stated
+            ]
             return speed, np.full(len(joints), np.nan), found[0].unit in LENGTHS
         shares = np.column_stack([self._share(column, keep) for column in columns])
         full, linear = self._full_speed(len(joints))
@@ -323,9 +330,7 @@ class TableReader:
         values = value if isinstance(value, Sequence) and not isinstance(value, str) else [value]
         numbers = [number_of(each) for each in values]
         if len(numbers) not in (1, joints) or not all(each is not None and 0 < each < math.inf for each in numbers):
-            raise InputError(
-                f"{self.name}, {key}", f"{value!r} cannot be used", f"wanted one number above zero, or {joints}"
-            )
+            raise InputError(f"{self.name}, {key}", f"{value!r} cannot be used", _full_speeds(joints))
         full = np.array([float(each or 0.0) for each in numbers]) * FULL_SPEED[key]
         return np.broadcast_to(full, (joints,)).copy(), key in ("full_speed_mm_s", "full_speed_m_s")
 
