@@ -230,6 +230,65 @@ def test_currents_beyond_those_of_the_fit_are_told() -> None:
     assert any("want joint currents outside those of the fit" in warning for warning in warnings)
 
 
+def with_current(log: Recording, joint: int, column: np.ndarray) -> Recording:
+    assert log.current is not None
+    current = log.current.copy()
+    current[:, joint] = column
+    return replace(log, current=current)
+
+
+def test_validation_tells_columns_that_stand_still_or_at_an_end() -> None:
+    """One recording of two suffices: the other varies, and so do both together."""
+    robot, log = currents_of_known_drives()
+    model = joint_model_fit().model
+    assert log.current is not None
+    top = 0.6 * np.abs(log.current[:, 1]).max()
+    spoilt = with_current(with_current(log, 2, np.full(log.t.size, 1.7)), 1, np.clip(log.current[:, 1], -top, top))
+    for logs in ([spoilt], [log, spoilt]):
+        verdict = judge_currents(compare_currents(model, logs, robot), logs, robot)
+        assert [fault for fault in verdict.faults if "current of elbow_joint is constant while" in fault], verdict
+        assert any("shoulder_lift_joint stands at an end" in warning for warning in verdict.warnings)
+    # Where the recordings are not at hand the score tells it.
+    assert any("is constant while" in fault for fault in judge_currents(compare_currents(model, spoilt, robot)).faults)
+
+
+def test_validation_of_dynamics_tells_columns_that_stand_still_or_at_an_end() -> None:
+    _, log, fit = good()
+    assert log.tau is not None
+    tau = log.tau.copy()
+    tau[:, 3] = 1.7
+    top = 0.6 * np.abs(tau[:, 1]).max()
+    tau[:, 1] = np.clip(tau[:, 1], -top, top)
+    spoilt = replace(log, tau=tau)
+    rows = fit.model.rows(spoilt)
+    verdict = judge_predictions(fit, rows, fit.model.compare_rows(rows).scores(), fit.model.cutoff_hz, [spoilt])
+    assert any("torque of wrist_1_joint is constant while" in fault for fault in verdict.faults)
+    assert any("shoulder_lift_joint stands at an end" in warning for warning in verdict.warnings)
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.6, True), (0.2, False)])
+def test_an_offset_of_a_current_is_told_by_the_torque(share: float, told: bool) -> None:
+    """Where friction is most of a current, an offset leaves much of it predicted, and nothing of the torque.
+
+    Friction itself drifts by a fifth, and a validation is none the worse for it.
+    """
+    robot = bs.Robot.load("ur5e")
+    motion = fourier(robot, 12.0, 94.0, 1)
+    model, _ = with_drives(robot, motion, 1)
+    t, q, qd, qdd = fourier(robot, 12.0, 6 * 94.0, 2)
+    slow = driven(robot, (6 * t, q, qd / 6, qdd / 36), model, 1, noise=0.01)  # an axis that gravity does not load
+    assert slow.current is not None
+    column = slow.current[:, 0]
+    moved = with_current(slow, 0, column + share * column.std())
+    found = compare_currents(model, moved, robot)
+    torque = found.torque_scores()[0]
+    assert found.current_scores()[0].r2 > 0.5
+    assert torque is not None
+    assert torque.r2 < 0
+    faults = judge_currents(found, [moved], robot).faults
+    assert any("shoulder_pan_joint errs by more than it varies: does its current" in fault for fault in faults) is told
+
+
 def test_noise_of_currents_is_not_beyond_the_fit() -> None:
     """The range of a fit has no noise, and its own rows lie within it, however noisy the currents are."""
     robot = bs.Robot.load("ur5e")

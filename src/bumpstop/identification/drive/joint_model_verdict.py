@@ -11,7 +11,11 @@ import numpy as np
 from bumpstop.identification.drive.observability import OPPOSITE_SIGN
 from bumpstop.identification.fit_verdict import FitVerdict, fit_faults, named, reading_faults, reading_warnings
 from bumpstop.identification.segments.current_shift import tell_shifts
-from bumpstop.identification.segments.recorded_columns import doubtful_columns
+from bumpstop.identification.segments.recorded_columns import (
+    constant_words,
+    doubtful_columns,
+    tell_doubtful_columns,
+)
 
 if TYPE_CHECKING:
     from bumpstop.identification.drive.current_scores import CurrentComparison
@@ -23,6 +27,8 @@ if TYPE_CHECKING:
 
 # Share of a current's or torque's variance that is left unexplained.
 _WORTHLESS, _POOR = 1.0, 0.3
+# Share of a current's variance that friction may leave as it drifts with temperature and load.
+_DRIFT = 0.1
 _ILL_CONDITIONED = 1000.0
 # Rows outside, as a share of all, that are worth a word: single ones are peaks between rows of the fit.
 _TOLD = 0.05
@@ -112,18 +118,12 @@ def judge_currents(
     """
     faults = reading_faults(recordings)
     warnings = [*fit_faults(found.model), *reading_warnings(recordings, robot)]
-    scores = [score for score in found.current_scores() if not score.free_gain]
-    if not scores:
+    judged = [score.name for score in found.current_scores() if not score.free_gain]
+    if not judged:
         faults.append("the model knows the gain of no joint")
-    for score in scores:
-        if score.rests:
-            warnings.append(f"{score.name} rests: its current is not judged")
-        if math.isfinite(score.r2) and 1 - score.r2 > _POOR:
-            text = (
-                f"{100 * (1 - score.r2):.3g} % of the current of {score.name} is not predicted, below "
-                f"{found.filter_hz:g} Hz"
-            )
-            (faults if score.r2 < 0 else warnings).append(text)
+    if robot is not None:
+        tell_doubtful_columns(recordings, robot, "current", faults, warnings, judged=judged)
+    tell_unpredicted(found, faults, warnings)
     for shares, words in (
         (found.outside_current, "want joint currents outside those of the fit"),
         (found.outside_speed, "are faster than the fit saw"),
@@ -133,7 +133,35 @@ def judge_currents(
                 warnings.append(f"{joint.name}: {100 * share:.3g} % of the rows {words}")
     if robot is not None:
         tell_shifts(recordings, robot, "current", faults, warnings, gravity=found.gravity)
-    return FitVerdict(faults=tuple(faults), warnings=tuple(warnings))
+    return FitVerdict(faults=tuple(dict.fromkeys(faults)), warnings=tuple(warnings))
+
+
+def tell_unpredicted(found: CurrentComparison, faults: list[str], warnings: list[str]) -> None:
+    """Add a sentence on every joint whose current, or the torque made of it, the model does not predict.
+
+    A joint that carries little shows friction above all: its current may be predicted well, and the small rest be more
+    than its torque varies. So the torque counts where the current errs, too, by more than friction's own drift.
+
+    Args:
+        found: the model beside recordings.
+        faults: what says more than nothing against a joint is added.
+        warnings: what is hardly predicted, or not judged, is added.
+    """
+    for score, torque in zip(found.current_scores(), found.torque_scores(), strict=True):
+        if score.free_gain:
+            continue
+        left = 1 - score.r2
+        if score.rests:
+            warnings.append(f"{score.name} rests: its current is not judged")
+        elif not math.isfinite(left):
+            faults.append(constant_words(score.name, "current"))
+        elif left > _POOR:
+            (faults if left > _WORTHLESS else warnings).append(
+                f"{100 * left:.3g} % of the current of {score.name} is not predicted, below {found.filter_hz:g} Hz"
+            )
+        if torque is not None and left > _DRIFT and torque.r2 < 0 and not left > _WORTHLESS:
+            offset = ": does its current have an offset?" if abs(torque.mean) > torque.sd else ""
+            faults.append(f"the torque made of the current of {score.name} errs by more than it varies{offset}")
 
 
 def judge_payload(found: PayloadFit, recording: Recording, robot: Robot) -> FitVerdict:

@@ -14,7 +14,11 @@ from bumpstop.identification.dynamics.regressor_columns import regressor_columns
 from bumpstop.identification.fit_verdict import FitVerdict, fit_faults, named, reading_faults, reading_warnings
 from bumpstop.identification.segments.current_shift import tell_shifts
 from bumpstop.identification.segments.motion import UniformMotion
-from bumpstop.identification.segments.recorded_columns import doubtful_columns
+from bumpstop.identification.segments.recorded_columns import (
+    constant_words,
+    doubtful_columns,
+    tell_doubtful_columns,
+)
 from bumpstop.model import unit_of
 
 if TYPE_CHECKING:
@@ -99,21 +103,40 @@ def judge_predictions(
     """
     faults = reading_faults(recordings)
     warnings = [*fit_faults(fit.model), *reading_warnings(recordings, fit.model.robot)]
-    for score in scores:
-        if score.rests:
-            warnings.append(f"{score.name} rests: its torque is not judged")
-        if np.isfinite(score.r2) and 1 - score.r2 > _POOR:
-            text = (
-                f"{100 * (1 - score.r2):.3g} % of the torque of {score.name} is not predicted, below {filter_hz:g} Hz"
-            )
-            (faults if score.r2 < 0 else warnings).append(text)
+    quantity = "tau" if fit.model.gains is None else "current"
+    judged = [score.name for score in scores if not score.free_gain]
+    tell_doubtful_columns(recordings, fit.model.robot, quantity, faults, warnings, judged=judged)
+    tell_unpredicted(scores, quantity, filter_hz, faults, warnings)
     if fit.seen is not None:
         warnings += fit.seen.outside(rows.motion, [joint.name for joint in fit.model.robot.joints])
     else:
         warnings.append("the model's file does not say what motion it was fitted to: fit it again to know")
-    quantity = "tau" if fit.model.gains is None else "current"
     tell_shifts(recordings, fit.model.robot, quantity, faults, warnings, gravity=fit.model.gravity)
-    return FitVerdict(faults=tuple(faults), warnings=tuple(warnings))
+    return FitVerdict(faults=tuple(dict.fromkeys(faults)), warnings=tuple(dict.fromkeys(warnings)))
+
+
+def tell_unpredicted(
+    scores: Sequence[JointScore], quantity: str, filter_hz: float, faults: list[str], warnings: list[str]
+) -> None:
+    """Add a sentence on every joint whose torque the model does not predict.
+
+    Args:
+        scores: of the joints.
+        quantity: that was recorded, ``"current"`` or ``"tau"``.
+        filter_hz: cut-off of the comparison.
+        faults: what says more than nothing against a joint is added.
+        warnings: what is hardly predicted, or not judged, is added.
+    """
+    for score in scores:
+        left = 1 - score.r2
+        if score.rests:
+            warnings.append(f"{score.name} rests: its torque is not judged")
+        elif not np.isfinite(left):
+            (warnings if score.free_gain else faults).append(constant_words(score.name, quantity))
+        elif left > _POOR:
+            (faults if left > _WORTHLESS else warnings).append(
+                f"{100 * left:.3g} % of the torque of {score.name} is not predicted, below {filter_hz:g} Hz"
+            )
 
 
 def _motion(q: FloatArray, qd: FloatArray, qdd: FloatArray) -> UniformMotion:
