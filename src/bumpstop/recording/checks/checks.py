@@ -11,6 +11,7 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.model import Robot
+from bumpstop.recording.checks.held import held_notes
 from bumpstop.recording.checks.jumps import impossible_rows, spikes, turns, usual_speed
 from bumpstop.recording.checks.rates import rate_faults, rates_unit
 from bumpstop.recording.checks.time_order import disorder
@@ -98,9 +99,10 @@ def checked(
     notes += notes_of_rows
     _refuse(reasons, raw, int(good.sum()), max_bad, path)
     kept = values if good.all() else {name: value[good] for name, value in values.items()}
+    names = list(raw.joint_names or (f"joint {j + 1}" for j in range(kept["position"].shape[1])))
     if "velocity" in kept:
-        names = raw.joint_names or tuple(f"joint {j + 1}" for j in range(kept["position"].shape[1]))
-        faults += rate_faults(kept["t"][:, 0], kept["position"], kept["velocity"], list(names))
+        faults += rate_faults(kept["t"][:, 0], kept["position"], kept["velocity"], names)
+    notes += held_notes(kept["t"][:, 0], kept["position"], kept, names)
     counts: dict[str, int] = {}
     for _, reason, _ in reasons:
         counts[reason] = counts.get(reason, 0) + 1
