@@ -14,6 +14,7 @@ from bumpstop.errors import InputError
 from bumpstop.text_files import list_items, shown
 
 if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
     from bumpstop.detection import DetectionRun, ResidualSeries, Thresholds
     from bumpstop.recording import Recording
 
@@ -50,7 +51,17 @@ def load_series(
     series = ResidualSeries(record.t, record.rows, shown(path))
     if motion:
         series = with_motion(series, log, arm, model, residual_source.settings)
-    return series, [*reading_notes(log, path), *notes]
+    return series, [*reading_notes(log, path), *_unexplained(log, path, residual_source, record.rows), *notes]
+
+
+def _unexplained(log: Recording, path: Path, residual_source: ResidualSource, residual: FloatArray) -> list[str]:
+    """Notes of joints whose channel is dead, clipped or wrong: their thresholds are high for nothing else."""
+    from bumpstop.identification.unexplained import unexplained
+
+    model, arm = residual_source.parts
+    settings = residual_source.settings
+    found = unexplained(log, arm, model, residual, payload_kg=settings.payload_kg, gravity=settings.gravity)
+    return [f"{shown(path)}: {sentence}{'' if sentence.endswith('?') else '.'}" for sentence in found]
 
 
 def residuals_of(path: Path, residual_source: ResidualSource) -> ResidualSeries:
