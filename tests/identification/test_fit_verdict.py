@@ -222,6 +222,30 @@ def test_joint_models_are_judged() -> None:
     assert any("current of elbow_joint is not predicted" in fault for fault in wrong.faults)
 
 
+def test_friction_tells_which_sign_is_wrong() -> None:
+    """With its current alone reversed a joint's friction drives it; with its positions reversed, too, it does not."""
+    robot, log = currents_of_known_drives()
+    assert log.current is not None
+
+    def told(joint: int, position: float, current: float, offset: float = 0.0) -> tuple[str, ...]:
+        q = log.q.copy()
+        q[:, joint] *= position
+        changed = replace(with_current(log, joint, current * log.current[:, joint] + offset), q=q)  # type: ignore[index]
+        verdict = judge_joint_model(identify_joint_model(changed, robot, cutoff_hz=8.0), [changed])
+        return tuple(fault for fault in verdict.faults if robot.joints[joint].name in fault)
+
+    assert told(1, 1.0, 1.0) == ()
+    (sign,) = told(1, 1.0, -1.0)
+    assert "the gain of shoulder_lift_joint is opposite" in sign
+    assert "give its sign in the column file ([coupling] sign), unless its positions are reversed, it has an" in sign
+    (both,) = told(1, -1.0, -1.0)
+    assert "the gain of shoulder_lift_joint is opposite" in both
+    assert "its friction has the right sign, so look whether its positions and its current are reversed" in both
+    assert "give its sign" not in both
+    # The sign that used to be advised there is no cure: then friction is negative.
+    assert any("friction of shoulder_lift_joint comes out negative" in fault for fault in told(1, -1.0, 1.0))
+
+
 def test_currents_beyond_those_of_the_fit_are_told() -> None:
     robot, log = currents_of_known_drives()
     fit = joint_model_fit()

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
+# Behind the advice to give a current or torque of the opposite sign its sign.
+OTHER_CAUSES = "unless its positions are reversed, it has an offset or it is the wrong column"
 USABLE, WITH_WARNINGS, NOT_USABLE = "usable", "usable with warnings", "not usable"
 
 

@@ -79,6 +79,7 @@ class JointFit:
         condition: condition number of the columns of the fit, each brought to length one.
         gain_errors: standard errors of B by what makes them: ``noise``, ``model`` (the choice of map and friction) and
             ``inertia``; that of B is their hypotenuse. Empty where the gain is not fitted.
+        braking: standard errors by which friction, before it is held at zero, is above zero; negative: it drives.
     """
 
     name: str
@@ -98,6 +99,7 @@ class JointFit:
     independent: float
     condition: float = math.inf
     gain_errors: Mapping[str, float] = field(default_factory=dict)
+    braking: float = 0.0
 
     @property
     def residual(self) -> FloatArray:
@@ -234,6 +236,7 @@ def fit_joint(rows: DriveSamples, j: int, arm: Robot, settings: JointFitSettings
         independent=fit.independent,
         condition=condition_of(fit.columns),
         gain_errors=gain_errors,
+        braking=observability.braking,
     )
 
 

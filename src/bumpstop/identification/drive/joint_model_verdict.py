@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.identification.drive.observability import OPPOSITE_SIGN
-from bumpstop.identification.fit_verdict import FitVerdict, fit_faults, named, reading_faults, reading_warnings
+from bumpstop.identification.fit_verdict import (
+    OTHER_CAUSES,
+    FitVerdict,
+    fit_faults,
+    named,
+    reading_faults,
+    reading_warnings,
+)
 from bumpstop.identification.segments.current_shift import tell_shifts
 from bumpstop.identification.segments.recorded_columns import (
     constant_words,
@@ -30,6 +37,8 @@ _WORTHLESS, _POOR = 1.0, 0.3
 # Share of a current's variance that friction may leave as it drifts with temperature and load.
 _DRIFT = 0.1
 _ILL_CONDITIONED = 1000.0
+# Friction has a sign when it is so many standard errors from zero.
+_SURELY = 3.0
 # Rows outside, as a share of all, that are worth a word: single ones are peaks between rows of the fit.
 _TOLD = 0.05
 # A payload's mass is hardly known where its standard error is above this share of it.
@@ -46,11 +55,21 @@ def judge_joint_model(fit: JointModelFit, recordings: Sequence[Recording]) -> Fi
     faults = reading_faults(recordings)
     warnings = reading_warnings(recordings, fit.robot)
     opposite = [joint.name for joint in fit.joints if joint.unobservable.get("B") == OPPOSITE_SIGN]
-    if opposite:
-        faults.append(
-            f"the gain of {named(opposite)} is opposite: the current falls as the torque rises; give its sign in the "
-            "column file ([coupling] sign), or look whether it is the right column"
-        )
+    for joint in fit.joints:
+        if joint.name in opposite:
+            # A current of the opposite sign has friction of the opposite sign, too.
+            advice = f"give its sign in the column file ([coupling] sign), {OTHER_CAUSES}"
+            if joint.braking > _SURELY:
+                advice = (
+                    "its friction has the right sign, so look whether its positions and its current are reversed, its "
+                    "current has an offset or it is the wrong column"
+                )
+            faults.append(f"the gain of {joint.name} is opposite: the current falls as the torque rises; {advice}")
+        elif joint.braking < -_SURELY:
+            faults.append(
+                f"the friction of {joint.name} comes out negative: is its current of the opposite sign (give it in the "
+                "column file, [coupling] sign), are its positions reversed, or is it the wrong column?"
+            )
     hidden = [joint.name for joint in fit.joints if not joint.observable and joint.name not in opposite]
     if len(hidden) + len(opposite) == len(fit.joints):
         faults.append("no joint shows its gain in this motion")

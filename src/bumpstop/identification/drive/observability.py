@@ -44,6 +44,7 @@ class DriveObservability:
         name: of the joint.
         gain, acceleration, coulomb, viscous: of the linear fit: current per torque, per acceleration, constant and per
             rate.
+        braking: standard errors by which friction at a usual speed is above zero; negative: it drives the joint.
         gain_unobservable: the gain is not identifiable.
         single_speed, static: what it says.
         hysteresis: whether it can be seen.
@@ -60,6 +61,7 @@ class DriveObservability:
     acceleration: float
     coulomb: float
     viscous: float
+    braking: float
     gain_unobservable: bool
     single_speed: bool
     static: bool
@@ -162,6 +164,7 @@ def assess(rows: DriveSamples, j: int, arm: Robot, rest_speed: float, known: Map
         acceleration=float(values[1]),
         coulomb=max(float(values[2]), 0.0),
         viscous=max(float(values[3]), 0.0),
+        braking=0.0 if never else _braking(rows, j, raw, hysteresis, known, float(np.median(moving))),
         gain_unobservable=gain_unobservable,
         single_speed=single_speed,
         static=never,
@@ -174,6 +177,19 @@ def assess(rows: DriveSamples, j: int, arm: Robot, rest_speed: float, known: Map
         torque=float(np.abs(raw[:, 0]).max()),
         rest_speed=rest_speed,
     )
+
+
+def _braking(
+    rows: DriveSamples, j: int, raw: FloatArray, hysteresis: bool, known: Mapping[str, float], usual: float
+) -> float:
+    """Friction of a linear map at a usual speed, in its standard errors; 0: it is not seen.
+
+    There its Coulomb and viscous parts are known together, and a law that falls or rises with speed does not matter.
+    """
+    there = raw.copy()
+    there[:, 3] -= usual * there[:, 2]
+    values, errors = _linear_fit(rows, j, there, hysteresis, known)
+    return float(values[2] / errors[2]) if np.isfinite(errors[2]) and errors[2] > 0 else 0.0
 
 
 def starting_values(observability: DriveObservability, fixed: Mapping[str, float]) -> dict[str, float]:

@@ -11,7 +11,14 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.identification.dynamics.coulomb_sign import coulomb_signs
 from bumpstop.identification.dynamics.regressor_columns import regressor_columns
-from bumpstop.identification.fit_verdict import FitVerdict, fit_faults, named, reading_faults, reading_warnings
+from bumpstop.identification.fit_verdict import (
+    OTHER_CAUSES,
+    FitVerdict,
+    fit_faults,
+    named,
+    reading_faults,
+    reading_warnings,
+)
 from bumpstop.identification.segments.current_shift import tell_shifts
 from bumpstop.identification.segments.motion import UniformMotion
 from bumpstop.identification.segments.recorded_columns import (
@@ -42,7 +49,9 @@ _SOME, _NEARLY_ALL = 0.05, 0.9  # shares of poses
 # Share of a joint's torque left unexplained by which one of the wrong sign shows.
 _MISFIT = 0.1
 _POSES = 400
-_OPPOSITE_SIGN = ": its torque or current may have the opposite sign ([coupling] sign in a column file)"
+_OPPOSITE_SIGN = (
+    f": its torque or current may have the opposite sign ([coupling] sign in a column file), {OTHER_CAUSES}"
+)
 
 
 def judge_dynamics(fit: DynamicsFit, recordings: Sequence[Recording]) -> FitVerdict:
@@ -238,5 +247,5 @@ def _gains(fit: DynamicsFit, faults: list[str], warnings: list[str]) -> None:
         how = "negative" if len(negative) == int(seen.sum()) else "negative, unlike the others"
         warnings.append(
             f"the gain of {named(negative)} is {how}: the current falls as the torque rises; give its sign in the "
-            "column file ([coupling] sign)"
+            f"column file ([coupling] sign), {OTHER_CAUSES}"
         )

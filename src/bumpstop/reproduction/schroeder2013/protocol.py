@@ -15,6 +15,7 @@ from bumpstop.errors import InputError
 from bumpstop.identification.design.plan import MIN_SPEED_RATIO
 from bumpstop.identification.drive.current_scores import compare_currents
 from bumpstop.identification.drive.drive_quantities import drive_errors, drive_quantities
+from bumpstop.identification.fit_verdict import OTHER_CAUSES
 from bumpstop.joint import JointTorqueModel
 from bumpstop.joint.parameters import JointParameters, Parameter
 from bumpstop.model import gravity_torque
@@ -271,7 +272,7 @@ def _identify_joint(experiment: JointExperiment, found: Cut) -> ProtocolJoint:
         raise InputError(
             f"joint {experiment.name}",
             "its torque falls where its current rises",
-            "give the sign of its current in the column file ([coupling] sign)",
+            f"give the sign of its current in the column file ([coupling] sign), {OTHER_CAUSES}",
         )
     tried: dict[str, tuple[list[StrokeFit], FrictionFit, list[FloatArray], MapFit]] = {}
     squares: dict[str, FloatArray] = {}
