@@ -18,6 +18,7 @@ from recording.cases import real
 NAMES = {
     "plain": ("time_ms", "pos{}", "vel{}", "current{}"),
     "words": ("Timestamp", "Axis {} position [deg]", "Axis {} speed [deg/s]", "Axis {} current [mA]"),
+    "short": ("TimeStamp [s]", "Axis{}_Pos [deg]", "Axis{}_Vel [deg/s]", "Axis{}_Cur [A]"),
     "camels": ("clock", "j{}ActualAngle", "j{}ActualVelocity", "j{}Torque"),
     "signs": ("t [s]", "q({})", "dq({})", "tau({})"),
 }

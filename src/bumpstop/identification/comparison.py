@@ -19,7 +19,7 @@ from bumpstop.identification.segments.motion import lowpass
 from bumpstop.identification.segments.rest import MIN_MOVING
 
 _MIN_IN_BIN = 20
-_ROUNDING = 1e-12  # of a filter, as a share of what passes it
+ROUNDING = 1e-12  # of a filter, as a share of what passes it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,7 +185,7 @@ def rest_words(scores: Sequence[JointScore]) -> str:
 def share_predicted(measured: FloatArray, predicted: FloatArray) -> float:
     """R2: the share of a variance that is predicted; NaN where there is none but rounding."""
     spread = float(((measured - measured.mean()) ** 2).sum())
-    rounding = measured.size * (_ROUNDING * float(np.abs(measured).max(initial=0.0))) ** 2
+    rounding = measured.size * (ROUNDING * float(np.abs(measured).max(initial=0.0))) ** 2
     return 1 - float(((measured - predicted) ** 2).sum()) / spread if spread > rounding else math.nan
 
 

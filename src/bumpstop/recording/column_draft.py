@@ -13,7 +13,7 @@ _MAX_LISTED = 20
 _WORDS = {
     "time": r"t|ts|time|timestamp|stamp|clock|zeit|seconds|millis|time_?m?s",
     "velocity": r"qd|dq|qdot|vel|speed|velocity|geschw\w*|q_?vel|rate",
-    "current": r"i|curr|current|amp|amps|ampere|strom",
+    "current": r"i|cur|curr|current|amp|amps|ampere|strom",
     "torque": r"tau|trq|torque|effort|moment|drehmoment|nm",
     "position": r"q|pos|position|angle|theta|phi|joint|axis|achse|enc|encoder|j|a",
 }

@@ -10,6 +10,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
+from bumpstop.identification.comparison import ROUNDING
 from bumpstop.identification.segments.drive_samples import DriveSamples, drive_samples
 from bumpstop.joint.parameters import DEFAULT_REST_SPEED
 
@@ -105,7 +106,7 @@ def _left_out(rows: DriveSamples, j: int, rest_speed: float, cutoff_hz: float) -
     columns = rows.filtered(np.column_stack([columns, power]), cutoff_hz)
     current = rows.filtered(rows.current[:, j : j + 1], cutoff_hz)[:, 0]
     spread = float(current.var())
-    if not spread > 0:
+    if not spread > (ROUNDING * float(np.abs(current).max())) ** 2:
         return 0.0
     columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
     parts = np.array_split(np.arange(current.size), _FOLDS)

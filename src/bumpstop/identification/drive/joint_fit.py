@@ -11,6 +11,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
+from bumpstop.identification.comparison import share_predicted
 from bumpstop.identification.drive.drive_model import DriveModel, JointMotion
 from bumpstop.identification.drive.error_sources import (
     GainByModel,
@@ -73,7 +74,7 @@ class JointFit:
         torque: (N,) Newton-Euler torque at these rows [Nm or N].
         estimated: (N,) torque that the model makes of the measured current; NaN where B is unknown.
         qd, qdd: (N,) at these rows.
-        r2: share of the filtered current's variance that is predicted.
+        r2: share of the filtered current's variance that is predicted; NaN: it does not vary.
         rmse: root mean square of measured less predicted, filtered [A].
         independent: number of residuals that count as independent.
         condition: condition number of the columns of the fit, each brought to length one.
@@ -217,7 +218,6 @@ def fit_joint(rows: DriveSamples, j: int, arm: Robot, settings: JointFitSettings
         )
     if not fit.converged:
         warnings.append("the fit did not settle; its figures are doubtful")
-    spread = float(((task.measured - task.measured.mean()) ** 2).sum())
     return JointFit(
         name=joint.name,
         observable=not observability.gain_unobservable,
@@ -231,7 +231,7 @@ def fit_joint(rows: DriveSamples, j: int, arm: Robot, settings: JointFitSettings
         estimated=estimated,
         qd=task.motion.qd,
         qdd=task.motion.qdd,
-        r2=1 - float((fit.residual**2).sum()) / spread if spread > 0 else 0.0,
+        r2=share_predicted(task.measured, predicted),
         rmse=float(np.sqrt((fit.residual**2).mean())),
         independent=fit.independent,
         condition=condition_of(fit.columns),
