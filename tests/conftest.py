@@ -18,7 +18,7 @@ LONGEST = [
     "collision/test_sanitized.py",
     "docs/test_commands.py",
     "docs/test_site_pages.py",
-    "identification/test_fit_verdict.py",
+    "identification/verdict/test_fit_verdict.py",
     "cpp/test_package.py",
     "study/speed/test_speed_limits.py",
     "web/test_numbers.py",

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from bumpstop.identification.comparison import JointScore
     from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 
 # Behind the advice to give a current or torque of the opposite sign its sign.
 OTHER_CAUSES = "unless its positions are reversed, it has an offset or it is the wrong column"
+# Share of a current's or torque's variance that is left unexplained.
+WORTHLESS, POOR = 1.0, 0.3
 USABLE, WITH_WARNINGS, NOT_USABLE = "usable", "usable with warnings", "not usable"
 
 
@@ -107,3 +110,27 @@ def reading_warnings(recordings: Sequence[Recording], robot: Robot | None) -> li
         for log in recordings
         if log.report.other_robot
     ]
+
+
+def tell_score(
+    score: JointScore, word: str, dead: str, filter_hz: float, faults: list[str], warnings: list[str]
+) -> None:
+    """Add a sentence on a joint of which the model predicts little, or of which nothing is known.
+
+    Args:
+        score: of the joint.
+        word: what is predicted.
+        dead: what is said of a joint that moves, and of which nothing varies.
+        filter_hz: cut-off of the comparison.
+        faults: what says more than nothing against the joint is added.
+        warnings: what is hardly predicted, or not judged, is added.
+    """
+    left = 1 - score.r2
+    if score.rests:
+        warnings.append(f"{score.name} rests: its {word} is not judged")
+    elif not math.isfinite(left):
+        (warnings if score.free_gain else faults).append(dead)
+    elif left > POOR:
+        (faults if left > WORTHLESS else warnings).append(
+            f"{100 * left:.3g} % of the {word} of {score.name} is not predicted, below {filter_hz:g} Hz"
+        )

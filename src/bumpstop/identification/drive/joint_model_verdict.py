@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -11,11 +10,14 @@ import numpy as np
 from bumpstop.identification.drive.observability import OPPOSITE_SIGN
 from bumpstop.identification.fit_verdict import (
     OTHER_CAUSES,
+    POOR,
+    WORTHLESS,
     FitVerdict,
     fit_faults,
     named,
     reading_faults,
     reading_warnings,
+    tell_score,
 )
 from bumpstop.identification.segments.current_shift import tell_shifts
 from bumpstop.identification.segments.recorded_columns import (
@@ -32,8 +34,6 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
-# Share of a current's or torque's variance that is left unexplained.
-_WORTHLESS, _POOR = 1.0, 0.3
 # Share of a current's variance that friction may leave as it drifts with temperature and load.
 _DRIFT = 0.1
 _ILL_CONDITIONED = 1000.0
@@ -80,8 +80,8 @@ def judge_joint_model(fit: JointModelFit, recordings: Sequence[Recording]) -> Fi
         unexplained = _held_out(joint)
         if unexplained is not None:
             shares.append(unexplained)
-            if unexplained > _POOR:
-                (faults if unexplained > _WORTHLESS else warnings).append(
+            if unexplained > POOR:
+                (faults if unexplained > WORTHLESS else warnings).append(
                     f"{100 * unexplained:.3g} % of the current of {joint.name} is unexplained on held-out rows"
                 )
         if "D" in joint.unobservable and "F" in joint.unobservable:
@@ -169,16 +169,8 @@ def tell_unpredicted(found: CurrentComparison, faults: list[str], warnings: list
     for score, torque in zip(found.current_scores(), found.torque_scores(), strict=True):
         if score.free_gain:
             continue
-        left = 1 - score.r2
-        if score.rests:
-            warnings.append(f"{score.name} rests: its current is not judged")
-        elif not math.isfinite(left):
-            faults.append(constant_words(score.name, "current"))
-        elif left > _POOR:
-            (faults if left > _WORTHLESS else warnings).append(
-                f"{100 * left:.3g} % of the current of {score.name} is not predicted, below {found.filter_hz:g} Hz"
-            )
-        if torque is not None and left > _DRIFT and torque.r2 < 0 and not left > _WORTHLESS:
+        tell_score(score, "current", constant_words(score.name, "current"), found.filter_hz, faults, warnings)
+        if torque is not None and _DRIFT < 1 - score.r2 <= WORTHLESS and torque.r2 < 0:
             offset = ": does its current have an offset?" if abs(torque.mean) > torque.sd else ""
             faults.append(f"the torque made of the current of {score.name} errs by more than it varies{offset}")
 

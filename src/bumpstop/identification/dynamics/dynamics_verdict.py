@@ -13,11 +13,14 @@ from bumpstop.identification.dynamics.coulomb_sign import coulomb_signs
 from bumpstop.identification.dynamics.regressor_columns import regressor_columns
 from bumpstop.identification.fit_verdict import (
     OTHER_CAUSES,
+    POOR,
+    WORTHLESS,
     FitVerdict,
     fit_faults,
     named,
     reading_faults,
     reading_warnings,
+    tell_score,
 )
 from bumpstop.identification.segments.current_shift import tell_shifts
 from bumpstop.identification.segments.motion import UniformMotion
@@ -39,8 +42,6 @@ _UNKNOWN, _UNSURE = 1.0, 0.3
 # Condition numbers that planned excitations stay below by far; beyond the second, which is near where columns count as
 # dependent, noise decides what the parameters are.
 _ILL_CONDITIONED, _UNDECIDED = 500.0, 5000.0
-# Share of the variance left unexplained on held-out rows.
-_WORTHLESS, _POOR = 1.0, 0.3
 # A figure counts as negative when it is so many standard errors below zero.
 _SURELY = 3.0
 # Friction against the motion of this share of a joint's torque is a matter of sign, not of an imperfect model.
@@ -79,8 +80,8 @@ def judge_dynamics(fit: DynamicsFit, recordings: Sequence[Recording]) -> FitVerd
     _gains(fit, faults, warnings)
     if fit.unexplained is not None:
         for name, moves, share in zip(names, moving, fit.unexplained, strict=True):
-            if moves and np.isfinite(share) and share > _POOR:
-                (faults if share > _WORTHLESS else warnings).append(
+            if moves and np.isfinite(share) and share > POOR:
+                (faults if share > WORTHLESS else warnings).append(
                     f"{100 * share:.3g} % of what {name} took is unexplained on held-out rows"
                 )
     for name in fit.still:
@@ -137,15 +138,7 @@ def tell_unpredicted(
         warnings: what is hardly predicted, or not judged, is added.
     """
     for score in scores:
-        left = 1 - score.r2
-        if score.rests:
-            warnings.append(f"{score.name} rests: its torque is not judged")
-        elif not np.isfinite(left):
-            (warnings if score.free_gain else faults).append(constant_words(score.name, quantity))
-        elif left > _POOR:
-            (faults if left > _WORTHLESS else warnings).append(
-                f"{100 * left:.3g} % of the torque of {score.name} is not predicted, below {filter_hz:g} Hz"
-            )
+        tell_score(score, "torque", constant_words(score.name, quantity), filter_hz, faults, warnings)
 
 
 def _motion(q: FloatArray, qd: FloatArray, qdd: FloatArray) -> UniformMotion:

@@ -16,7 +16,7 @@ from cli.support import run, strict_json
 from identification.drives import driven, fourier
 from identification.drives import planted as with_drives
 from identification.test_dynamics_fit import planted
-from identification.test_fit_verdict import good, with_current
+from identification.verdict_cases import good, with_current
 
 
 def test_currents_that_are_dead_or_wrong_are_told() -> None:
