@@ -54,7 +54,7 @@ class AlarmTable {
         template <class T>
         T alarm(int w, T force) const {
             const Piece& piece = table_.piece_[table_.first_[w] + std::size_t(index_[w])];
-            return polynomial(piece.power, T(force * slope_[w] + shift_[w]));
+            return polynomial<Rounding::fused>(piece.power, fused(force, T(slope_[w]), T(shift_[w])));
         }
 
       private:

@@ -100,7 +100,7 @@ void propagate_same_width(const CorrelatedNoise& noise, T shift, T* mass, std::v
         int l = 0;
         for (; l + 4 <= n; l += 4) {
             BUMPSTOP_UNROLL
-            for (int k = 0; k < 4; ++k) sum[k] += mass[l + k] * row[l + k];
+            for (int k = 0; k < 4; ++k) sum[k] = fused(mass[l + k], T(row[l + k]), sum[k]);
         }
         for (; l < n; ++l) sum[0] += mass[l] * row[l];
         value[i] = (sum[0] + sum[1]) + (sum[2] + sum[3]);

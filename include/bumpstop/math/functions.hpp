@@ -18,10 +18,19 @@ T floor(T x) {
     return select(near > x, near - 1.0, near);
 }
 
+/// How a product and a sum after it are rounded: one by one, alike on every instruction set, or as `fused` does.
+enum class Rounding { separate, fused };
+
 /// c[0] + c[1] x + ... + c[n-1] x^(n-1), by two or four interleaved Horner schemes whose latencies overlap.
-template <class T, int n>
+template <Rounding rounding = Rounding::separate, class T, int n>
 T polynomial(const double (&c)[n], T x) {
     static_assert(n >= 4);
+    const auto add = [](T a, T b, T sum) {
+        if constexpr (rounding == Rounding::fused)
+            return fused(a, b, sum);
+        else
+            return a * b + sum;
+    };
     constexpr int chains = n >= 12 ? 4 : 2;
     const T square = x * x;
     const T stride = chains == 4 ? square * square : square;
@@ -32,13 +41,13 @@ T polynomial(const double (&c)[n], T x) {
         const int top = (rows - 1) * chains + chain < n ? (rows - 1) * chains + chain : (rows - 2) * chains + chain;
         T value = c[top];
         BUMPSTOP_UNROLL
-        for (int i = top - chains; i >= 0; i -= chains) value = value * stride + c[i];
+        for (int i = top - chains; i >= 0; i -= chains) value = add(value, stride, T(c[i]));
         sum[chain] = value;
     }
     if constexpr (chains == 2)
-        return sum[1] * x + sum[0];
+        return add(sum[1], x, sum[0]);
     else
-        return (sum[3] * x + sum[2]) * square + (sum[1] * x + sum[0]);
+        return add(add(sum[3], x, sum[2]), square, add(sum[1], x, sum[0]));
 }
 
 template <class T>
@@ -72,13 +81,13 @@ template <class T>
 T exp_minus(T a, T b) {
     constexpr double ln2_high = 0x1.62e42fefap-1, ln2_low = 0x1.cf79abc9e3b3ap-40;
     const T total = a + b;
-    const T shifted = rounding_shift - total * 1.4426950408889634074;
+    const T shifted = fused(total, T(-1.4426950408889634074), T(rounding_shift));
     const T n = shifted - rounding_shift;
-    const T r = ((-a - n * ln2_high) - n * ln2_low) - b;
+    const T r = fused(n, T(-ln2_low), fused(n, T(-ln2_high), T(-a))) - b;
     constexpr double c[] = {1.0 / 2,         1.0 / 6,          1.0 / 24,         1.0 / 120,
                             1.0 / 720,       1.0 / 5040,       1.0 / 40320.0,    1.0 / 362880.0,
                             1.0 / 3628800.0, 1.0 / 39916800.0, 1.0 / 479001600.0};
-    const T series = 1.0 + (r + r * r * polynomial(c, r));
+    const T series = 1.0 + fused(r * r, polynomial<Rounding::fused>(c, r), r);
     const T scaled = real_of(bits_of(series) + (bits_of(shifted) << 52));
     return select(total < T(708.0), scaled, T(0.0));
 }
@@ -88,9 +97,9 @@ T exp_minus(T a, T b) {
 template <class T>
 T erfc(T x) {
     const T magnitude = min(abs(x), T(30.0));
-    const T inverse = 1.0 / ((magnitude + erfc_polynomial::shift) * (1.0 + 2.0 * magnitude));
-    const T t = (magnitude - erfc_polynomial::shift) * (1.0 + 2.0 * magnitude) * inverse;
-    const T scaled = polynomial(erfc_polynomial::coefficients, t) * (magnitude + erfc_polynomial::shift) * inverse;
+    const T twice = 1.0 + 2.0 * magnitude, inverse = 1.0 / ((magnitude + erfc_polynomial::shift) * twice);
+    const T t = (magnitude - erfc_polynomial::shift) * twice * inverse;
+    const T scaled = polynomial<Rounding::fused>(erfc_polynomial::coefficients, t) * (magnitude + erfc_polynomial::shift) * inverse;
     // x^2 = brief^2 + (x - brief)(x + brief) with `brief` a multiple of 1/16: brief^2 is exact.
     const T brief = (magnitude + 0x1.8p+48) - 0x1.8p+48;
     const T upper = exp_minus(brief * brief, (magnitude - brief) * (magnitude + brief)) * scaled;

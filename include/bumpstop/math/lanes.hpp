@@ -146,7 +146,9 @@ Lanes<N> max(Lanes<N> a, Lanes<N> b) {
     return Lanes<N>::of(a.v > b.v ? a.v : b.v);
 }
 
-/// a b + c, by a fused multiply-add where the instruction set has one.
+/// a b + c, of lanes by a fused multiply-add where the instruction set has one. Paths do without: beside singularities
+/// they make much of one rounding, and instruction sets would disagree.
+inline double fused(double a, double b, double c) { return a * b + c; }
 template <int N>
 Lanes<N> fused(Lanes<N> a, Lanes<N> b, Lanes<N> c) {
 #if defined(__AVX512F__)

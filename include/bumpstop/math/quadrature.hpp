@@ -66,7 +66,7 @@ void half_legendre_sums(const GaussRule& rule, const double* value, double* seri
     const T sign = load<T>(alternating);
     for (int g = 0; 2 * g < order; ++g) {
         const T pair = 0.5 * value[g] + sign * value[order - 1 - g];
-        for (int r = 0; r * lanes < order; ++r) sum[r] += pair * load<T>(&rule.legendre[g * order + r * lanes]);
+        for (int r = 0; r * lanes < order; ++r) sum[r] = fused(pair, load<T>(&rule.legendre[g * order + r * lanes]), sum[r]);
     }
     for (int r = 0; r * lanes < order; ++r) store(sum[r], series + r * lanes);
 }
@@ -99,8 +99,8 @@ T legendre_series(int order, T x, Coefficient coefficient) {
     T below = 1.0, here = x;  // P_l-1 and P_l as l runs
     T value = coefficient(0);
     for (int l = 1; l < order; ++l) {
-        const T above = legendre_factors.rise[l] * x * here - legendre_factors.fall[l] * below;
-        value += coefficient(l) * here;
+        const T above = fused(legendre_factors.rise[l] * x, here, -legendre_factors.fall[l] * below);
+        value = fused(T(coefficient(l)), here, value);
         below = here;
         here = above;
     }

@@ -100,10 +100,10 @@ class PartialPanels {
             for (int i = 0; i < lanes; ++i) {
                 const int l = first + i;
                 for (int r = 0; r < registers; ++r) {
-                    const T after = legendre_factors.rise[std::size_t(l)] * x[r] * here[r] -
-                                    legendre_factors.fall[std::size_t(l)] * before[r];
-                    below[r] += (after - before[r]) * degree[r][i];
-                    slope[r] += ((2.0 * l + 1) * here[r]) * degree[r][i];
+                    const T after = fused(legendre_factors.rise[std::size_t(l)] * x[r], here[r],
+                                          -legendre_factors.fall[std::size_t(l)] * before[r]);
+                    below[r] = fused(after - before[r], degree[r][i], below[r]);
+                    slope[r] = fused((2.0 * l + 1) * here[r], degree[r][i], slope[r]);
                     before[r] = here[r];
                     here[r] = after;
                 }
