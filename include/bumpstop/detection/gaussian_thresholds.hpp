@@ -7,6 +7,13 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
+/// The noiseless residual of a joint from tick to tick [Nm or N]; a contact begins with zeros.
+template <class T>
+struct NoiselessResidual {
+    T value = 0.0;
+    T torque = 0.0;  ///< of the contact at the same tick
+};
+
 /// A tick raises an alarm where any joint has |residual| > threshold. The residual is estimated minus predicted motor
 /// torque, so a force -n F on the arm raises it by (J_v' n) F.
 struct GaussianThresholds {
@@ -27,10 +34,14 @@ struct GaussianThresholds {
     /// Residuals of different ticks are correlated.
     bool correlated_noise() const { return correlation != 0 || filter != 0; }
 
-    /// The noiseless residual under the contact torque `torque`, from that of the tick before.
+    /// Advances a residual to the next tick, at which the contact torque is `torque`. An observer sees the mean torque
+    /// between two ticks, as the trapezoidal rule of MomentumObserver has it.
     template <class T>
-    T filtered(T before, T torque) const {
-        return filter == 0 ? torque : torque + filter * (before - torque);
+    T advance(NoiselessResidual<T>& own, T torque) const {
+        if (filter == 0) return own.value = torque;
+        const T mean = 0.5 * (own.torque + torque);
+        own.torque = torque;
+        return own.value = mean + filter * (own.value - mean);
     }
 
     /// Adds the next joint, counted from the base: its threshold, infinite where it is not monitored, and the standard

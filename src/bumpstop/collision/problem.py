@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -288,12 +289,14 @@ class CollisionProblem:
         """Share of its old value that the observer's residual keeps from tick to tick; 0 for the direct residual.
 
         The momentum observer answers a torque as a first-order filter of its gain K: r' = K (tau - r), so over a
-        feedback period T it keeps exp(-K T) of what it was and takes the rest from the torque.
+        feedback period T it keeps exp(-K T) of what it was and takes the rest from the mean torque.
         """
         detector = self.scenario.detector
         if detector.residual == "direct":
             return 0.0
-        return math.exp(-detector.observer_gain_1_s * self.period_steps * self.scenario.simulation.step_s)
+        # Not zero, which is the direct residual: of the fastest observer the mean torque remains.
+        memory = math.exp(-detector.observer_gain_1_s * self.period_steps * self.scenario.simulation.step_s)
+        return max(memory, sys.float_info.min)
 
     @property
     def first_armed_tick(self) -> int:

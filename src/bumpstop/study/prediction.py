@@ -322,7 +322,8 @@ def _observer_lag(problem: CollisionProblem, force: FloatArray, per_cycle: Float
     keep = problem.observer_memory
     if keep == 0:
         return np.zeros_like(force)
-    most = per_cycle * keep / (1 - keep)
+    # Of a ramp that begins at a tick; a contact that begins between two is followed a little more closely.
+    most = per_cycle * (1 + keep) / (2 * (1 - keep))
     lag = most
     for _ in range(_ROUNDS):
         lag = most * -np.expm1(math.log(keep) * (force + lag) / per_cycle)

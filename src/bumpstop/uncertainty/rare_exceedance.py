@@ -12,6 +12,7 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray, as_number, as_whole_number
 from bumpstop.collision import CollisionProblem, stopping_curve
 from bumpstop.collision.curve import AT_REST
+from bumpstop.collision.distribution.noise import contact_residual
 from bumpstop.collision.scenario.scenario import as_scenario
 from bumpstop.errors import InputError
 
@@ -154,15 +155,12 @@ class _GaussianRuns:
         joints = np.isfinite(problem.thresholds)
         threshold, mean = problem.thresholds[joints], problem.noise_mean[joints]
         self._sd = np.maximum(problem.noise_sd[joints], 1e-300)
-        self._rho, memory = problem.scenario.detector.noise_correlation, problem.observer_memory
+        self._rho = problem.scenario.detector.noise_correlation
         self._over = _over(problem, curve, offset, level)
         self._undetected = _undetected_over(problem, curve, offset, level)
         self._first_armed = min(problem.first_armed_tick, curve.ticks)
         force, torque = _contact(problem, curve, offset), curve.torque_per_newton[:, joints]
-        residual = np.zeros((curve.ticks, offset.size, threshold.size))
-        for k in range(curve.ticks):
-            before = residual[k - 1] if k else 0.0
-            residual[k] = memory * before + (1 - memory) * force[k][:, None] * torque[k]
+        residual = contact_residual(problem, force[:, :, None] * torque[:, None, :])
         # Noise between which no joint alarms (ticks, runs, joints).
         self._low, self._high = -threshold - mean - residual, threshold - mean - residual
         self._low[: self._first_armed], self._high[: self._first_armed] = -np.inf, np.inf
@@ -260,7 +258,7 @@ def _with_measured_noise(
         starts = np.sort(rng.choice(starts, _MAX_STARTS, replace=False))
     monitored = np.isfinite(problem.thresholds)
     rows, threshold = rows[:, monitored], problem.thresholds[monitored]
-    torque, memory = curve.torque_per_newton[:, monitored], problem.observer_memory
+    torque = curve.torque_per_newton[:, monitored]
     force, over = _contact(problem, curve, offset), _over(problem, curve, offset, level)
     undetected = _undetected_over(problem, curve, offset, level)
     silent_alone = np.asarray((np.abs(rows) <= threshold).all(axis=1))
@@ -268,12 +266,11 @@ def _with_measured_noise(
     for run in range(offset.size):
         place = int(rng.integers(block))
         alive, silent = 1.0, starts
-        before, residual = starts.size, np.zeros(threshold.size)
-        for k in range(curve.ticks):
+        before = starts.size
+        for k, residual in enumerate(contact_residual(problem, force[:, run, None] * torque)):
             at = place % block
             if at == 0:
                 silent, before = starts, starts.size
-            residual = memory * residual + (1 - memory) * force[k, run] * torque[k]
             place += 1
             if k < problem.first_armed_tick:
                 continue

@@ -14,6 +14,7 @@ from scipy import stats
 
 import bumpstop as bs
 from bumpstop.collision.distribution.noise import contact_residual, noise_of_run
+from bumpstop.detection import DetectorSettings
 from bumpstop.detection.tuning.residual_record import ResidualRecord
 from bumpstop.signal import correlation_time
 from collision.cases import REMEMBERING, control_group, fixed
@@ -63,16 +64,37 @@ def test_detection_tick_by_tick_against_the_multivariate_normal(correlation: flo
 
 
 def test_observer_against_its_step_response() -> None:
-    """A step of torque leaves 1 - exp(-K t) of itself in the residual of a momentum observer of gain K."""
+    """A step of torque that the motors carry leaves 1 - a^k (1 + a) / 2 of itself k samples later, a = exp(-K T)."""
     problem = bs.CollisionProblem.from_scenario(
         control_group(detector__residual="observer", detector__observer_gain_1_s=40.0)
     )
     torque = np.zeros((60, 7))
     torque[10:] = np.arange(1.0, 8.0)
     residual = contact_residual(problem, torque)
-    t = (np.arange(60) - 9) * 0.004
-    step = np.where(t > 0, 1 - np.exp(-40.0 * t), 0.0)
+    k, a = np.arange(60) - 9, math.exp(-40.0 * 0.004)
+    step = np.where(k > 0, 1 - a ** (k - 1.0) * (1 + a) / 2, 0.0)
     np.testing.assert_allclose(residual, step[:, None] * np.arange(1.0, 8.0), rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize("gain", [2.0, 50.0, 400.0, 1e5])
+def test_the_law_sees_what_the_running_detector_sees(gain: float) -> None:
+    """A standing arm whose motors hold against a contact that begins, grows and ends: two routes to the residual."""
+    scenario = control_group(
+        detector__residual="observer",
+        detector__observer_gain_1_s=gain,
+        simulation__step_s=0.005,
+        detector__feedback_period_s=0.01,
+    )
+    problem = bs.CollisionProblem.from_scenario(scenario)
+    ticks = 120
+    torque = np.zeros((ticks, 7))
+    torque[40:100] = np.outer(np.arange(0.4, 60.4), np.linspace(-1.0, 2.0, 7))
+    settings = DetectorSettings(residual="observer", observer_gain_1_s=gain, window_s=0.05, frozen_s=np.inf)
+    detector = bs.Detector(problem.robot, None, bs.Thresholds(np.full(7, 1e9)), settings)
+    pose = np.tile(problem.q, (ticks, 1))
+    holding = bs.model.gravity_torque(problem.robot, pose) + torque
+    found = detector.run_rows(0.01 * np.arange(ticks), pose, holding).residual
+    np.testing.assert_allclose(contact_residual(problem, torque)[30:], found[30:], atol=1e-9)
 
 
 @pytest.mark.parametrize("gain", [15.0, 60.0, 400.0])
@@ -109,10 +131,12 @@ def test_observer_almost_without_noise_against_every_offset_by_itself(noise_sd: 
     curve, problem = result.curve, result.problem
     offset = (np.arange(1_000_000) + 0.5) / 1_000_000 * problem.offset_size
     kept = math.exp(-20.0 * 0.02)
-    residual, tick = np.zeros((offset.size, 7)), np.full(offset.size, -1)
+    residual, before, tick = np.zeros((offset.size, 7)), np.zeros((offset.size, 7)), np.full(offset.size, -1)
     for k, (distance, torque) in enumerate(zip(curve.tick_distance, curve.torque_per_newton, strict=True)):
         force = problem.stiffness * np.maximum(0, distance - offset)
-        residual = kept * residual + (1 - kept) * torque * force[:, None]
+        felt = torque * force[:, None]
+        residual = kept * residual + (1 - kept) * (before + felt) / 2
+        before = felt
         tick[(tick < 0) & (np.abs(residual) > problem.thresholds).any(axis=1)] = k
     assert np.unique(tick).size > 1
     at_detection = problem.stiffness * (curve.tick_distance[tick] - offset)
@@ -158,7 +182,11 @@ def test_a_faster_observer_hits_more_softly() -> None:
         for gain in (20.0, 50.0, 200.0, 5000.0)
     ]
     assert means == sorted(means, reverse=True)
-    assert means[-1] == pytest.approx(bs.evaluate(control_group()).peak_force.mean, rel=1e-3)
+    # The fastest sees the mean of two cycles: half a cycle later than the direct residual.
+    direct = bs.evaluate(control_group())
+    problem = direct.problem
+    half_cycle = problem.stiffness * 0.05 * 0.002
+    assert means[-1] - direct.peak_force.mean == pytest.approx(half_cycle, rel=0.02)
 
 
 def record_file(folder: Path, rows: np.ndarray, period: float = 0.004, **other: Any) -> Path:

@@ -46,6 +46,7 @@ class ContactCuts {
         double separated = HUGE_VAL;   // steps from the start of the motion to separation
         int first = 0;                 // tick
         std::vector<double> residual;  // [tick from the first on][monitored joint], without noise
+        std::array<NoiselessResidual<double>, max_joints> latest{};  // by monitored joint
 
         double at_tick(int k, int w, int monitored) const {
             const std::size_t i = std::size_t(k - first) * std::size_t(monitored) + std::size_t(w);
@@ -78,8 +79,8 @@ class ContactCuts {
         std::array<double, max_joints> torque;
         dynamics_.residuals(state, &path.torque_per_N[std::size_t(k * path.dof)], path.dof, torque.data());
         for (int w = 0; w < narrow_->monitored; ++w)
-            made.residual.push_back(narrow_->filtered(made.at_tick(k - 1, w, narrow_->monitored),
-                                                      torque[std::size_t(narrow_->joint[std::size_t(w)])]));
+            made.residual.push_back(narrow_->advance(made.latest[std::size_t(w)],
+                                                     torque[std::size_t(narrow_->joint[std::size_t(w)])]));
     }
 
     /// The step in which contact ends, at the latest that of the end of the path.

@@ -112,7 +112,7 @@ class CorrelatedAlarms {
     void begin(int tick) {
         for (int w = 0; w < detector_.monitored; ++w) {
             for (int r = 0; r < registers; ++r) {
-                residual_[place(w, r)] = 0.0;
+                residual_[place(w, r)] = {};
                 if (!before_.correlated(w)) continue;
                 const SurvivingNoiseDensity<double>& from = before_.density_before(w, tick);
                 SurvivingNoiseDensity<T>& to = density_[place(w, r)];
@@ -129,8 +129,7 @@ class CorrelatedAlarms {
         return *this;
     }
     AlarmProbability<T> chance(int w, int r, const TickContact<T>& contact) {
-        T& own = residual_[place(w, r)];
-        own = detector_.filtered(own, contact.residual[w][r]);
+        const T own = detector_.advance(residual_[place(w, r)], contact.residual[w][r]);
         if (!before_.correlated(w)) return joint_alarm(detector_, w, own);
         return propagate_tick(before_.noise(w), density_[place(w, r)], own, work_);
     }
@@ -138,8 +137,7 @@ class CorrelatedAlarms {
     void skip(const TickContact<T>& contact) {
         for (int w = 0; w < detector_.monitored; ++w) {
             for (int r = 0; r < registers; ++r) {
-                T& own = residual_[place(w, r)];
-                own = detector_.filtered(own, contact.residual[w][r]);
+                detector_.advance(residual_[place(w, r)], contact.residual[w][r]);
                 density_[place(w, r)].known = 0.0;
             }
         }
@@ -151,7 +149,7 @@ class CorrelatedAlarms {
 
     const GaussianThresholds& detector_;
     const PreContactAlarms& before_;
-    std::vector<T> residual_;                        ///< noiseless [Nm or N]
+    std::vector<NoiselessResidual<T>> residual_;     ///< [joint][register]
     std::vector<SurvivingNoiseDensity<T>> density_;  ///< [joint][register]
     std::vector<T> work_;
 };

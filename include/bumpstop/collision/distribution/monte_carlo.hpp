@@ -246,8 +246,8 @@ class MonteCarlo {
                       int used, MonteCarloRuns& out, const int* touch, ContactCollision* collision) const {
         const int dof = curve_.path.dof;
         const double innovation = std::sqrt((1 - detector_.correlation) * (1 + detector_.correlation));
-        T noise[max_joints], contact[max_joints];  // by joint, monitored or not
-        for (int j = 0; j < dof; ++j) contact[j] = 0.0;
+        T noise[max_joints];  // by joint, monitored or not
+        NoiselessResidual<T> contact[max_joints];
         int remaining = used;
         for (int k = 0; k < curve_.path.ticks && remaining > 0; ++k) {
             if (k % many_ticks == 0) allow_interruption();
@@ -274,7 +274,7 @@ class MonteCarlo {
                                      : curve_.path.torque_per_N[std::size_t(k) * dof + j] * collision[lane].force(i));
                 }
             }
-            for (int j = 0; j < dof; ++j) contact[j] = detector_.filtered(contact[j], torque[j]);
+            for (int j = 0; j < dof; ++j) detector_.advance(contact[j], torque[j]);
             if (k < first_armed_) continue;
             if (record_ != nullptr) {
                 for (int lane = 0; lane < used; ++lane) {
@@ -295,7 +295,7 @@ class MonteCarlo {
             MaskOf<T> fired = mask_of<T>(false), over[max_joints];
             for (int w = 0; w < detector_.monitored; ++w) {
                 const int j = detector_.joint[w];
-                over[w] = abs(noise[j] + contact[j]) > T(detector_.threshold[w]);
+                over[w] = abs(noise[j] + contact[j].value) > T(detector_.threshold[w]);
                 fired = fired | over[w];
             }
             if (!any(fired)) continue;
@@ -305,7 +305,7 @@ class MonteCarlo {
                 const std::int64_t i = index[lane];
                 for (int j = 0; !out.noise.empty() && j < dof; ++j) {
                     out.noise[i * dof + j] = lane_of(noise[j], lane);
-                    out.residual[i * dof + j] = lane_of(noise[j], lane) + lane_of(contact[j], lane);
+                    out.residual[i * dof + j] = lane_of(noise[j], lane) + lane_of(contact[j].value, lane);
                 }
             }
         }

@@ -337,12 +337,12 @@ class OffsetMesh {
             for (double side : {-1.0, 1.0}) {
                 bool passed = false;
                 const double limit = side * detector_.threshold[std::size_t(w)] - detector_.mean[std::size_t(w)];
-                double at_zero = 0, slope = 0;  // the noiseless residual is at_zero - slope o
+                NoiselessResidual<double> without, per_metre;  // the residual is that without an offset minus slope o
                 for (int k = first; k < path_->ticks && !passed; ++k) {
                     const double stiffness =
                         torque_per_N_[std::size_t(k * max_joints + w)] * settings_->contact.body.stiffness;
-                    at_zero = detector_.filtered(at_zero, stiffness * s_tick(k));
-                    slope = detector_.filtered(slope, stiffness);
+                    const double at_zero = detector_.advance(without, stiffness * s_tick(k)),
+                                 slope = detector_.advance(per_metre, stiffness);
                     if (!(limit * slope > 0)) continue;
                     const double at = (at_zero - limit) / slope;
                     const double width = detector_.sd[std::size_t(w)] / std::fabs(slope);

@@ -43,8 +43,8 @@ class SurvivalCriterion {
         double no_alarm = lane_of(no_alarm_, moment);
         if (detector_->filter != 0) {
             for (int w = 0; w < detector_->monitored; ++w)
-                filtered_[w] = detector_->filtered(filtered_[w], lane_of(residual_[w], moment));
-            if (touched) no_alarm = any_alarm<double>(*detector_, [&](int w) { return filtered_[w]; }).no_alarm;
+                detector_->advance(filtered_[w], lane_of(residual_[w], moment));
+            if (touched) no_alarm = any_alarm<double>(*detector_, [&](int w) { return filtered_[w].value; }).no_alarm;
         }
         if (tick_++ >= unarmed_ticks_ && touched) {
             // With correlated noise the probabilities do not multiply; survival is at most that of the likeliest alarm.
@@ -57,7 +57,7 @@ class SurvivalCriterion {
     const GaussianThresholds* detector_;
     double stiffness_, largest_offset_;
     T touched_, no_alarm_, residual_[max_joints];  ///< at the times observed; residuals without noise [Nm]
-    double filtered_[max_joints] = {};             ///< residual after the detector's filter, without noise [Nm]
+    NoiselessResidual<double> filtered_[max_joints];  ///< after the detector's filter
     int tick_ = 0, unarmed_ticks_ = 0;
     double survival_ = 1;
 };

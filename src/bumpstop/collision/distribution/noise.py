@@ -39,14 +39,19 @@ def contact_residual(problem: CollisionProblem, torque: FloatArray) -> FloatArra
 
     Args:
         problem: says which.
-        torque: (ticks, dof) [Nm or N].
+        torque: (ticks, ..., joints) [Nm or N]; before the first tick there is none.
+
+    Returns:
+        The same shape [Nm or N]. An observer sees the mean torque between two ticks, as ``MomentumObserver`` of the
+        running detector does.
     """
     keep = problem.observer_memory
     if keep == 0:
         return torque
     residual = np.empty_like(torque)
-    here = np.zeros(torque.shape[1])
-    for k in range(torque.shape[0]):
-        here = torque[k] + keep * (here - torque[k])
-        residual[k] = here
+    here, before = np.zeros_like(torque[0]), np.zeros_like(torque[0])
+    for k, now in enumerate(torque):
+        mean = (before + now) / 2
+        residual[k] = here = mean + keep * (here - mean)
+        before = now
     return residual
