@@ -130,6 +130,11 @@ def _elastic_notes(result: CollisionOutcome) -> list[str]:
     notes.append(
         "Such an arm may pass the rigid one's forces: it overshoots its reference when it stops, and is detected later."
     )
+    if np.any(drive_train.acceleration_feedforward < 1):
+        notes.append(
+            "Its controller feeds less than all of the acceleration forward, so it lags while the motion speeds up; "
+            "what the detector makes of that before contact is left out of the false alarms."
+        )
     return notes
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from reference.elastic_arm import Body, ElasticArm, collide
 
 STEP, OFFSET, STIFFNESS = 1e-3, 1e-3, 1e4
 DOWN = np.array([0.0, 0.0, -1.0])
+POSE = np.radians([0, -60, 90, -120, -90, 0])
 
 
 def simulated(result: bs.CollisionResult, share: float) -> float:
@@ -28,8 +31,7 @@ def simulated(result: bs.CollisionResult, share: float) -> float:
 
 def follow(path: np.ndarray, offset: float, share: float) -> float:
     """Peak force along a path at whose end the arm stands, and swings on."""
-    robot = bs.Robot.load("ur10e")
-    q = np.radians([0, -60, 90, -120, -90, 0])
+    robot, q = bs.Robot.load("ur10e"), POSE
     jacobian, train = robot.jacobian(q), robot.drive_train
     arm = ElasticArm.of_servo(
         mass_matrix(with_rotors(robot, 0.0), q),
@@ -61,6 +63,74 @@ def test_what_is_fed_forward_winds_up_the_gears_first(kind: str, share: float) -
     assert result.peak_force.sd < 1e-6
     # The lever of the pose of contact is that of a millimetre further on.
     assert result.peak_force.mean == pytest.approx(simulated(result, share), rel=2e-3)
+
+
+@pytest.mark.parametrize("samples", [None, 1])
+def test_an_arm_that_speeds_up_lags_before_it_touches(samples: int | None) -> None:
+    """It was taken to be on its reference until the touch: 119 N for 170 without feedforward."""
+    offset = 5e-3
+    result = bs.evaluate(
+        scenario(
+            motion={"velocity_mm_s": [0, 0, -250], "start": "rest", "duration_s": 1.2},
+            contact={"stiffness_N_m": STIFFNESS, "offset_law": "fixed", "offset_mm": 1e3 * offset},
+            arm={"acceleration_feedforward": 0.0},
+            detector={"thresholds_Nm": [1e3, 60.0, 1e3, 1e3, 1e3, 1e3], "noise_sd_Nm": 1e-3},
+            reaction={"kind": "stop", "joint_acceleration_rad_s2": 10, "latency_s": 0.004},
+        ),
+        samples=samples,
+    )
+    curve = result.curve
+    begins = int(np.argmax(curve.distance > offset))
+    touch = (begins - 1 + (offset - curve.distance[begins - 1]) / np.diff(curve.distance)[begins - 1]) * STEP
+    tick = int(np.argmin(np.abs(curve.tick_time - touch - result.detection_delay.mean)))
+    (reaction,) = curve.kernel.reaction_paths([tick], [0.0])  # type: ignore[union-attr]
+    path = np.concatenate([[0.0] * 3, curve.distance[: round((curve.tick_time[tick] + 0.004) / STEP)], reaction])
+    assert result.peak_force.mean == pytest.approx(follow(path, offset, 0.0), rel=5e-3)
+
+
+@pytest.mark.parametrize("samples", [None, 1])
+@pytest.mark.parametrize("onset", [0.05, 0.2])
+def test_it_lags_on_a_trajectory_too(onset: float, samples: int | None, tmp_path: Path) -> None:
+    t = np.arange(0, 1.001, 0.02)
+    q = np.tile(POSE, (t.size, 1))
+    q[:, 0] += 0.35 * (1 - np.cos(np.pi * t)) / 2
+    qd = np.zeros_like(q)
+    qd[:, 0] = 0.35 * np.pi * np.sin(np.pi * t) / 2
+    names = ",".join(["t", *(f"q_{j + 1}" for j in range(6)), *(f"qd_{j + 1}" for j in range(6))])
+    np.savetxt(tmp_path / "swing.csv", np.column_stack([t, q, qd]), delimiter=",", header=names, comments="")
+    swinging = {
+        "robot": "ur10e",
+        "motion": {"kind": "trajectory", "file": "swing.csv", "contact_onset_s": onset},
+        "contact": {"stiffness_N_m": 4e4, "kind": "free", "body_mass_kg": 4.0},
+        "arm": {"model": "elastic", "acceleration_feedforward": 0.0},
+        "detector": {"thresholds_Nm": [9e4] * 6, "noise_sd_Nm": 1.0},
+        "reaction": {"joint_acceleration_rad_s2": 10},
+    }
+    result = bs.evaluate(bs.Scenario.from_dict(swinging, tmp_path), samples=samples)
+    robot = bs.Robot.load("ur10e")
+
+    def swung(time: np.ndarray) -> np.ndarray:
+        return POSE + np.outer(0.35 * (1 - np.cos(np.pi * time)) / 2, np.eye(6)[0])
+
+    pose = swung(np.array([onset]))[0]
+    jacobian = robot.jacobian(pose)[:3]
+    radius = float(np.linalg.norm(jacobian[:, 0]))
+    normal = jacobian[:, 0] / radius
+    path = radius * np.sin(swung(STEP * np.arange(1001))[:, 0] - pose[0])
+    train = robot.drive_train
+    arm = ElasticArm.of_servo(
+        mass_matrix(with_rotors(robot, 0.0), pose),
+        train.rotor_inertia,
+        train.gear_stiffness,
+        normal @ jacobian,
+        gear_damping_ratio=float(train.gear_damping[0]),
+        velocity_bandwidth=train.servo_bandwidth,
+        position_gain=train.servo_position_gain,
+        rates=np.eye(6)[0] / radius,
+        feedforward=0.0,
+    )
+    wanted = collide(arm, Body(stiffness=4e4, mass=4.0), path, STEP, offset=0.0, tiny=5e-5).peak_force
+    assert result.peak_force.mean == pytest.approx(wanted, rel=2e-3)
 
 
 @pytest.mark.parametrize("offset_mm", [0.2, 5.0])

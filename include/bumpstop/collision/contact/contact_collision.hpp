@@ -39,6 +39,10 @@ class ContactReactions {
             simulate(state, PathAfter(*paths_, tick, first), offset);
         return {state.peak, state.lasting, state.duration};
     }
+    /// The same before contact.
+    Outcome without_contact(int tick, double offset) const {
+        return (*this)(paths_->approaching(paths_->tick_step(tick)), tick, 0, offset);
+    }
     /// Without a reaction from `step` on: the motion goes on to its end, where the arm stands.
     Outcome undisturbed(ContactState state, int step, double offset) const {
         begin_reaction(state, step);
@@ -59,11 +63,10 @@ class ContactReactions {
 
   private:
     double max_distance(const PathAfter& path, int from) const {
-        constexpr double out_of_reach = 1e3;  // where a body stands that no arm touches [m]
-        ContactState state;
+        ContactState state = paths_->approaching(from);
         begin_reaction(state, from);
-        simulate(state, path, out_of_reach);
-        return state.max_penetration + out_of_reach;
+        simulate(state, path, ContactPaths::out_of_reach);
+        return state.max_penetration + ContactPaths::out_of_reach;
     }
     /// Until step `from` the reference has moved undisturbed.
     void begin_reaction(ContactState& state, int from) const {
@@ -146,7 +149,8 @@ class ContactCollision {
           // Contact begins after the tick before the first one in contact. Only an arm that retreats at once may have
           // touched the body earlier, between two ticks.
           step_(std::min(first_, reactions.paths().step_before(offset))),
-          offset_(offset) {}
+          offset_(offset),
+          state_(reactions.paths().approaching(step_)) {}
 
     double force(int i) { return i < 0 ? 0.0 : at(i).force; }
     /// Whether the body has separated by the i-th tick in contact.
@@ -161,7 +165,7 @@ class ContactCollision {
     Outcome detected(int i) {
         const ContactPaths& paths = reactions_->paths();
         const int tick = std::clamp(tick_ + i, 0, paths.path->ticks - 1);
-        if (i < 0) return (*reactions_)(ContactState(), tick, 0, offset_);
+        if (i < 0) return reactions_->without_contact(tick, offset_);
         advance_to(step_of(i) + paths.latency);
         return (*reactions_)(at_reaction_[std::size_t(i)], tick, paths.latency, offset_);
     }
@@ -192,7 +196,7 @@ class ContactCollision {
             allow_interruption();
             const double from = paths.undisturbed(step_), to = paths.undisturbed(++step_);
             const bool on_path = step_ > 0 && step_ <= paths.last_step();
-            if (on_path && state_.needs_step(to, offset_)) dynamics.step(state_, from, to, offset_);
+            if (on_path && (state_.begun || state_.needs_step(to, offset_))) dynamics.step(state_, from, to, offset_);
             if (step_ == last_tick()) state_at_last_tick_ = state_;
             const int since = step_ - first_;
             if (since > 0 && since % paths.period == 0) {

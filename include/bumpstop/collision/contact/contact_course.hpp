@@ -17,8 +17,8 @@ struct ContactCourse {
 };
 
 /// `path`: distances of the reference after every simulation step, the start first; the body stands at `offset` [m].
-/// The reaction begins after step `reaction`. Until then the gears carry the torques of the motion, and the arm stays
-/// on its reference until it touches the body.
+/// The reaction begins after step `reaction`. Until then the arm stays on its reference, if its controller feeds all of
+/// the acceleration forward, until it touches the body.
 inline ContactCourse contact_course(const ContactPropagator& by, std::span<const double> path, double offset,
                                     std::size_t reaction) {
     const ContactDynamics dynamics(by);
@@ -30,7 +30,7 @@ inline ContactCourse contact_course(const ContactPropagator& by, std::span<const
             state.reacts = true;
             if (i > 2) state.ramp = (path[i - 1] - 2 * path[i - 2] + path[i - 3]) / by.step;
         }
-        if (i > 0 && (state.reacts || state.needs_step(path[i], offset)))
+        if (i > 0 && (state.reacts || by.leaves_reference() || state.needs_step(path[i], offset)))
             dynamics.step(state, path[i - 1], path[i], offset);
         course.force.push_back(state.force);
         if (by.dof == 0) continue;

@@ -60,7 +60,7 @@ class ContactCuts {
         Probe made;
         made.offset = offset;
         made.first = i < 1 ? 0 : (i - 1) / paths_.period + 1;
-        ContactState state;
+        ContactState state = paths_.approaching(i);
         // The first touch lies within a step.
         const double rise = paths_.undisturbed(i + 1) - paths_.undisturbed(i);
         const double touch = rise > 0 ? i + std::clamp((offset - paths_.undisturbed(i)) / rise, 0.0, 1.0) : i + 1.0;
@@ -79,8 +79,8 @@ class ContactCuts {
         std::array<double, max_joints> torque;
         dynamics_.residuals(state, &path.torque_per_N[std::size_t(k * path.dof)], path.dof, torque.data());
         for (int w = 0; w < narrow_->monitored; ++w)
-            made.residual.push_back(narrow_->advance(made.latest[std::size_t(w)],
-                                                     torque[std::size_t(narrow_->joint[std::size_t(w)])]));
+            made.residual.push_back(
+                narrow_->advance(made.latest[std::size_t(w)], torque[std::size_t(narrow_->joint[std::size_t(w)])]));
     }
 
     /// The step in which contact ends, at the latest that of the end of the path.

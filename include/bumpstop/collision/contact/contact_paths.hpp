@@ -8,16 +8,22 @@
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 struct ContactPaths {
+    static constexpr double out_of_reach = 1e3;  ///< where a body stands that no arm touches [m]
+
     const LinePath* path = nullptr;
     int period = 0, latency = 0;                ///< as of Timing [simulation steps]
     int end_step = 0;                           ///< in which the undetected motion ends
     double step = 0;                            ///< simulation step [s]
+    bool from_rest = false;                     ///< the motion begins at rest; else at the speed of its first step
     bool reverses = false;                      ///< reactions retreat; else they come to rest
     std::vector<std::vector<double>> reaction;  ///< by tick: distances from its first step on [m]; may be empty
     std::vector<double> max_distance;           ///< by tick: greatest distance from the tick on [m]
     std::vector<std::vector<double>>
         max_later;                   ///< by tick and step of its reaction: greatest distance from there on [m]
     std::vector<double> max_before;  ///< by step: greatest distance of the undisturbed motion until then [m]
+    /// By step of the undisturbed motion: an elastic arm that has touched nothing. Empty where its controller feeds all
+    /// of the acceleration forward, so that it stays on its reference.
+    std::vector<ContactState> approach;
 
     ContactPaths() = default;
     /// The ticks of a path; their reactions are still empty.
@@ -27,6 +33,7 @@ struct ContactPaths {
           latency(setup.timing.latency),
           end_step(int(of.brakes() ? of.s.size() + of.braking.size() - 1 : of.end_step(setup.timing))),
           step(setup.motion.step),
+          from_rest(setup.timing.from_rest),
           reverses(setup.reaction == ReactionKind::reverse),
           reaction(std::size_t(of.ticks)),
           max_later(std::size_t(of.ticks)) {}
@@ -53,10 +60,34 @@ struct ContactPaths {
         return int(std::upper_bound(max_before.begin() + 1, max_before.end(), offset) - max_before.begin()) - 1;
     }
 
+    /// The arm after a step of the undisturbed motion, before it touches a body.
+    ContactState approaching(int step) const {
+        if (approach.empty()) return {};
+        ContactState state = approach[std::size_t(std::clamp(step, 0, int(approach.size()) - 1))];
+        state.max_penetration = -HUGE_VAL;
+        return state;
+    }
+    void follow_approach(const ContactPropagator& by) {
+        approach.clear();
+        if (!by.leaves_reference()) return;
+        const ContactDynamics dynamics(by);
+        ContactState state;
+        state.begun = from_rest;
+        approach.push_back(state);
+        for (int i = 0; i < last_step(); ++i) {
+            allow_interruption();
+            dynamics.step(state, undisturbed(i), undisturbed(i + 1), out_of_reach);
+            approach.push_back(state);
+        }
+    }
+
     void find_max_distance() {
         max_distance.clear();
         max_before = path->s;
         max_before.insert(max_before.end(), path->braking.begin(), path->braking.end());
+        // An arm whose links are ahead of their reference touches a body before that does.
+        for (std::size_t i = 0; i < approach.size(); ++i)
+            max_before[i] = std::max(max_before[i], approach[i].max_penetration + out_of_reach);
         for (std::size_t i = 1; i < max_before.size(); ++i) max_before[i] = std::max(max_before[i], max_before[i - 1]);
         for (std::size_t k = 0; k < reaction.size(); ++k) {
             double most = -HUGE_VAL;
@@ -149,7 +180,7 @@ inline std::vector<double> min_offset_in_contact(const ContactPaths& paths, cons
         reached = offset;
         int i = std::min(last, paths.tick_step(std::min(j + certain, ticks)));
         if (by.gets_away) {
-            ContactState state;
+            ContactState state = paths.approaching(first);
             for (i = first; i < last && !state.separated; ++i) {
                 allow_interruption();
                 dynamics.step(state, paths.undisturbed(i), paths.undisturbed(i + 1), offset);
@@ -243,6 +274,7 @@ ContactPaths contact_paths(const CollisionSetup& setup, const StoppingCurve& cur
     for (int k = 0; path.end == PathEnd::all_detected && k < path.ticks; ++k)
         certain -= path.at_tick(k, timing.period) <= largest_offset;
     ContactPaths paths(setup, path);
+    paths.follow_approach(by);
     const std::vector<double> min_offset = setup.reaction == ReactionKind::reverse
                                                ? detail::min_offset_in_contact(paths, by, certain)
                                                : std::vector<double>();

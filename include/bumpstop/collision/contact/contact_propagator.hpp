@@ -234,6 +234,10 @@ struct ContactPropagator {
 
     /// The arm has elastic gears; else it is rigid.
     bool elastic() const { return dof > 0; }
+    /// An elastic arm whose controller does not feed all of the acceleration forward: it lags while the motion speeds up.
+    bool leaves_reference() const {
+        return std::any_of(jump.begin(), jump.end(), [](double each) { return each != 0; });
+    }
 
     int states;
     int dof;                  ///< of an elastic arm; 0: the arm is rigid

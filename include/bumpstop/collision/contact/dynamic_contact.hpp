@@ -171,15 +171,15 @@ inline void add_early_reactions(const ContactReactions& reactions, const OffsetD
         // A reaction that approaches several times has a piece for each approach.
         std::vector<double> ends;
         if (!rough && offset.kind != OffsetKind::fixed) ends = detail::turning_distances(paths, k, low);
-        detail::add_pieces([&](double o) { return reactions(ContactState(), k, 0, o); }, offset, k, chance, low,
+        detail::add_pieces([&](double o) { return reactions.without_contact(k, o); }, offset, k, chance, low,
                            reactions.max_distance(k), rough, std::move(ends), out);
     }
     // Without an alarm an elastic arm still oscillates beyond the end of its motion.
     const double survival = before.survival_before(ticks);
     if (!reactions.elastic() || paths.path->end == PathEnd::all_detected || !(survival > negligible_chance)) return;
     const int end = paths.tick_step(ticks - 1);
-    detail::add_pieces([&](double place) { return reactions.undisturbed(ContactState(), end, place); }, offset, ticks,
-                       survival, edges.back(), reactions.max_distance_undisturbed(end), false, {}, out);
+    detail::add_pieces([&](double place) { return reactions.undisturbed(paths.approaching(end), end, place); }, offset,
+                       ticks, survival, edges.back(), reactions.max_distance_undisturbed(end), false, {}, out);
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -123,7 +123,8 @@ class ArmTrajectory {
             const bool touched = i * step() > begin;
             append_step(i, touched);
             if (touched) greatest = std::max(greatest, path.s.back());
-            if (dynamics && touched && i > 0) dynamics->step(body, path.s[std::size_t(i) - 1], path.s.back(), 0.0);
+            if (dynamics && i > 0 && (touched || by->leaves_reference()))
+                dynamics->step(body, path.s[std::size_t(i) - 1], path.s.back(), 0.0);
             if (i < 1 || (i - 1) % setup_.timing.period != 0) continue;
             allow_interruption();
             const int k = path.ticks++;
@@ -171,8 +172,9 @@ class ArmTrajectory {
     /// Paths of such a curve for the collision with arm and body that yield: with the reactions to all ticks whose path
     /// reaches the body, or to one tick.
     ContactPaths contact_paths(const StoppingCurve& curve, double begin, const Point3<double>& normal,
-                               int only_tick = -1) const {
+                               const ContactPropagator& by, int only_tick = -1) const {
         ContactPaths paths(setup_, curve.path);
+        paths.follow_approach(by);
         for (int k = 0; k < curve.path.ticks; ++k) {
             if (only_tick < 0 ? curve.max_distance[std::size_t(k)] > 0 : k == only_tick)
                 paths.reaction[std::size_t(k)] = reaction_distances(k, begin, normal);

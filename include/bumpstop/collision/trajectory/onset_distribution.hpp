@@ -52,7 +52,7 @@ OnsetDistribution integrate_onset(const ArmTrajectory& trajectory, double begin,
     QuadratureSettings settings{contact.at_body()};
     ContactPaths paths;
     if (by != nullptr) {
-        paths = trajectory.contact_paths(curve, begin, normal);
+        paths = trajectory.contact_paths(curve, begin, normal, *by);
         settings.paths = &paths;
         settings.propagator = by;
     }

@@ -41,7 +41,7 @@ struct OnsetSampler {
         const StoppingCurve curve = trajectory.curve(begin, normal, certain, contact, by);
         // The tick of detection does not depend on the reactions; afterwards only the reaction to it is needed.
         ContactPaths paths;
-        if (by != nullptr) paths = trajectory.contact_paths(curve, begin, normal, trajectory.ticks());
+        if (by != nullptr) paths = trajectory.contact_paths(curve, begin, normal, *by, trajectory.ticks());
         MonteCarlo<double>(setup, curve, detector, contact.at_body(), settings, record,
                            by != nullptr ? &paths : nullptr, by)
             .run(std::int64_t(i), std::int64_t(i) + 1, out);
@@ -52,7 +52,7 @@ struct OnsetSampler {
         out.distance[i] = k < 0 ? -1 : compression_at(curve.path, k, period, first);
         out.undetected_distance[i] = std::max(0.0, *std::max_element(curve.path.s.begin(), curve.path.s.end()));
         if (by == nullptr || k < 0) return;
-        paths = trajectory.contact_paths(curve, begin, normal, k);
+        paths = trajectory.contact_paths(curve, begin, normal, *by, k);
         const ContactReactions reactions(paths, *by);
         const auto outcome = ContactCollision(reactions, first, 0.0).detected(k - first);
         out.peak_force[i] = outcome.peak;

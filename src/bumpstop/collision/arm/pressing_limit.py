@@ -65,7 +65,8 @@ def pressing_limit(problem: CollisionProblem, curve: StoppingCurve) -> PressingL
     A motor holds the contact force F and its share of the arm's weight g while |a| F <= torque limit + |g|, a = J^T n,
     so the weakest joint bounds the static force. Limits below |g| are none of that arm: they bound nothing. The sign of
     g is taken on the safe side. An arm of kinetic energy E
-    that such a force drives on deforms a body of stiffness K until K x^2 / 2 = E + F x: F + sqrt(F^2 + 2 E K). A damper
+    that such a force drives on deforms a body of stiffness K until K x^2 / 2 = E + F x: F + sqrt(F^2 + 2 E K). A gauge
+    of spring K2 takes in F^2 / (2 K2) besides, and may give it back: F + sqrt(F^2 (1 + K / K2) + 2 E K). A damper
     c adds no more than c v, with v the speed of the contact point: a point that speeds up is pressed on by F alone.
     A body gets away or holds; an arm that stands at the end of its line presses with what the line gives.
 
@@ -93,6 +94,7 @@ class Drives:
         doubled_energy: twice the kinetic energy of links and rotors (N,) [J].
         rates: of the joints (N, dof) [rad/s or m/s].
         stiffness, damping: of the body [N/m, Ns/m].
+        given_back: 1, or with a gauge of spring K2 that carries a mass 1 + K / K2 [1].
     """
 
     holding: FloatArray
@@ -100,6 +102,7 @@ class Drives:
     rates: FloatArray
     stiffness: float
     damping: float
+    given_back: float
 
     @classmethod
     def at(cls, problem: CollisionProblem, q: FloatArray, qd: FloatArray) -> Drives:
@@ -108,7 +111,7 @@ class Drives:
         Raises:
             InputError: the inertia of a link is not known.
         """
-        robot, train = problem.robot, problem.drive_train
+        robot, train, contact = problem.robot, problem.drive_train, problem.scenario.contact
         inertia = mass_matrix(robot, q) + np.diag(train.rotor_inertia)
         weight = _weight(problem, q)
         # Motors that cannot hold the arm are not those that do: nobody knows what the others give.
@@ -118,7 +121,9 @@ class Drives:
             doubled_energy=np.einsum("ki,kij,kj->k", qd, inertia, qd),
             rates=qd,
             stiffness=problem.stiffness,
-            damping=problem.scenario.contact.damping_Ns_m,
+            damping=contact.damping_Ns_m,
+            # Without a mass the spring of a gauge is part of the stiffness.
+            given_back=1 + (0 if contact.gauge_mass_kg is None else problem.stiffness / contact.gauge_spring_N_m),
         )
 
     def press(
@@ -134,7 +139,8 @@ class Drives:
             holds = self.holding[rows] / np.abs(torque_per_newton)
         static = holds.min(axis=1)
         approach = np.maximum(np.einsum("kj,kj->k", torque_per_newton, self.rates[rows]), 0.0)
-        peak = static + np.sqrt(static**2 + self.doubled_energy[rows] * self.stiffness) + self.damping * approach
+        energy = static**2 * self.given_back + self.doubled_energy[rows] * self.stiffness
+        peak = static + np.sqrt(energy) + self.damping * approach
         return static, holds.argmin(axis=1), peak
 
 
