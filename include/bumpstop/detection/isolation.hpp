@@ -16,14 +16,17 @@ struct ContactEstimate {
     double force_along = 0;      ///< least-squares force along the given direction [N]
     /// Standard deviation of force_along; infinite where the direction loads no joint with a usable residual [N].
     double force_along_sd = std::numeric_limits<double>::infinity();
-    Vector3 force{};      ///< least-squares force of minimum norm at the given point [N, base frame]
-    double leftover = 0;  ///< largest |r_j - fit_j| / sd_j with that force, over monitored joints
+    /// Least-squares force of minimum norm at the given point [N, base frame]; NaN where no joint with a usable residual
+    /// feels a force there.
+    Vector3 force{};
+    double leftover = 0;                      ///< largest |r_j - fit_j| / sd_j with that force, over monitored joints
     std::array<double, max_joints> misfit{};  ///< by link: sum ((r_j - fit_j) / sd_j)^2 of the best wrench there
 };
 
 namespace detail {
 
-/// Minimum-norm least-squares solution x of row' x = right. Behind its `columns` entries `row` has a unit matrix.
+/// Minimum-norm least-squares solution x of row' x = right; NaN where all rows are zero. Behind its `columns` entries
+/// `row` has a unit matrix.
 inline Vector3 min_norm_solution(double (&row)[3][max_joints + 3], int columns, const double* right) noexcept {
     make_rows_orthogonal<3>(row, columns, 3);
     double square[3] = {}, share[3] = {};
@@ -33,6 +36,8 @@ inline Vector3 min_norm_solution(double (&row)[3][max_joints + 3], int columns, 
             share[e] += row[e][j] * right[j];
         }
     const double largest = std::max({square[0], square[1], square[2]});
+    constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
+    if (!(largest > 0)) return {unknown, unknown, unknown};
     Vector3 x{};
     for (int e = 0; e < 3; ++e)
         for (int k = 0; k < 3 && square[e] > 1e-9 * largest; ++k) x[k] += share[e] / square[e] * row[e][columns + k];
@@ -130,7 +135,7 @@ inline ContactEstimate estimate_contact(const Chain& chain, const Posture<double
     out.force = detail::min_norm_solution(lever, columns, right);
     for (int j = 0; j < n; ++j) {
         double fit = 0;
-        if (j <= point.link) {
+        if (j <= point.link && std::isfinite(out.force[0])) {
             const Point3<double> column = linear_column(chain, posture, p, j);
             fit = column.x * out.force[0] + column.y * out.force[1] + column.z * out.force[2];
         }
