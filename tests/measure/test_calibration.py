@@ -337,12 +337,17 @@ def test_plan_filled_by_forces_and_recordings(tmp_path: Path) -> None:
     made = calibrate_plan(load_plan(tmp_path))
     assert [shot.number for shot in made.calibration.shots] == [1, 2]
     assert made.calibration.shots[1].force_N == pytest.approx(plan.shots[0].predicted_N, rel=5e-3)
-    rows = shots_text(load_plan(tmp_path).shots, made.recorded).splitlines()
-    assert rows[0] == ",".join(COLUMNS[:7])
-    assert [row.rpartition(",")[2] != "" for row in rows[1:]] == [True, True, False]
-    (tmp_path / "shots.csv").write_text("\n".join(rows))
+    rows = [row.split(",") for row in shots_text(load_plan(tmp_path).shots, made.readings).splitlines()]
+    assert rows[0] == [*COLUMNS[:7], "lower_bound_N", "unusable_recording"]
+    assert [row[6] != "" for row in rows[1:]] == [True, True, False]
+    # A peak that was cut off at 50 N is none, and no less than that.
+    assert [row[7:] for row in rows[1:]] == [["", ""], ["", ""], [rows[3][7], "bad.csv"]]
+    assert float(rows[3][7]) == pytest.approx(50, abs=0.1)
+    (tmp_path / "shots.csv").write_text("\n".join(",".join(row) for row in rows))
     assert read_shots(tmp_path / "shots.csv")[1].measured_N == pytest.approx(plan.shots[0].predicted_N, rel=5e-3)
+    assert math.isnan(read_shots(tmp_path / "shots.csv")[2].measured_N)
     assert len(made.left_out) == 1
     assert made.left_out[0].startswith("Shot 3 is left out, its recording 'bad.csv' cannot be relied on: ")
+    assert "The peak is at least 49.9" in made.left_out[0]
     assert made.calibration.forces[0].expected_N[0] == pytest.approx(plan.shots[0].predicted_N, rel=0.03)
     assert "contact.stiffness_N_m" not in made.calibration.parameters.keys

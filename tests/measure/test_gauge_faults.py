@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -182,6 +183,21 @@ def test_damage_is_named_and_counted(tmp_path: Path, name: str) -> None:
     assert found[fault].count > 0
     assert found[fault].text.endswith(".")
     assert reading.usable is not spoils, reading.faults
+
+
+def test_what_hides_the_peak_leaves_a_lower_bound(tmp_path: Path) -> None:
+    """Of a recording with a wrong unit or column, a spike or several collisions nothing is known."""
+    time, force = pressed()
+    peak = read_gauge(write(tmp_path / "whole.csv", time, force)).peak_N
+    bounds = {name: damaged(tmp_path, name).lower_bound_N for name, (_, spoils, *_) in DAMAGES.items() if spoils}
+    known = {name: bound for name, bound in bounds.items() if not math.isnan(bound)}
+    assert set(known) == {
+        *("saturated", "saturated at its range", "clipped below its range", "coarse"),
+        *("truncated at its peak", "truncated at its begin"),
+    }
+    assert all(0.5 * peak < bound < 1.01 * peak for bound in known.values()), known
+    assert known["saturated"] == pytest.approx(90, abs=0.5)
+    assert math.isnan(read_gauge(tmp_path / "whole.csv").lower_bound_N)
 
 
 def test_every_fault_is_tested() -> None:

@@ -269,6 +269,43 @@ def test_readings_that_show_nothing_or_refute_the_prediction(
     assert [said in warning for warning in failed.warnings] == [True] * bool(said)
 
 
+@pytest.mark.parametrize(
+    ("known", "speed", "outcome", "said"),
+    [
+        (
+            {"lower_bound_N": 150.0, "unusable_recording": "s.csv"},
+            50,
+            "fail",
+            "at least 150 N, above the limit of 135 N",
+        ),
+        (
+            {"lower_bound_N": 150.0, "unusable_recording": "s.csv"},
+            60,
+            "inconclusive",
+            "at least 150 N: its recording 's.csv'",
+        ),
+        ({"lower_bound_N": 90.0}, 50, "inconclusive", "at least 90 N: its recording cannot be relied on"),
+        ({"unusable_recording": "s.csv"}, 50, "inconclusive", "mm/s: its recording 's.csv' cannot be relied on"),
+        (
+            {"recording": "r.csv"},
+            50,
+            "inconclusive",
+            "'r.csv', that was not read: fill in its peak, or run bumpstop measure",
+        ),
+    ],
+)
+def test_shots_that_were_made_without_a_peak_do_not_pass(
+    known: dict[str, Any], speed: float, outcome: str, said: str, tmp_path: Path
+) -> None:
+    result = bs.evaluate_register(bs.load_register(write_register(tmp_path, {"name": "a", "speed_mm_s": 50})))
+    made = replace(shot(math.nan, speed), **known)
+    (found,) = judge_by_shots(result, [shot(85), made]).results
+    assert found.outcome == outcome
+    assert said in found.reason
+    # A peak that somebody typed counts, and not its recording.
+    assert judge_by_shots(result, [replace(shot(90), recording="r.csv")]).outcome == "pass"
+
+
 def test_an_arm_in_millimetres_does_not_pass(tmp_path: Path) -> None:
     scenario = bs.load_scenario(EXAMPLES.parent / "02_lower_arm_downward.toml")
     robot = Robot.load("sia5d")

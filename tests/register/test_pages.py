@@ -116,6 +116,26 @@ def test_shots_that_show_nothing_are_marked(tmp_path: Path, result: RegisterResu
     assert "1 of 3 measured peaks with a band lie in it" in page
 
 
+def test_shots_without_a_peak_are_marked(tmp_path: Path, result: RegisterResult) -> None:
+    shot = Shot(situation="upper arm at the elbow", shot="1", speed_mm_s=100, predicted_N=66, low_N=60, high_N=78,
+                measured_N=math.nan)  # fmt: skip
+    shots = [
+        shot,
+        replace(shot, shot="2", lower_bound_N=70.0, unusable_recording="s.csv"),
+        replace(shot, shot="3", recording="r.csv"),
+    ]
+    page = write_dossier(result, tmp_path, HEAD, shots).read_text(encoding="utf-8")
+    rows = {
+        row[1]: row[-2:] for row in Text(page).rows if len(row) == 7 and row[0] == shot.situation and row[1] in "123"
+    }
+    assert rows == {
+        "1": ["", "not measured yet"],
+        "2": ["at least 70", "recording cannot be relied on"],
+        "3": ["", "recording not read"],
+    }
+    assert "2 shots were made and have no peak that can be relied on." in page
+
+
 def test_a_file_that_changes_meanwhile_is_named(tmp_path: Path) -> None:
     samples, scenario = tmp_path / "stiffness.csv", tmp_path / "cell.toml"
     samples.write_text("\n".join(str(9000 + 50 * k) for k in range(40)), encoding="utf-8")

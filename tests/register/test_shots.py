@@ -103,6 +103,21 @@ def test_half_a_band_is_refused(tmp_path: Path, low: str, high: str, missing: st
     assert told.startswith(f"row 2, predicted_{missing}_N: is missing")
 
 
+def test_shots_without_a_peak_that_can_be_relied_on(tmp_path: Path) -> None:
+    """The columns of ``measure calibrate`` and the recordings of a plan are read; what was made is not 'planned'."""
+    head = f"{HEAD},lower_bound_N,unusable_recording,recording"
+    made = "hand on the table,{},50,88,80,97,{}"
+    ends = (",150.5,s.csv,", ",,s.csv,", ",,,r.csv", ",,,", "84,,,r.csv")
+    rows = [made.format(number, end) for number, end in enumerate(ends, start=1)]
+    shots = load_shots(write(tmp_path, head, *rows), SITUATIONS)
+    assert [shot.without_peak for shot in shots] == [True, True, True, False, False]
+    assert (shots[0].lower_bound_N, shots[0].unusable_recording, shots[2].recording) == (150.5, "s.csv", "r.csv")
+    (told,) = told_of(write(tmp_path, head, made.format(1, "84,150,s.csv,")))
+    assert told == "row 2, lower_bound_N: stands beside a measured peak; give one of the two"
+    with pytest.raises(bs.InputError, match="column recording: is there twice"):
+        load_shots(write(tmp_path, f"{head},recording", made.format(1, "84,,,,")), SITUATIONS)
+
+
 @pytest.mark.parametrize(
     "lines", [[], [HEAD], [HEAD.replace("shot,", ""), "a,1,1,1,1,1"], [f"{HEAD},shot", "a" + "," * 7]]
 )

@@ -28,9 +28,22 @@ _MIN_SHARE_OF_MEDIAN = 1 / 5
 # A band with ends farther apart than this holds every reading, and judges none.
 _WIDEST = 10.0
 
-Finding = Literal["over_limit", "speed", "low_reading", "above", "below", "in_band", "no_band", "not_measured"]
+Finding = Literal[
+    "over_limit",
+    "unusable",
+    "unread",
+    "speed",
+    "low_reading",
+    "above",
+    "below",
+    "in_band",
+    "no_band",
+    "not_measured",
+]
 _WORDS: dict[Finding, str] = {
     "over_limit": "above the limit",
+    "unusable": "recording cannot be relied on",
+    "unread": "recording not read",
     "speed": "speed? the band is of another",
     "low_reading": "far below: reading or unit?",
     "above": "above",
@@ -40,7 +53,7 @@ _WORDS: dict[Finding, str] = {
     "not_measured": "not measured yet",
 }
 # What changes a verdict, the gravest first.
-_GRAVE: tuple[Finding, ...] = ("over_limit", "speed", "low_reading", "above")
+_GRAVE: tuple[Finding, ...] = ("over_limit", "unusable", "unread", "speed", "low_reading", "above")
 
 
 @dataclass(frozen=True)
@@ -79,12 +92,13 @@ _Expectation = Callable[["SituationResult", float], _Expected]
 def judge_by_shots(result: RegisterResult, shots: Sequence[Shot]) -> RegisterResult:
     """The results with the shots taken into account, worst first.
 
-    A situation fails where a shot that is no faster than its motion measured more than the force limit. One that would
-    pass is inconclusive where a shot measured more than the band of its prediction, or without a band more than the
-    quantile of the accepted probability at its speed: the prediction is too low. So it is where a shot measured less
-    than a third of the band's lower end (without a band, a fifth of the median), and where its band is that of the
-    motion and its speed is another: such a shot shows nothing. What does not change the verdict stands beside it as a
-    warning. Shots never make a verdict better.
+    A situation fails where a shot that is no faster than its motion measured more than the force limit, or at least as
+    much. One that would pass is inconclusive where a shot measured more than the band of its prediction, or without a
+    band more than the quantile of the accepted probability at its speed: the prediction is too low. So it is where a
+    shot measured less than a third of the band's lower end (without a band, a fifth of the median), where its band is
+    that of the motion and its speed is another, and where it was made and has no peak that can be relied on: such a
+    shot shows nothing. What does not change the verdict stands beside it as a warning. Shots never make a verdict
+    better.
     """
     judged: dict[str, list[JudgedShot]] = {}
     for one in judged_shots(result, shots):
@@ -128,12 +142,19 @@ def _judge(result: SituationResult, shots: Sequence[JudgedShot]) -> SituationRes
 
 
 def _judged(shot: Shot, result: SituationResult, expected: _Expectation) -> JudgedShot:
-    if not shot.measured:
-        return JudgedShot(shot, "not_measured")
     limit, speed, measured = _force_limit(result), _speed_mm_s(result), shot.measured_N
-    told = f"Shot {shot.shot} at {shot.speed_mm_s:g} mm/s measured {measured:.4g} N"
+    told = f"Shot {shot.shot} at {shot.speed_mm_s:g} mm/s"
+    if shot.without_peak:
+        measured = shot.lower_bound_N
+        told += "" if math.isnan(measured) else f" measured at least {measured:.4g} N"
+    elif not shot.measured:
+        return JudgedShot(shot, "not_measured")
+    else:
+        told += f" measured {measured:.4g} N"
     if measured > limit and shot.speed_mm_s <= speed * _SAME_SPEED:
         return JudgedShot(shot, "over_limit", f"{told}, above the limit of {limit:g} N.", measured)
+    if shot.without_peak:
+        return _judged_without_peak(shot, told)
     if shot.in_band is None or shot.high_N > _WIDEST * shot.low_N:
         return _judged_without_band(shot, result, told, expected(result, shot.speed_mm_s))
     band = f"{shot.low_N:.4g} to {shot.high_N:.4g} N"
@@ -149,6 +170,18 @@ def _judged(shot: Shot, result: SituationResult, expected: _Expectation) -> Judg
         return JudgedShot(shot, "below")
     reason = f"{told}, above the predicted {band}: the prediction is too low."
     return JudgedShot(shot, "above", reason, measured / max(shot.high_N, 1e-9))
+
+
+def _judged_without_peak(shot: Shot, told: str) -> JudgedShot:
+    if shot.recording and not shot.unusable_recording and math.isnan(shot.lower_bound_N):
+        reason = (
+            f"{told} has a recording, {shot.recording!r}, that was not read: fill in its peak, or run bumpstop measure "
+            "calibrate and give its shots.csv."
+        )
+        return JudgedShot(shot, "unread", reason)
+    of = f" {shot.unusable_recording!r}" if shot.unusable_recording else ""
+    reason = f"{told}: its recording{of} cannot be relied on, repeat the shot."
+    return JudgedShot(shot, "unusable", reason, 0.0 if math.isnan(shot.lower_bound_N) else shot.lower_bound_N)
 
 
 def _judged_without_band(shot: Shot, result: SituationResult, told: str, here: _Expected) -> JudgedShot:

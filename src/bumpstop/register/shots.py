@@ -23,7 +23,12 @@ COLUMNS = (
     "measured_peak_force_N",
 )
 """Columns of a file of shots, in any order; others are passed over."""
-_NUMBERS = COLUMNS[2:]
+LOWER_BOUND, UNUSABLE, RECORDING = "lower_bound_N", "unusable_recording", "recording"
+OF_RECORDINGS = (LOWER_BOUND, UNUSABLE)
+"""Columns that ``measure calibrate`` adds for shots that were made and have no peak that can be relied on."""
+MAY_LACK = (*OF_RECORDINGS, RECORDING)
+"""Columns that a file may have beside :data:`COLUMNS`; the last is one of a plan."""
+_NUMBERS = (*COLUMNS[2:], LOWER_BOUND)
 _MAX_FORCE_N, _MAX_SPEED_MM_S = 1e6, 1e5
 _WANTED = f"wanted a file of shots (CSV) with the columns {', '.join(COLUMNS)}"
 
@@ -38,7 +43,10 @@ class Shot:
         speed_mm_s: of the tip [mm/s].
         predicted_N: peak force at the gauge [N]; NaN: not predicted.
         low_N, high_N: band in which the peak was expected [N]; NaN: none.
-        measured_N: peak force of the gauge [N]; NaN: not measured yet.
+        measured_N: peak force of the gauge [N]; NaN: there is none, be it that the shot is not made yet.
+        lower_bound_N: without a peak, what the gauge showed at least [N]; NaN: not known.
+        unusable_recording: file whose peak cannot be relied on; empty: none.
+        recording: file that was not read yet, as a plan has it; empty: none.
     """
 
     situation: str
@@ -48,11 +56,20 @@ class Shot:
     low_N: float
     high_N: float
     measured_N: float
+    lower_bound_N: float = math.nan
+    unusable_recording: str = ""
+    recording: str = ""
 
     @property
     def measured(self) -> bool:
         """Whether there is a measured peak."""
         return math.isfinite(self.measured_N)
+
+    @property
+    def without_peak(self) -> bool:
+        """Whether the shot was made and has no peak that can be relied on."""
+        bounded = math.isfinite(self.lower_bound_N)
+        return not self.measured and (bounded or bool(self.unusable_recording or self.recording))
 
     @property
     def in_band(self) -> bool | None:
@@ -66,7 +83,8 @@ def load_shots(path: str | os.PathLike[str], situations: Sequence[Situation]) ->
     """Read a file of shots.
 
     Args:
-        path: of a CSV with the columns :data:`COLUMNS`; predictions and measured peaks may be empty.
+        path: of a CSV with the columns :data:`COLUMNS`; predictions and measured peaks may be empty. It may have those
+            of :data:`OF_RECORDINGS`, and the ``recording`` of a plan.
         situations: of the register that the shots belong to.
 
     Raises:
@@ -75,13 +93,14 @@ def load_shots(path: str | os.PathLike[str], situations: Sequence[Situation]) ->
     """
     path = as_path(path, "shots")
     table = read_csv_table(read_text(path, _WANTED), path, _WANTED, "shot")
-    for column in COLUMNS:
-        if table.names.count(column) != 1:
-            problem = "is missing" if column not in table.names else "is there twice"
-            raise InputError(f"{path} column {column}", problem, _WANTED)
+    for column in (*COLUMNS, *MAY_LACK):
+        if column not in table.names and column in COLUMNS:
+            raise InputError(f"{path} column {column}", "is missing", _WANTED)
+        if table.names.count(column) > 1:
+            raise InputError(f"{path} column {column}", "is there twice", _WANTED)
     if not table.rows:
         raise InputError(str(path), "has no shots", _WANTED)
-    numbers = {table.names.index(column) for column in _NUMBERS}
+    numbers = {table.names.index(column) for column in _NUMBERS if column in table.names}
     decimal_commas = table.delimiter != "," and any(
         "," in row[i] for _, row in table.rows if not isinstance(row, InputError) for i in numbers
     )
@@ -92,7 +111,8 @@ def load_shots(path: str | os.PathLike[str], situations: Sequence[Situation]) ->
         if isinstance(row, InputError):
             faults.append(row)
             continue
-        cells = {name: cell.strip() for name, cell in zip(table.names, row, strict=True)}
+        cells = dict.fromkeys(MAY_LACK, "")
+        cells |= {name: cell.strip() for name, cell in zip(table.names, row, strict=True)}
         shots.append(_Row(f"{path} row {number}", cells, faults, decimal_commas).shot(known))
     if faults:
         raise RegisterError(str(path), faults)
@@ -120,6 +140,9 @@ class _Row:
                 self._fault(column, "is missing", "wanted both ends of the band, or neither")
         if low > high:
             self._fault("predicted_low_N", f"{low:g} is above predicted_high_N = {high:g}", "wanted low to high")
+        measured, bound = (self._number(column, _MAX_FORCE_N) for column in ("measured_peak_force_N", LOWER_BOUND))
+        if not math.isnan(measured) and not math.isnan(bound):
+            self._fault(LOWER_BOUND, "stands beside a measured peak", "give one of the two")
         return Shot(
             situation=name,
             shot=self._cells["shot"],
@@ -127,7 +150,10 @@ class _Row:
             predicted_N=self._number("predicted_peak_force_N", _MAX_FORCE_N),
             low_N=low,
             high_N=high,
-            measured_N=self._number("measured_peak_force_N", _MAX_FORCE_N),
+            measured_N=measured,
+            lower_bound_N=bound,
+            unusable_recording=self._cells[UNUSABLE],
+            recording=self._cells[RECORDING],
         )
 
     def _number(self, column: str, most: float) -> float:

@@ -78,7 +78,7 @@ def calibrate(
         from bumpstop.report.measure.calibration import write_calibration
 
         page = write_calibration(made, folder)
-        write_text(folder / "shots.csv", shots_text(filled.shots, made.recorded))
+        write_text(folder / "shots.csv", shots_text(filled.shots, made.readings))
         for name, found in filled.named:
             write_text(folder / names[name], calibrated_toml(made.calibration, found))
             written.append(folder / names[name])

@@ -38,11 +38,6 @@ class PlanCalibration:
     readings: dict[int, GaugeReading]
     left_out: tuple[str, ...]
 
-    @property
-    def recorded(self) -> dict[int, float]:
-        """Peak forces of recordings that can be relied on, by row of the table [N]."""
-        return {row: reading.peak_N for row, reading in self.readings.items() if reading.usable}
-
 
 def calibrate_plan(
     plan: PlanFolder,
@@ -67,7 +62,8 @@ def calibrate_plan(
     """
     shots, readings, left_out = _measured(plan, form)
     if not shots:
-        raise InputError("measured_peak_force_N", "no shot is measured", "fill in one row at least")
+        problem = f"no shot can be used. {left_out[0]}" if left_out else "no shot is measured"
+        raise InputError("measured_peak_force_N", problem, "fill in one row at least")
     situations = [
         MeasuredSituation.of(name, scenario, plan.devices.get(name), onset_s=plan.onsets.get(name))
         for name, scenario in plan.named
@@ -121,8 +117,10 @@ def _measured(
             readings[row.row] = reading
             if not reading.usable:
                 why = " ".join(fault.text for fault in reading.faults if fault.spoils)
+                bound = reading.lower_bound_N
+                least = "" if math.isnan(bound) else f" The peak is at least {bound:.4g} N."
                 left_out.append(
-                    f"Shot {number} is left out, its recording {row.recording!r} cannot be relied on: {why}"
+                    f"Shot {number} is left out, its recording {row.recording!r} cannot be relied on: {why}{least}"
                 )
                 continue
             force = reading.peak_N

@@ -17,11 +17,13 @@ from bumpstop.errors import InputError, near_matches
 from bumpstop.measure.learning.posterior import ErrorModel
 from bumpstop.measure.reading.text_table import TextTable, read_text_table
 from bumpstop.register.shots import COLUMNS as SHOT_COLUMNS
+from bumpstop.register.shots import OF_RECORDINGS
 from bumpstop.text_files import as_path, parse_toml, read_text, to_toml, write_text
 
 if TYPE_CHECKING:
     from bumpstop.collision.scenario.scenario import Scenario
     from bumpstop.measure.planning.plan import MeasurementPlan
+    from bumpstop.measure.reading.gauge_reading import GaugeReading
 
 TABLE, SETTINGS, SCENARIOS = "plan.csv", "plan.toml", "situations"
 COLUMNS = (
@@ -264,20 +266,27 @@ def read_shots(path: Path) -> tuple[FilledShot, ...]:
     return tuple(found)
 
 
-def shots_text(shots: Sequence[FilledShot], measured: Mapping[int, float]) -> str:
-    """Predictions and measured peak forces as CSV, in the first columns of a plan.
+def shots_text(shots: Sequence[FilledShot], readings: Mapping[int, GaugeReading]) -> str:
+    """Predictions and measured peak forces as CSV, in the first columns of a plan, and what is known without a peak.
 
     Args:
         shots: rows.
-        measured: peak forces by number of the row, in place of the rows' own [N].
+        readings: of the recordings that count, by number of the row: a peak that can be relied on, or else what it is
+            at least, and the name of the recording.
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS[:7])
+    writer.writerow((*SHOT_COLUMNS, *OF_RECORDINGS))
     for shot in shots:
-        figures = (shot.predicted_N, shot.low_N, shot.high_N, measured.get(shot.row, shot.measured_N))
+        measured, bound, unusable = shot.measured_N, math.nan, ""
+        if (reading := readings.get(shot.row)) is not None:
+            if reading.usable:
+                measured = reading.peak_N
+            else:
+                bound, unusable = reading.lower_bound_N, shot.recording
+        figures = (shot.predicted_N, shot.low_N, shot.high_N, measured, bound)
         cells = ["" if math.isnan(figure) else f"{figure:.2f}" for figure in figures]
-        writer.writerow((shot.situation, shot.shot or shot.row, f"{shot.speed_mm_s:.10g}", *cells))
+        writer.writerow((shot.situation, shot.shot or shot.row, f"{shot.speed_mm_s:.10g}", *cells, unusable))
     return text.getvalue()
 
 

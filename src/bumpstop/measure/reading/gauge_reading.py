@@ -29,6 +29,8 @@ _OFFSET_SHARE, _MIN_OFFSET_N = 0.01, 1.0
 # What is left is taken over this long after the first half second [s].
 _LASTING_S = 0.5
 _MIN_BASELINE = 5
+# What hides a higher peak, and leaves the forces that were recorded true.
+_HIDES_PEAK = frozenset({"saturated", "clipped", "coarse", "gaps", "truncated", "resampled"})
 # A recording that begins with more than this share of its highest force, and ends elsewhere, begins in contact.
 _IN_CONTACT = 0.3
 
@@ -73,6 +75,12 @@ class GaugeReading:
     def usable(self) -> bool:
         """Whether the peak force can be relied on: no fault spoils it."""
         return not any(fault.spoils for fault in self.faults)
+
+    @property
+    def lower_bound_N(self) -> float:
+        """The highest sample, where faults only hide a higher one [N]; NaN: the peak counts, or nothing is known."""
+        spoiling = {fault.name for fault in self.faults if fault.spoils}
+        return self.sampled_peak_N if spoiling and spoiling <= _HIDES_PEAK else math.nan
 
     def to_json(self) -> dict[str, Any]:
         """Figures by name; those that there are not are None."""

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from bumpstop.register.measured import JudgedShot
+    from bumpstop.register.shots import Shot
 
 
 class MeasurementsPart(Part):
@@ -35,6 +36,7 @@ class MeasurementsPart(Part):
                 )
             ]
         made = [shot for shot in shots if shot.measured]
+        lost = sum(shot.without_peak for shot in shots)
         # A band of another speed tells nothing of a shot.
         judged = [one.shot.in_band and one.finding != "speed" for one in self._judged if one.shot.in_band is not None]
         missing = [name for name in self._situations if name not in {shot.situation for shot in made}]
@@ -45,6 +47,9 @@ class MeasurementsPart(Part):
                 f"{'peak with a band lies' if len(judged) == 1 else 'peaks with a band lie'} in it."
             )
         ]
+        if lost:
+            words = "shot was made and has" if lost == 1 else "shots were made and have"
+            found.append(paragraph(element("strong", f"{lost} {words} no peak that can be relied on.")))
         if missing:
             found.append(paragraph("Without a measured shot: ", ", ".join(missing), "."))
         headings = ("situation", "shot", "speed, mm/s", "predicted, N", "band, N", "measured, N", "")
@@ -60,6 +65,12 @@ def _row(judged: JudgedShot) -> tuple[str, ...]:
         whole(number(shot.speed_mm_s)),
         "" if math.isnan(shot.predicted_N) else whole(number(shot.predicted_N)),
         whole(band) if band else "",
-        whole(number(shot.measured_N)) if shot.measured else "",
+        whole(_measured(shot)),
         element("strong", word) if judged.reason or judged.finding == "below" else word,
     )
+
+
+def _measured(shot: Shot) -> str:
+    if shot.measured:
+        return number(shot.measured_N)
+    return f"at least {number(shot.lower_bound_N)}" if math.isfinite(shot.lower_bound_N) else ""
