@@ -74,6 +74,56 @@ def test_from_plan_to_calibrated_scenarios(folder: Path, capsys: pytest.CaptureF
     assert said_wrong.startswith("error: plan/plan.csv: is filled in already")
 
 
+def test_the_dossier_of_calibrated_situations(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Their register has the names of the plan and what its rows said; values that were learned have a new source."""
+    rows = [{"name": "hand, on the table", "payload_kg": 1.5, "frequency": "often"}, {"name": "calibrated register"}]
+    inputs = [
+        {"key": "reaction", "status": "published", "source": "manual"},
+        {"key": "detector.thresholds_Nm", "status": "assumed"},
+        {"key": "contact.body", "status": "agreed", "source": "risk assessment"},
+    ]
+    (folder / "slow.toml").write_text(to_toml(RIGID | {"motion": {"velocity_mm_s": [0, 0, -50]}}), encoding="utf-8")
+    register = {"scenario": "slow.toml", "situation": rows, "input": inputs}
+    (folder / "cell.toml").write_text(to_toml(register), encoding="utf-8")
+    run(capsys, "plan", "cell.toml", "-o", "plan", "--points", "32", "--speeds", "100", "--shots", "6")
+    fill(Path("plan/plan.csv"), [1] * 6, ratio=1.12)
+    time, force = pressed(noise=0.1)
+    write(Path("plan/cut.csv"), time, np.minimum(3 * force, 180.0))
+    table = Path("plan/plan.csv")
+    head, first, *others = csv.reader(table.read_text().splitlines())
+    first[6:8] = ["", "cut.csv"]
+    with table.open("w", newline="") as file:
+        csv.writer(file).writerows([head, first, *others])
+    status, printed, _ = run(capsys, "calibrate", "plan", "-o", "learned")
+    assert status == 0
+    assert "register: learned/calibrated_register.toml\n" in printed
+    assert Path("learned/calibrated_register.toml").read_text(encoding="utf-8").count("\n[[situation]]\n") == 2
+    found = bs.load_register("learned/calibrated_register.toml")
+    assert [one.name for one in found.situations] == [row["name"] for row in rows]
+    hand = found.situations[0]
+    assert (hand.payload_kg, hand.frequency) == (1.5, "often")
+    assert hand.scenario.uncertainty
+    told = [key for key in hand.statements if hand.statements[key].status == "identified"]
+    assert told
+    assert hand.statements[told[0]].source == "5 measured peak forces"
+    left = {key: statement.status for key, statement in hand.statements.items() if key not in told}
+    assert left.pop("detector.thresholds_Nm", "assumed") == "assumed"
+    assert left == {"contact.body": "agreed"}, "the manual says nothing of what was learned"
+    capsys.readouterr()
+    head_of_page = ("--cell", "4", "--author", "A", "--revision", "B", "--out", "out")
+    with pytest.raises(SystemExit) as ended:
+        main(["report", "learned/calibrated_register.toml", "--shots", "learned/shots.csv", *head_of_page])
+    assert ended.value.code == 3
+    assert "measured at least 180 N, above the limit of" in Path("out/report.html").read_text(encoding="utf-8")
+    # It is written again, and nothing that somebody else wrote is written over.
+    assert run(capsys, "calibrate", "plan", "-o", "learned")[0] == 0
+    (folder / "mine").mkdir()
+    Path("mine/calibrated_register.toml").write_text(to_toml(register), encoding="utf-8")
+    status, _, wrong = run(capsys, "calibrate", "plan", "-o", "mine")
+    assert status == 2
+    assert "'mine/calibrated_register.toml' exists, and is no file of this command" in wrong
+
+
 def test_one_scenario_into_one_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Path("shots.csv").write_text("situation;speed_mm_s;measured_peak_force_N\nhand;100,0;141,5\nhand;100;139\n")
     status, printed, _ = run(capsys, "calibrate", "shots.csv", "--scenario", "hand.toml", "-o", "carried.toml")

@@ -306,6 +306,24 @@ def test_shots_that_were_made_without_a_peak_do_not_pass(
     assert judge_by_shots(result, [replace(shot(90), recording="r.csv")]).outcome == "pass"
 
 
+def test_several_shots_above_their_predictions_are_told(tmp_path: Path) -> None:
+    result = bs.evaluate_register(bs.load_register(write_register(tmp_path, {"name": "a", "speed_mm_s": 50})))
+    for peaks, told in (
+        ((92, 93, 94), True),
+        ((92, 93), False),
+        ((92, 93, 94, 87), False),
+        ((92, 93, 94, math.nan), True),
+    ):
+        (found,) = judge_by_shots(result, [shot(peak) for peak in peaks]).results
+        assert found.outcome == "pass"
+        assert [
+            text.startswith("All 3 measured shots lie above their predictions, by 5.7 % in") for text in found.warnings
+        ] == [True] * told
+    # A verdict that holds over [uncertainty] is not one of point values.
+    sure = RegisterResult(result.register, (replace(result.results[0], confidence=0.95),))
+    assert judge_by_shots(sure, [shot(92), shot(93), shot(94)]).results[0].warnings == ()
+
+
 def test_an_arm_in_millimetres_does_not_pass(tmp_path: Path) -> None:
     scenario = bs.load_scenario(EXAMPLES.parent / "02_lower_arm_downward.toml")
     robot = Robot.load("sia5d")

@@ -52,6 +52,8 @@ _WORDS: dict[Finding, str] = {
     "no_band": "",
     "not_measured": "not measured yet",
 }
+# So many shots of one situation that all lie above their predictions are hardly chance.
+_SEVERAL = 3
 # What changes a verdict, the gravest first.
 _GRAVE: tuple[Finding, ...] = ("over_limit", "unusable", "unread", "speed", "low_reading", "above")
 
@@ -97,8 +99,8 @@ def judge_by_shots(result: RegisterResult, shots: Sequence[Shot]) -> RegisterRes
     band more than the quantile of the accepted probability at its speed: the prediction is too low. So it is where a
     shot measured less than a third of the band's lower end (without a band, a fifth of the median), where its band is
     that of the motion and its speed is another, and where it was made and has no peak that can be relied on: such a
-    shot shows nothing. What does not change the verdict stands beside it as a warning. Shots never make a verdict
-    better.
+    shot shows nothing. What does not change the verdict stands beside it as a warning, and so does that several shots
+    all lie above their predictions. Shots never make a verdict better.
     """
     judged: dict[str, list[JudgedShot]] = {}
     for one in judged_shots(result, shots):
@@ -125,6 +127,7 @@ def judged_shots(result: RegisterResult, shots: Sequence[Shot]) -> tuple[JudgedS
 
 
 def _judge(result: SituationResult, shots: Sequence[JudgedShot]) -> SituationResult:
+    result = replace(result, warnings=(*result.warnings, *_bias(result, [one.shot for one in shots])))
     reasons = {}
     for finding in _GRAVE:
         found = [one for one in shots if one.finding == finding]
@@ -139,6 +142,18 @@ def _judge(result: SituationResult, shots: Sequence[JudgedShot]) -> SituationRes
     if outcome == "pass":
         return replace(result, outcome="inconclusive", reason=gravest, warnings=(*result.warnings, *others))
     return replace(result, warnings=(*result.warnings, *reasons.values()))
+
+
+def _bias(result: SituationResult, shots: Sequence[Shot]) -> list[str]:
+    """A warning where a verdict of point values rests on a prediction that all shots exceed."""
+    ratios = [one.measured_N / one.predicted_N for one in shots if one.measured and one.predicted_N > 0]
+    if result.confidence is not None or len(ratios) < _SEVERAL or min(ratios) <= 1:
+        return []
+    above = f"{100 * (float(np.median(ratios)) - 1):.2g} %"
+    return [
+        f"All {len(ratios)} measured shots lie above their predictions, by {above} in the middle: the scenario "
+        "computes too little force. Run bumpstop measure calibrate, and file the dossier of its register."
+    ]
 
 
 def _judged(shot: Shot, result: SituationResult, expected: _Expectation) -> JudgedShot:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,6 +43,14 @@ class Situation:
     changed: frozenset[str] = frozenset()
     statements: Mapping[str, Statement] = field(default_factory=dict)
 
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What the row says besides its scenario, by its keys."""
+        reaction = self.scenario.reaction
+        by_scenario = reaction.payload_kg is not None or reaction.payload_percent is not None
+        found = {"payload_kg": None if by_scenario else self.payload_kg, "frequency": self.frequency, "note": self.note}
+        return {key: value for key, value in found.items() if value not in (None, "")}
+
     def statement_of(self, key: str) -> Statement | None:
         """What the register says of a dotted key, or else of its table; None where it says nothing.
 
@@ -51,6 +59,33 @@ class Situation:
         found = self.statements.get(key) or self.statements.get(key.partition(".")[0])
         void = found is not None and found.status not in OPEN_STATUSES and says(self.changed, key)
         return None if void else found
+
+
+def common_statements(situations: Sequence[Situation]) -> dict[str, Statement]:
+    """What can be said of the values of all situations together, which may be of several registers.
+
+    What keeps one from passing keeps all from it; the rest was said of all, and of values that nobody replaced.
+    """
+    each = [statements_without(one.statements, one.changed) for one in situations]
+    found: dict[str, Statement] = {}
+    for own in each:
+        for key, statement in own.items():
+            if statement.status in OPEN_STATUSES or all(other.get(key) == statement for other in each):
+                found[key] = statement
+    return found
+
+
+def statements_without(statements: Mapping[str, Statement], changed: Collection[str]) -> dict[str, Statement]:
+    """The statements without those that were made of values, or of tables with values, that have changed since.
+
+    What keeps a situation from passing stays.
+    """
+    return {
+        key: statement
+        for key, statement in statements.items()
+        if statement.status in OPEN_STATUSES
+        or not (says(changed, key) or any(each.startswith(f"{key}.") for each in changed))
+    }
 
 
 def says(keys: Collection[str], key: str) -> bool:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bumpstop.cli.collision.evaluate import whole
-from bumpstop.cli.folders import check_file, check_folder, check_inputs, scenario_files
+from bumpstop.cli.folders import check_file, check_folder, check_inputs, check_own, scenario_files
 from bumpstop.cli.measure.read import ForceColumn, ForceUnit, TimeColumn, TimeUnit, format_of
-from bumpstop.cli.measure.scenarios import named_scenarios
+from bumpstop.cli.measure.scenarios import named_situations
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def calibrate(
         typer.Option(
             "--out",
             "-o",
-            help="FILE.toml: write the one scenario; a folder: all scenarios, shots.csv and report.html.",
+            help="FILE.toml: write the one scenario; a folder: scenarios, their register, shots.csv, report.html.",
         ),
     ] = None,
     time_column: TimeColumn = None,
@@ -49,21 +49,24 @@ def calibrate(
     """Learn latency, deceleration, stiffness, rotor inertia and threshold margin from measured peak forces."""
     from bumpstop.cli.progress import progress
     from bumpstop.measure import calibrate_plan, load_plan
+    from bumpstop.measure.learning.calibrated_register import HEAD, calibrated_register
     from bumpstop.measure.learning.calibrated_scenario import calibrated_toml
-    from bumpstop.measure.planning.plan_file import file_names, shots_text
+    from bumpstop.measure.planning.plan_file import REGISTER, file_names, shots_text
     from bumpstop.text_files import write_text
 
     file = out if out is not None and out.suffix == ".toml" else None
     folder = out if file is None else None
     check_file(file)
     check_folder(folder)
-    given = dict(named_scenarios(scenario or [], {}, "--scenario"))
-    filled = load_plan(plan, given)
+    given = named_situations(scenario or [], {}, "--scenario")
+    filled = load_plan(plan, {one.name: one.scenario for one in given}).with_rows_of(given)
     names = file_names([name for name, _ in filled.named])
     given_files = [Path(path) for text in scenario or [] for path in (text, text.partition("=")[2])]
     read = [*filled.files, *given_files, *scenario_files(found for _, found in filled.named)]
     check_inputs(file, read)
-    check_inputs(folder, read, "shots.csv", "report.html", *names.values())
+    check_inputs(folder, read, "shots.csv", "report.html", REGISTER, *names.values())
+    if folder is not None:
+        check_own(folder / REGISTER, lambda text, _: text.startswith(HEAD), "give another folder")
     if file is not None and len(filled.named) > 1:
         raise InputError("--out", f"{str(file)!r} is one file for {len(filled.named)} situations", "give a folder")
     form = format_of(time_unit, force_unit, time_column, force_column)
@@ -82,6 +85,7 @@ def calibrate(
         for name, found in filled.named:
             write_text(folder / names[name], calibrated_toml(made.calibration, found))
             written.append(folder / names[name])
+        write_text(folder / REGISTER, calibrated_register(made.calibration, filled, names))
     if as_json:
         typer.echo(
             json.dumps(made.calibration.to_json() | {"left_out": list(made.left_out)}, allow_nan=False, indent=2)
@@ -91,6 +95,7 @@ def calibrate(
     for path in written:
         typer.echo(f"scenario: {path}")
     if page is not None:
+        typer.echo(f"register: {page.parent / REGISTER}")
         typer.echo(f"report: {page}")
 
 

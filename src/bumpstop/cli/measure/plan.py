@@ -12,7 +12,7 @@ import typer
 from bumpstop.cli.collision.evaluate import change, whole
 from bumpstop.cli.completion import complete_setting
 from bumpstop.cli.folders import check_folder, check_inputs, check_no_job, check_own, scenario_files
-from bumpstop.cli.measure.scenarios import named_scenarios
+from bumpstop.cli.measure.scenarios import named_situations
 from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError, near_matches
 from bumpstop.text_files import list_items
@@ -79,7 +79,8 @@ def plan(
 
     check_folder(out)
     check_no_job(out)
-    named = named_scenarios(scenarios, dict(change(text) for text in changes or []), "SCENARIO")
+    situations = named_situations(scenarios, dict(change(text) for text in changes or []), "SCENARIO")
+    named = [(one.name, one.scenario) for one in situations]
     files = [Path(path) for text in scenarios for path in (text, text.partition("=")[2])]
     read = [*files, *scenario_files(scenario for _, scenario in named)]
     check_inputs(out, read, TABLE, SETTINGS, f"{SCENARIOS}/*", "report.html")
@@ -106,7 +107,7 @@ def plan(
     if out is not None:
         from bumpstop.report.measure.plan import write_plan_page
 
-        table = write_plan(made, out)
+        table = write_plan(made, out, situations)
         page = write_plan_page(made, out)
     if as_json:
         typer.echo(json.dumps(made.to_json(), allow_nan=False, indent=2))

@@ -7,7 +7,7 @@ import io
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,8 @@ from bumpstop.measure.learning.posterior import ErrorModel
 from bumpstop.measure.reading.text_table import TextTable, read_text_table
 from bumpstop.register.shots import COLUMNS as SHOT_COLUMNS
 from bumpstop.register.shots import OF_RECORDINGS
+from bumpstop.register.situation import Situation, common_statements
+from bumpstop.register.statements import OPEN_STATUSES, Statement, read_statements
 from bumpstop.text_files import as_path, parse_toml, read_text, to_toml, write_text
 
 if TYPE_CHECKING:
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
     from bumpstop.measure.reading.gauge_reading import GaugeReading
 
 TABLE, SETTINGS, SCENARIOS = "plan.csv", "plan.toml", "situations"
+REGISTER = "calibrated_register.toml"
+"""Stands beside calibrated scenarios: none of them has this name."""
 COLUMNS = (
     *SHOT_COLUMNS,
     "recording",
@@ -90,8 +94,13 @@ def table_text(plan: MeasurementPlan) -> str:
     return text.getvalue()
 
 
-def write_plan(plan: MeasurementPlan, folder: Path) -> Path:
+def write_plan(plan: MeasurementPlan, folder: Path, situations: Sequence[Situation] = ()) -> Path:
     """Write ``plan.csv``, ``plan.toml`` and a scenario for each situation; returns the path of the table.
+
+    Args:
+        plan: to write.
+        folder: made where it is missing.
+        situations: of registers that the plan is of: what their rows say besides scenarios is kept for calibrated ones.
 
     Raises:
         InputError: the folder cannot be written, or has a plan whose table is filled in.
@@ -106,11 +115,13 @@ def write_plan(plan: MeasurementPlan, folder: Path) -> Path:
             "--out", f"{str(folder)!r} cannot be written ({error.strerror})", "give another folder"
         ) from None
     rows: list[dict[str, Any]] = []
+    facts = {each.name: each.facts for each in situations}
     for name, file in file_names([each.name for each in plan.situations]).items():
         write_text(folder / SCENARIOS / file, to_toml(scenario_data(plan.situation(name).scenario)))
         situation = plan.situation(name)
         at = {} if situation.onset_s is None else {"contact_onset_s": situation.onset_s}
         rows.append({"name": name, "file": f"{SCENARIOS}/{file}", "gauge": situation.gauge.device} | at)
+        rows[-1] |= facts.get(name, {})
     settings: dict[str, Any] = {
         "points": plan.points,
         "seed": plan.seed,
@@ -119,10 +130,19 @@ def write_plan(plan: MeasurementPlan, folder: Path) -> Path:
         "fixed": list(plan.fixed),
         "spread": {each.key: each.sd for each in plan.parameters.each},
         "situation": rows,
+        "input": inputs_of_register(common_statements(situations)),
     }
     write_text(folder / SETTINGS, to_toml(settings))
     write_text(table, table_text(plan))
     return table
+
+
+def inputs_of_register(statements: Mapping[str, Statement]) -> list[dict[str, str]]:
+    """The ``[[input]]`` tables of statements, as registers have them."""
+    return [
+        {"key": key, "status": statement.status} | ({"source": statement.source} if statement.source else {})
+        for key, statement in statements.items()
+    ]
 
 
 def _is_filled(path: Path) -> bool:
@@ -144,6 +164,8 @@ class PlanFolder:
         onsets: time of each trajectory at which the gauge is met, by name of the situation [s].
         spread: of the parameters before anything is measured, by key; empty: as assumed.
         fixed: keys that are known.
+        facts: what rows of registers say besides scenarios, by name of the situation.
+        statements: of those registers, by dotted key or table.
         errors: how far shots may be off.
         seed, points: of the ensemble.
         folder: where recordings start.
@@ -156,11 +178,25 @@ class PlanFolder:
     onsets: Mapping[str, float]
     spread: Mapping[str, float]
     fixed: tuple[str, ...]
+    facts: Mapping[str, Mapping[str, Any]]
+    statements: Mapping[str, Statement]
     errors: ErrorModel
     seed: int
     points: int
     folder: Path
     files: tuple[Path, ...]
+
+    def with_rows_of(self, given: Sequence[Situation]) -> PlanFolder:
+        """The plan with what the rows of situations say that were given in place of its own.
+
+        Of values only what keeps a situation from passing stays: the rest was said of others.
+        """
+        if not given:
+            return self
+        facts = {one.name: {**self.facts.get(one.name, {}), **one.facts} for one in given}
+        said = {**self.statements, **common_statements(given)}
+        open_ones = {key: statement for key, statement in said.items() if statement.status in OPEN_STATUSES}
+        return replace(self, facts={**self.facts, **facts}, statements=open_ones)
 
 
 def load_plan(path: Path, scenarios: Mapping[str, Scenario] | None = None) -> PlanFolder:
@@ -185,6 +221,10 @@ def load_plan(path: Path, scenarios: Mapping[str, Scenario] | None = None) -> Pl
     named: dict[str, Scenario] = {}
     devices: dict[str, str] = {}
     onsets: dict[str, float] = {}
+    facts: dict[str, dict[str, Any]] = {}
+    statements, faults = read_statements(data.get("input", []), str(settings_file))
+    if faults:
+        raise faults[0]
     files = [table, settings_file, *(folder / shot.recording for shot in shots if shot.recording)]
     for number, row in enumerate(_rows(data, settings_file), start=1):
         for key in ("name", "file", "gauge"):
@@ -196,6 +236,7 @@ def load_plan(path: Path, scenarios: Mapping[str, Scenario] | None = None) -> Pl
             devices[row["name"]] = row["gauge"]
         if "contact_onset_s" in row:
             onsets[row["name"]] = _number(row, "contact_onset_s", settings_file)
+        facts[row["name"]] = {key: row[key] for key in ("payload_kg", "frequency", "note") if key in row}
     named |= given
     for shot in shots:
         if shot.situation not in named:
@@ -210,6 +251,8 @@ def load_plan(path: Path, scenarios: Mapping[str, Scenario] | None = None) -> Pl
         onsets=onsets,
         spread={str(key): _number(data["spread"], key, settings_file) for key in data.get("spread", {})},
         fixed=tuple(str(key) for key in data.get("fixed", [])),
+        facts=facts,
+        statements=statements,
         errors=ErrorModel(
             gauge=_number(data, "gauge_error", settings_file) if "gauge_error" in data else default.gauge,
             model=_number(data, "model_error", settings_file) if "model_error" in data else default.model,
@@ -331,7 +374,7 @@ def file_names(names: list[str]) -> dict[str, str]:
     found: dict[str, str] = {}
     for name in names:
         plain = re.sub(r"[^A-Za-z0-9_-]+", "_", name).strip("_")[:60] or "situation"
-        taken = {file.lower() for file in found.values()}
+        taken = {REGISTER, *(file.lower() for file in found.values())}
         file, number = f"{plain}.toml", 2
         while file.lower() in taken:
             file, number = f"{plain}_{number}.toml", number + 1
