@@ -338,6 +338,20 @@ def test_an_arm_in_millimetres_does_not_pass(tmp_path: Path) -> None:
     assert found.reason in found.warnings
 
 
+def test_a_payload_that_nothing_is_known_to_compare_with_is_told(tmp_path: Path) -> None:
+    write_urdf(Robot.load("sia5d"), tmp_path / "arm.urdf")
+    rows = [{"name": "a", "payload_kg": 20}, {"name": "b"}, {"name": "c", "payload_kg": 0}]
+    path = write_register(tmp_path, *rows)
+    told = "No rated payload of this robot is known: the payload of 20 kg is not compared with it."
+    built_in = bs.evaluate_register(bs.load_register(path)).results
+    assert any("20 kg is above the 5 kg" in text for one in built_in for text in one.warnings)
+    assert not any(told in one.notes for one in built_in)
+    urdf = {"robot": str(tmp_path / "arm.urdf")}
+    found = bs.evaluate_register(bs.load_register(path, changes=urdf)).results
+    assert {one.situation.name for one in found if told in one.notes} == {"a"}
+    assert not any("No rated payload" in note for one in found if one.situation.name != "a" for note in one.notes)
+
+
 def test_a_situation_that_cannot_be_computed_is_named_with_all_others(tmp_path: Path) -> None:
     residuals = {"detector.residuals": "absent.parquet", "detector.noise_sd_Nm": None}
     path = write_register(tmp_path, *({"name": name, **{k: v for k, v in residuals.items() if v}} for name in "ab"))

@@ -232,7 +232,7 @@ def _evaluate(situation: Situation, judgement: Judgement | None, samples: int | 
         arm=arm_title(result),
         # A register passes: what one collision only notes stands beside its verdict here.
         warnings=(*result.warnings, *sample_notes(result), *_payload_warnings(situation, result)),
-        notes=result.notes,
+        notes=(*result.notes, *_payload_notes(situation, result)),
         inputs=inputs_of(situation, result),
         method=result.kind,
         confidence=None if judgement is None else judgement.confidence,
@@ -265,6 +265,14 @@ def _payload_warnings(situation: Situation, result: CollisionResult) -> list[str
             f"The payload of {payload:g} kg is recorded, but it is no part of the moving mass that was computed."
         )
     return found
+
+
+def _payload_notes(situation: Situation, result: CollisionResult) -> list[str]:
+    if not situation.payload_kg or result.problem.robot.payload_kg is not None:
+        return []
+    return [
+        f"No rated payload of this robot is known: the payload of {situation.payload_kg:g} kg is not compared with it."
+    ]
 
 
 def _quantiles(distribution: Distribution) -> dict[str, float]:
