@@ -51,6 +51,8 @@ def test_effective_masses_and_drive_train() -> None:
     assert lines[begin + 6] == "ISO/TS 15066, M/2 and the rated payload 13.85 13.85 13.85"
     assert "rotor inertia: 1.5 1.5 1.5 0.28 0.28 0.28 kg m2; ASSUMED: a class of arms, " in out
     assert "torque limit: 150 150 150 28 28 28 Nm; published: max. joint torques of the maker" in out
+    hz = " ".join(6 * ["15.92"])
+    assert f"servo bandwidth: 100 100 100 100 100 100 rad/s ({hz} Hz); ASSUMED" in out
     assert "torque limit: unknown" in run("robots", "show", "sia5d").out
     bad = run("robots", "show", "ur5e", "--pose-deg", "0,0,0")
     assert (bad.status, bad.out) == (2, "")

@@ -162,3 +162,8 @@ def test_another_file_is_no_detector(tmp_path: Path, capsys: pytest.CaptureFixtu
     err = capsys.readouterr().err
     assert "'residual' wants direct or observer; wanted a file that 'bumpstop detector' wrote" in err
     assert "line " in err
+    path.write_text("# thresholds\n[thresholds]\nconstant_Nm = [20, 20]\n")
+    with pytest.raises(SystemExit):
+        main(["monitor", "x", "--detector", str(path)])
+    told = f"error: --detector: {str(path)!r} is no file of a detector; wanted a file that 'bumpstop detector' wrote\n"
+    assert capsys.readouterr().err == told

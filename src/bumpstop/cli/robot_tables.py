@@ -92,5 +92,8 @@ def print_drive_train(robot: Robot, console: Console) -> None:
         unit = unit_of(*robot.joints, turning=turning, sliding=sliding) if turning != sliding else turning
         values = " ".join("unknown" if math.isinf(value) else f"{value:.4g}" for value in getattr(found, name).tolist())
         shown = values if unit == "1" else f"{values} {unit}"
+        if name == "servo_bandwidth":  # scenarios give it in Hz
+            in_hz = (getattr(found, name) / (2 * math.pi)).tolist()
+            shown += f" ({' '.join('unknown' if math.isinf(value) else f'{value:.4g}' for value in in_hz)} Hz)"
         status = found.status[name].upper() if found.status[name] in ("assumed", "unverified") else found.status[name]
         console.print(f"{name.replace('_', ' ')}: {shown}; {status}: {found.source[name]}")

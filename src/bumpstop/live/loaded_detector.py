@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
 
 
+_MARK = "bumpstop-detector"  # begins a line of every file that the command wrote
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LoadedDetector:
     """A detector for a running arm.
@@ -67,6 +70,9 @@ class LoadedDetector:
         text = read_text(path, wanted, field="--detector")
         found, why = _native.read_detector(text)
         if found is None:
+            # The reader begins with the robot, and would ask for that in a file of thresholds.
+            if not any(line.startswith(_MARK) for line in text.splitlines()):
+                raise InputError("--detector", f"{name!r} is no file of a detector", wanted)
             raise InputError("--detector", f"{name!r}: {why}", wanted)
         settings = found.settings
         thresholds, fast = np.array(found.constant), np.array(settings.alarm.thresholds.fast[: len(found.joints)])
