@@ -218,6 +218,10 @@ REFUSED: dict[str, tuple[str, str]] = {
     "twice": (ROBOT + ROBOT, "robots.name: '01_hand_downward' is there twice"),
     "a scenario's key": (ROBOT + 'keys = { "contact.aera_cm2" = 1 }\n', "01_hand_downward: is not a key of a scenario"),
     "a scenario's folder": (f'{ROBOT}folder = "a"\n', "robots[1].folder: is that of the scenario's file; leave it out"),
+    "a contact point": (
+        f'{ROBOT}[[tools]]\nname = "gripper"\nkeys = {{ "contact.point_m" = [0, 0, 0.1] }}\n',
+        "contact.point_m: 01_hand_downward gripper: batches are computed for contact at the tip",
+    ),
     "a nameless tool": (f"{ROBOT}[[tools]]\nkeys = {{}}\n", "tools[1].name: None is no name"),
     "too many": (f"poses = 1000000000\ndirections = 100000\n{ROBOT}", "poses: make 3e+14 distributions"),
 }
