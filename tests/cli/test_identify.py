@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
+from bumpstop.cli.identification.arm_recordings import load_parts
 from bumpstop.identification import with_payload
 from bumpstop.joint import JointTorqueModel
 from bumpstop.model import inverse_dynamics
@@ -126,6 +127,21 @@ def test_what_is_recorded_chooses_the_model(tmp_path: Path) -> None:
     assert strict_json(run("identify", tmp_path / "both.parquet", *options).out)["kind"] == "joint_model"
 
 
+def test_a_payload_that_the_controller_was_told_of_is_no_note_once_it_is_declared(tmp_path: Path) -> None:
+    names = ["timestamp", *(f"actual_q_{j}" for j in range(6)), "payload", *(f"payload_cog_{axis}" for axis in range(3))]
+    rows = [",".join(names), *(f"{0.01 * i}" + ",0.1" * 6 + ",1.07,0,0,0.058" for i in range(60))]
+    path, arm = tmp_path / "log.csv", bs.Robot.load("ur5e")
+    path.write_text("\n".join(rows) + "\n")
+    for given, noted in (
+        (None, True),
+        (["1.07"], True),
+        (["1.07,0,0,0.058"], False),
+        (["1:1.07,0,0,0.058"], False),
+    ):
+        (log,) = load_parts([path], None, arm, None, None, None, 0.01, given)
+        assert any("told of a payload" in note for note in log.report.notes) == noted
+
+
 def test_a_payload_is_found_and_told_as_the_next_fit_wants_it(tmp_path: Path) -> None:
     robot, truth, _, _ = arm_and_logs()
     center = (0.02, -0.01, 0.08)
@@ -181,7 +197,7 @@ def test_inertias_that_bodies_can_have_are_written_for_other_programs(tmp_path: 
     [
         (("--payload", "1,2"), "--payload: '1,2' cannot be used; for example 1.5,0,0,0.06"),
         (("--payload", "3:1"), "recordings are 1 to 1"),
-        (("--payload", "-1"), "payload.mass: is -1.0 kg"),
+        (("--payload", "-1"), "--payload: is -1.0 kg"),
         (("--known", "elbow=2"), "--known: 'elbow=2' cannot be used"),
         (("--known", "elbow_jiont.B=2"), "did you mean 'elbow_joint'?"),
         (("--cutoff", "-3"), "--cutoff: is -3.0"),

@@ -178,7 +178,11 @@ def test_the_force_where_and_along_what_is_asked_for(pushed: Path, capsys: pytes
         (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--observer-gain", "0"], "--observer-gain: is 0.0; wanted"),
         (
             ["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--payload", "-1"],
-            "--payload: is -1.0; wanted at least 0",
+            "--payload: is -1.0 kg; wanted 0 to 100000",
+        ),
+        (
+            ["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--payload", "1,2"],
+            "--payload: '1,2' cannot be used; for example 1.5, or 1.5,0,0,0.06",
         ),
         (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--arming-delay", "nan"], "--arming-delay: "),
         (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--out", "/dev/null/x"], "--out: '/dev/null/x' cannot be"),

@@ -12,8 +12,10 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.detection import Detector, DetectorSettings, Thresholds
+from bumpstop.identification import with_payload
 from bumpstop.model import inverse_dynamics
 from bumpstop.recording import Recording
+from bumpstop.recording.read_report import ReadReport, payload_note
 from cli.support import run, strict_json
 
 OTHERS = {
@@ -124,6 +126,78 @@ def test_another_mounting_than_that_of_the_tuning_is_told(tuned: object, used: o
     law = Thresholds(np.ones(6), residual="direct", gravity=tuned)  # type: ignore[arg-type]
     notes = law.differences(DetectorSettings(gravity=used))  # type: ignore[arg-type]
     assert any("gravity" in note for note in notes) == differs
+
+
+GRIPPER = "1.07,0.02,-0.01,0.058"
+
+
+@pytest.fixture(scope="module")
+def gripping(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The torques of a UR5e whose gripper has its centre beside the tip, without noise, for 40 s."""
+    mass, *center = (float(figure) for figure in GRIPPER.split(","))
+    loaded, t = with_payload(bs.Robot.load("ur5e"), mass, center), 0.004 * np.arange(10_000)
+    phase = 0.3 * t[:, None] + np.arange(6)
+    q, qd, qdd = np.sin(phase), 0.3 * np.cos(phase), -0.09 * np.sin(phase)
+    path = tmp_path_factory.mktemp("gripping") / "log.parquet"
+    Recording(t=t, q=q, qd=qd, tau=inverse_dynamics(loaded, q, qd, qdd)).save(path)
+    return path
+
+
+def test_a_payload_is_given_with_its_centre_and_travels(gripping: Path, tmp_path: Path) -> None:
+    """As ``identify`` takes it: in the frame of the tip. Settings have it in that of the last link."""
+    robot, saved, printed = bs.Robot.load("ur5e"), tmp_path / "thresholds.toml", tmp_path / "thresholds.json"
+    tune = ("tune", gripping, "--robot", "ur5e", "--json")
+    whole = run(*tune, "--payload", GRIPPER, "--save", saved)
+    assert whole.status == 0, whole.err
+    printed.write_text(whole.out)
+    at_tip = strict_json(run(*tune, "--payload", "1.07").out)
+    assert max(strict_json(whole.out)["thresholds_Nm"]) < 0.1 * max(at_tip["thresholds_Nm"])
+    assert at_tip["payload_kg"] == 1.07
+    assert "payload_center" not in at_tip
+    center = np.asarray(robot.tip_origin) + np.asarray(robot.tip_rotation) @ [0.02, -0.01, 0.058]
+    for file in (saved, printed):
+        law = Thresholds.load(file)
+        assert law.payload_kg == 1.07
+        np.testing.assert_allclose(law.payload_center, center, atol=1e-12)  # type: ignore[arg-type]
+    options = ("--robot", "ur5e", "--thresholds", saved)
+    for same in ((), ("--payload", GRIPPER)):
+        found = strict_json(run("detect", gripping, *options, *same, "--json").out)
+        np.testing.assert_allclose(found["settings"]["payload_center"], center, atol=1e-12)
+        assert not [note for note in found["notes"] if "Differs" in note]
+    other = strict_json(run("detect", gripping, *options, "--payload", "1.07", "--json").out)
+    assert "payload_center" not in other["settings"]
+    assert any("payload_center = the tip (tuned with (" in note for note in other["notes"])
+    labels = tmp_path / "labels.csv"
+    labels.write_text("start_s,end_s\n8,8.4\n")
+    scored = run("score", gripping, *options, "--payload", GRIPPER, "--labels", labels, "--json")
+    assert scored.status == 0, scored.err
+    done = run("detector", tmp_path / "arm", *options)
+    assert (done.status, done.err) == (0, "")
+    lines = dict(line.split(" ", 1) for line in (tmp_path / "arm").read_text().splitlines() if " " in line)
+    np.testing.assert_allclose([float(figure) for figure in lines["payload"].split()], [1.07, *center], atol=1e-12)
+
+
+def test_another_centre_than_that_of_the_tuning_is_told() -> None:
+    """Without a word of it the thresholds were found with the load at the tip."""
+    at_tip = Thresholds(np.ones(6), residual="direct", payload_kg=1.0)
+    assert at_tip.differences(DetectorSettings(payload_kg=1.0)) == []
+    (note,) = at_tip.differences(DetectorSettings(payload_kg=1.0, payload_center=(0.0, 0.0, 0.1)))
+    assert "payload_center = (0.0, 0.0, 0.1) (tuned with the tip)" in note
+
+
+def test_a_payload_that_the_controller_was_told_of_is_no_note_once_it_is_declared(gripping: Path) -> None:
+    mass, *center = (float(figure) for figure in GRIPPER.split(","))
+    robot, told = bs.Robot.load("ur5e"), payload_note(mass, center)
+    log = replace(Recording.load(gripping), report=ReadReport(notes=(told, "another")))
+    link = tuple((np.asarray(robot.tip_origin) + np.asarray(robot.tip_rotation) @ center).tolist())
+    for settings, noted in (
+        (DetectorSettings(), True),
+        (DetectorSettings(payload_kg=mass), True),
+        (DetectorSettings(payload_kg=mass, payload_center=link), False),
+    ):
+        notes = Detector(robot, None, [9.0] * 6, settings).run(log).notes
+        assert (told in notes) == noted
+        assert "another" in notes
 
 
 def test_a_detector_without_a_rate_is_refused(tmp_path: Path) -> None:

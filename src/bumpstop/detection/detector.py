@@ -113,7 +113,8 @@ class Detector(LoopDetector):
         run = self.run_rows(
             recording.t, recording.q, self._signal(recording), qd=self._rates(recording), rearm_s=rearm_s
         )
-        return replace(run, notes=(*recording.report.notes, *([doubt] if doubt else []), *run.notes))
+        notes = recording.report.with_payload(self.settings.payload_kg, self.payload_at_tip.tolist()).notes
+        return replace(run, notes=(*notes, *([doubt] if doubt else []), *run.notes))
 
     def run_rows(
         self,
@@ -216,6 +217,8 @@ class Detector(LoopDetector):
             "measured_rates": given.measured_rates,
             "arming_delay_s": given.arming_delay_s,
         }
+        if given.payload_center is not None:
+            found["payload_center"] = list(given.payload_center)
         if self._gravity != STANDARD_GRAVITY:
             found["gravity"] = list(self._gravity)
         return found | ({"observer_gain_1_s": given.observer_gain_1_s} if given.residual == "observer" else {})

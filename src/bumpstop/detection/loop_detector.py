@@ -255,6 +255,12 @@ class LoopDetector:
         given = self.settings.payload_center
         return np.array(self.robot.tip_origin if given is None else given, dtype=np.float64)
 
+    @property
+    def payload_at_tip(self) -> FloatArray:
+        """(3,) the same in the frame of the tip, in which controllers and ``--payload`` have it [m]."""
+        found: FloatArray = np.asarray(self.robot.tip_rotation).T @ (self.payload_center - self.robot.tip_origin)
+        return found
+
     def _note(self) -> None:
         notes = []
         if self.model is not None:  # else fits need not be loaded, which takes its time

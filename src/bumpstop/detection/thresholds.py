@@ -39,6 +39,7 @@ _SETTINGS = (
     "limit_margin",
     "frozen_s",
     "payload_kg",
+    "payload_center",
     "gravity",
     "causal",
 )
@@ -69,8 +70,8 @@ class Thresholds:
         per_hour: false alarms an hour that they were tuned for; None: not said.
         residual: kind of residual they were found for; None: not said.
         observer_gain_1_s: of the observer, if that is the kind; None: not said.
-        window_s, measured_rates, limit_margin, frozen_s, payload_kg, gravity, causal: settings of the detector that
-            they were found with; None: not said.
+        window_s, measured_rates, limit_margin, frozen_s, payload_kg, payload_center, gravity, causal: settings of
+            the detector that they were found with; None: not said.
         joints: names of the joints, for errors; or empty.
     """
 
@@ -89,6 +90,7 @@ class Thresholds:
     limit_margin: float | None = None
     frozen_s: float | None = None
     payload_kg: float | None = None
+    payload_center: tuple[float, float, float] | None = None
     gravity: tuple[float, float, float] | None = None
     causal: bool | None = None
     joints: InitVar[Sequence[str]] = ()
@@ -114,8 +116,9 @@ class Thresholds:
             value = getattr(self, name)
             if value is not None and not as_number(value, name) > 0:
                 raise InputError(name, f"is {value}", "wanted more than zero")
-        if self.gravity is not None:
-            object.__setattr__(self, "gravity", vector3(as_float_array(self.gravity, "gravity", (3,))))
+        for name in ("gravity", "payload_center"):
+            if (given := getattr(self, name)) is not None:
+                object.__setattr__(self, name, vector3(as_float_array(given, name, (3,))))
         DetectorSettings(**self.settings)  # says what cannot be
 
     @property
@@ -149,8 +152,8 @@ class Thresholds:
     def differences(self, settings: DetectorSettings) -> list[str]:
         """Settings that are others than those they were found with: sentences for a reader."""
         found = []
-        # Without a word about gravity they were found with an upright arm.
-        known = {"gravity": STANDARD_GRAVITY} | self.settings if self.settings else {}
+        # Without a word about gravity they were found with an upright arm, without one about a centre with the tip's.
+        known = {"gravity": STANDARD_GRAVITY, "payload_center": None} | self.settings if self.settings else {}
         for name, tuned in known.items():
             ours = getattr(settings, name)
             if name == "gravity" and ours is None:  # the model's
@@ -218,8 +221,8 @@ class Thresholds:
         Keys: ``thresholds_Nm`` and, as wanted, ``per_speed_Nm_s``, ``per_acceleration_Nm_s2``, ``at_rest_Nm``,
         ``fast_Nm``, ``model_errors``, ``period_s``, ``per_hour``, and the settings of the detector that they were
         found with: ``residual``, ``observer_gain_1_s``, ``window_s``, ``measured_rates``, ``limit_margin``,
-        ``frozen_s``, ``payload_kg``, ``gravity``, ``causal``. Others are refused in TOML and passed over in JSON,
-        where null stands for infinity. ``joints``: of the robot, whose names errors say.
+        ``frozen_s``, ``payload_kg``, ``payload_center``, ``gravity``, ``causal``. Others are refused in TOML and
+        passed over in JSON, where null stands for infinity. ``joints``: of the robot, whose names errors say.
 
         Raises:
             InputError: the file cannot be read, or holds something else.
@@ -275,6 +278,8 @@ def _check(key: str, values: FloatArray, usable: npt.NDArray[np.bool_], wanted: 
 
 
 def _shown(value: Any) -> str:
+    if value is None:  # of all settings only a centre
+        return "the tip"
     return f"{value:.6g}" if isinstance(value, float) else str(value).lower()
 
 

@@ -30,7 +30,7 @@ def unexplained(
     model: JointTorqueModel | DynamicsModel | None,
     residual: FloatArray,
     *,
-    payload_kg: float = 0.0,
+    payload: Payload | None = None,
     gravity: tuple[float, float, float] | None = None,
 ) -> list[str]:
     """Sentences on joints whose channel is doubtful, or whose current or torque the model says nothing of.
@@ -43,7 +43,7 @@ def unexplained(
         robot: with inertia, unless dynamics are fitted.
         model: of currents, of dynamics, or None: recorded torque and the robot's own inertia.
         residual: (N, n) of a detector over this recording [Nm or N].
-        payload_kg: a point mass at the tip.
+        payload: what the arm carries that is no part of it.
         gravity: acceleration of free fall in the base frame [m/s2]; default: the model's.
     """
     faults: list[str] = []
@@ -51,11 +51,10 @@ def unexplained(
     told = doubtful_columns([recording], robot, quantity)
     try:
         if isinstance(model, DynamicsModel):
-            carried = Payload(payload_kg) if payload_kg > 0 else None
-            scores = model.compare_rows(model.rows(recording, [carried])).scores()
+            scores = model.compare_rows(model.rows(recording, [payload])).scores()
             tell_unpredicted_torques(scores, quantity, model.cutoff_hz, faults, [])
         elif model is not None:
-            arm = with_payload(robot, payload_kg) if payload_kg > 0 else robot
+            arm = robot if payload is None else with_payload(robot, payload.mass, payload.center)
             tell_unpredicted_currents(compare_currents(model, recording, arm, gravity=gravity), faults, [])
         elif recording.tau is not None:
             adds = residual.var(axis=0) > _ADDS * recording.tau.var(axis=0)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,3 +40,20 @@ class ReadReport:
     def rows_dropped(self) -> int:
         """Number of all dropped rows."""
         return sum(self.counts.values())
+
+    def with_payload(self, mass: float, center: Sequence[float]) -> ReadReport:
+        """Without the note on the payload that the controller was told of, where it is the one that is declared.
+
+        Args:
+            mass: of the declared payload [kg].
+            center: (3,) of it, in the frame of the tip [m].
+        """
+        said = payload_note(mass, center)
+        return replace(self, notes=tuple(note for note in self.notes if note != said))
+
+
+def payload_note(mass: float, center: Sequence[float]) -> str:
+    """What a reader must know of a payload that the controller was told of, as ``--payload`` takes it [kg, m]."""
+    # Digits beyond these are those of turning the centre from one frame into another.
+    figures = ",".join(f"{round(float(value), 9) + 0.0:.6g}" for value in (mass, *center))
+    return f"The controller was told of a payload of {mass:.4g} kg: --payload {figures}"

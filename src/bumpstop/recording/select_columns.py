@@ -14,6 +14,7 @@ from bumpstop.errors import InputError, near_matches
 from bumpstop.recording.column_draft import MissingColumnsError, as_list, draft_of_names, draft_of_numbers
 from bumpstop.recording.columns import Columns, Quantity
 from bumpstop.recording.formats.table import RawRecording, Table
+from bumpstop.recording.read_report import payload_note
 
 _OWN = {"position": "q", "reference": "q_ref", "velocity": "qd", "current": "current", "torque": "tau"}
 _WRENCH = tuple(f"wrench_{axis}" for axis in ("fx", "fy", "fz", "tx", "ty", "tz"))
@@ -187,8 +188,7 @@ def _payload_notes(table: Table, path: Path) -> list[str]:
         return []
     if (told != told[0]).any():
         return ["The controller was told of a payload that changes (payload, payload_cog): cut the recording there."]
-    figures = ",".join(f"{value:.6g}" for value in told[0])
-    return [f"The controller was told of a payload of {told[0, 0]:.4g} kg: --payload {figures}"]
+    return [payload_note(float(told[0, 0]), told[0, 1:].tolist())]
 
 
 def _numbered(names: set[str], stem: str, first: int) -> tuple[str, ...]:

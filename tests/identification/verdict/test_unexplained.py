@@ -46,7 +46,7 @@ def test_a_payload_that_is_declared_is_none_of_it() -> None:
     log = driven(bs.identification.with_payload(robot, 60.0), motion, model, 1)
     residual = residual_record(log, robot, model).rows
     assert unexplained(log, robot, model, residual)
-    assert unexplained(log, robot, model, residual, payload_kg=60.0) == []
+    assert unexplained(log, robot, model, residual, payload=bs.identification.Payload(60.0)) == []
 
 
 def test_torques_that_are_dead_or_wrong_are_told() -> None:

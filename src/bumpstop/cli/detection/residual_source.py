@@ -12,14 +12,20 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 from bumpstop.cli.completion import complete_robot
-from bumpstop.cli.identification.arm_recordings import gravity_of, model_files, recording_files
+from bumpstop.cli.identification.arm_recordings import (
+    gravity_of,
+    model_files,
+    payload_of,
+    payload_settings,
+    recording_files,
+)
 from bumpstop.cli.option_names import as_options
 from bumpstop.cli.robots import load_robot
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
     from bumpstop.detection import DetectorSettings, Thresholds
-    from bumpstop.identification import DynamicsModel
+    from bumpstop.identification import DynamicsModel, Payload
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
@@ -56,9 +62,12 @@ Gain = Annotated[
     typer.Option("--observer-gain", help="Gain of the observer [1/s].", show_default="the thresholds' gain, or 50"),
 ]
 Carried = Annotated[
-    float | None,
+    str | None,
     typer.Option(
-        "--payload", help="Mass at the tip that the robot lacks [kg].", show_default="the thresholds' load, or 0"
+        "--payload",
+        metavar="KG",
+        help="What the robot lacks at its tip: MASS[,X,Y,Z] [kg, m].",
+        show_default="the thresholds' load, or 0",
     ),
 ]
 MeasuredRates = Annotated[
@@ -201,13 +210,13 @@ class Watcher:
             "residual": self.residual,
             "observer_gain_1_s": self.observer_gain,
             "window_s": self.window,
-            "payload_kg": self.payload,
             "measured_rates": self.measured_rates,
             "limit_margin": self.limit_margin,
             "gravity": gravity_of(self.gravity),
             "frozen_s": self.frozen,
             "causal": self.causal,
         }
+        load = {} if self.carried is None else payload_settings(self.carried, self.parts[1])
         tuned = {} if thresholds is None else thresholds.settings
         fitted = isinstance(self.parts[0], DynamicsModel)
         if self.causal and not fitted:
@@ -217,13 +226,18 @@ class Watcher:
         causal = more.get("causal", tuned.get("causal", False) if self.causal is None else self.causal)
         if fitted and not causal:
             tuned = {name: value for name, value in tuned.items() if name in ("residual", "frozen_s")}
-        chosen = tuned | {name: value for name, value in given.items() if value is not None} | more
+        chosen = tuned | {name: value for name, value in given.items() if value is not None} | load | more
         with as_options(DETECTOR_OPTIONS):
             settings = DetectorSettings(**chosen)
         if settings.residual == "direct" and self.observer_gain is not None:
             valid = "give --residual observer as well"
             raise InputError("--observer-gain", "has no meaning with --residual direct", valid)
         return settings
+
+    @property
+    def carried(self) -> Payload | None:
+        """What ``--payload`` says; None: nothing."""
+        return None if self.payload is None else payload_of(self.payload)
 
     @property
     def held(self) -> dict[str, Any]:
@@ -237,10 +251,10 @@ class Watcher:
         if fitted:
             names.append("causal")
         if settings.causal or not fitted:
-            names += ["window_s", "measured_rates", "limit_margin", "payload_kg"]
+            names += ["window_s", "measured_rates", "limit_margin", "payload_kg", "payload_center"]
         if settings.residual == "observer":
             names.append("observer_gain_1_s")
-        found = {name: getattr(settings, name) for name in names}
+        found = {name: value for name in names if (value := getattr(settings, name)) is not None}
         model = self.parts[0]
         falls = settings.gravity or (STANDARD_GRAVITY if model is None else model.gravity)
         return found if fitted or falls == STANDARD_GRAVITY else found | {"gravity": falls}

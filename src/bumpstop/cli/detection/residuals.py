@@ -60,7 +60,7 @@ def _unexplained(log: Recording, path: Path, residual_source: ResidualSource, re
 
     model, arm = residual_source.parts
     settings = residual_source.settings
-    found = unexplained(log, arm, model, residual, payload_kg=settings.payload_kg, gravity=settings.gravity)
+    found = unexplained(log, arm, model, residual, payload=residual_source.carried, gravity=settings.gravity)
     return [f"{shown(path)}: {sentence}{'' if sentence.endswith('?') else '.'}" for sentence in found]
 
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
 from bumpstop.text_files import is_path, list_items
 
@@ -99,9 +101,18 @@ def load_parts(
     until: float | None,
     topic: str | None,
     max_bad: float,
+    payload: Sequence[str] | None = None,
 ) -> list[Recording]:
-    """Read recordings, and the part of each that is asked for."""
-    return [part_of(path, columns, arm, begin, until, topic, max_bad) for path in paths]
+    """Read recordings, and the part of each that is asked for.
+
+    ``payload``, as :func:`carried_of` takes it: no note tells what it declares.
+    """
+    carried = carried_of(payload, len(paths))
+    logs = [part_of(path, columns, arm, begin, until, topic, max_bad) for path in paths]
+    return [
+        log if load is None else replace(log, report=log.report.with_payload(load.mass, load.center))
+        for log, load in zip(logs, carried, strict=True)
+    ]
 
 
 def part_of(
@@ -139,24 +150,47 @@ def carried_of(given: Sequence[str] | None, recordings: int) -> list[Payload | N
         given: ``MASS[,X,Y,Z]`` for all recordings, or ``NUMBER:MASS[,X,Y,Z]`` for one, from 1.
         recordings: number of them.
     """
-    from bumpstop.identification.payload.payload import Payload
-    from bumpstop.model.inertia import vector3
-
     found: list[Payload | None] = [None] * recordings
     for text in given or []:
         number, colon, figures = text.rpartition(":")
+        valid = f"for example 1.5,0,0,0.06, or 2:1.5; recordings are 1 to {recordings}"
         try:
             which = range(recordings) if not colon else [int(number) - 1]
-            mass, *center = (float(figure) for figure in list_items(figures))
-            usable = len(center) in (0, 3) and all(0 <= place < recordings for place in which)
+            usable = all(0 <= place < recordings for place in which)
         except ValueError:
             usable = False
         if not usable:
-            valid = f"for example 1.5,0,0,0.06, or 2:1.5; recordings are 1 to {recordings}"
             raise InputError("--payload", f"{text!r} cannot be used", valid)
+        load = payload_of(figures, valid)
         for place in which:
-            found[place] = Payload(mass, vector3(center or (0.0, 0.0, 0.0)))
+            found[place] = load
     return found
+
+
+def payload_of(text: str, valid: str = "for example 1.5, or 1.5,0,0,0.06") -> Payload:
+    """A payload from ``MASS[,X,Y,Z]`` [kg, m], in the frame of the tip; ``valid`` says what can be used."""
+    from bumpstop.identification.payload.payload import Payload
+    from bumpstop.model.inertia import vector3
+
+    try:
+        mass, *center = (float(figure) for figure in list_items(text))
+    except ValueError:
+        mass, center = math.nan, [math.nan]
+    if len(center) not in (0, 3):
+        raise InputError("--payload", f"{text!r} cannot be used", valid)
+    with as_options({"payload.mass": "--payload", "payload.center": "--payload"}):
+        return Payload(mass, vector3(center or (0.0, 0.0, 0.0)))
+
+
+def payload_settings(load: Payload, robot: Robot) -> dict[str, Any]:
+    """A payload as settings of a detector, whose centre is in the frame of the last link; None: the tip."""
+    import numpy as np
+
+    center = None
+    if load.mass > 0 and any(load.center):
+        turned = np.asarray(robot.tip_origin) + np.asarray(robot.tip_rotation) @ load.center
+        center = tuple((np.round(turned, 12) + 0.0).tolist())
+    return {"payload_kg": load.mass, "payload_center": center}
 
 
 def gravity_of(given: str | None) -> tuple[float, float, float] | None:

@@ -158,7 +158,7 @@ def identify(
     _frequency("--cutoff", cutoff)
     falls = gravity_of(gravity)
     arm = arm_of(robot, base, tip)
-    logs = load_parts(recordings, columns, arm, begin, until, topic, max_bad)
+    logs = load_parts(recordings, columns, arm, begin, until, topic, max_bad, payload)
     for log in logs:
         if log.current is None and log.tau is None and model != "drive-train":
             problem = f"{log.source} has neither motor currents nor joint torques"
@@ -276,7 +276,7 @@ def validate(
             raise InputError("--contact-joint", "is for dynamics", "currents are compared without contact")
         drives = JointTorqueModel.load(model)
         arm = arm_of(robot or drives.robot, base, tip)
-        logs = load_parts(recordings, columns, arm, begin, until, topic, max_bad)
+        logs = load_parts(recordings, columns, arm, begin, until, topic, max_bad, payload)
         arms = payloads_of(payload, arm, len(logs))
         return validate_joint(drives, logs, arms, filter_hz=filter_hz, gravity=falls, out=out, as_json=as_json)
     from bumpstop.cli.identification.identify_dynamics import validate_dynamics
@@ -289,7 +289,7 @@ def validate(
             raise InputError(option, "is for joint models", "dynamics know their robot and how it was mounted")
 
     def load(arm: Robot) -> list[Recording]:
-        return load_parts(recordings, columns, arm, begin, until, topic, max_bad)
+        return load_parts(recordings, columns, arm, begin, until, topic, max_bad, payload)
 
     return validate_dynamics(
         model, load, payload=payload, contact_joint=contact_joint, filter_hz=filter_hz, out=out, as_json=as_json
