@@ -128,7 +128,12 @@ def test_what_is_recorded_chooses_the_model(tmp_path: Path) -> None:
 
 
 def test_a_payload_that_the_controller_was_told_of_is_no_note_once_it_is_declared(tmp_path: Path) -> None:
-    names = ["timestamp", *(f"actual_q_{j}" for j in range(6)), "payload", *(f"payload_cog_{axis}" for axis in range(3))]
+    names = [
+        "timestamp",
+        *(f"actual_q_{j}" for j in range(6)),
+        "payload",
+        *(f"payload_cog_{axis}" for axis in range(3)),
+    ]
     rows = [",".join(names), *(f"{0.01 * i}" + ",0.1" * 6 + ",1.07,0,0,0.058" for i in range(60))]
     path, arm = tmp_path / "log.csv", bs.Robot.load("ur5e")
     path.write_text("\n".join(rows) + "\n")

@@ -61,7 +61,8 @@ class Detector(LoopDetector):
         assert self.thresholds.rest is not None
         if not resting:
             return self.thresholds.constant.copy()
-        smallest: FloatArray = self.thresholds.constant + self.thresholds.rest + self.dead_zone
+        hidden = np.nan_to_num(self.dead_zone, nan=math.inf)  # never of a joint that is monitored
+        smallest: FloatArray = self.thresholds.constant + self.thresholds.rest + hidden
         return smallest
 
     def smallest_force(
@@ -224,9 +225,12 @@ class Detector(LoopDetector):
         return found | ({"observer_gain_1_s": given.observer_gain_1_s} if given.residual == "observer" else {})
 
     def hidden(self, qd: npt.ArrayLike) -> FloatArray:
-        """(n,) torque that friction may hide at rates (n,): the dead zone up to rest_speed, none from twice that on."""
+        """(n,) torque that friction may hide at rates (n,): the dead zone up to rest_speed, none from twice that on.
+
+        Zero of a joint that no drive is known of: it says nothing anyway.
+        """
         share = np.clip(2 - np.abs(as_float_array(qd, "qd", (self.robot.dof,))) / self.rest_speed, 0.0, 1.0)
-        found: FloatArray = self.dead_zone * share
+        found: FloatArray = np.nan_to_num(self.dead_zone) * share
         return found
 
     def explain(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -80,8 +81,9 @@ class MatchedDrives:
         return [] if self.model is None else [_errors(drive) for drive in self.joints]
 
     def dead_zone(self) -> FloatArray:
-        """(dof,) torque that friction can hide at standstill [Nm or N]; zero where no drive is known."""
-        return np.array([0.0 if drive is None else _native.dead_zone(drive, 0.0) for drive in self._kernels])
+        """(dof,) torque that friction can hide at standstill [Nm or N]; zero without a model, NaN of joints it lacks."""
+        nothing = 0.0 if self.model is None else math.nan
+        return np.array([nothing if drive is None else _native.dead_zone(drive, 0.0) for drive in self._kernels])
 
     def rest_speed(self, otherwise: float) -> FloatArray:
         """(dof,) speed below which a joint rests, or what holds where no drive is known [rad/s or m/s]."""

@@ -14,7 +14,7 @@ from bumpstop.detection.drive_matching import MatchedDrives
 from bumpstop.detection.fitted_dynamics import FittedDynamics
 from bumpstop.detection.rate import check_rates
 from bumpstop.detection.settings import DetectorSettings
-from bumpstop.detection.standing import checked_stiction, fitted_model, hidden_torques
+from bumpstop.detection.standing import checked_stiction, fitted_model, hidden_text, hidden_torques
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.errors import InputError
 from bumpstop.model import unit_of, with_some_inertia
@@ -99,7 +99,8 @@ class LoopDetector:
 
         While a joint sticks, its motor need not answer a torque below static friction and hysteresis: friction at
         rest_speed through the map's slope without current, plus T_H. What the settings state as stiction stands in its
-        place; of fitted dynamics it is their Coulomb friction. Zero without either.
+        place; of fitted dynamics it is their Coulomb friction. Zero without either. NaN of joints that the joint model
+        knows no drive of: they are not monitored.
         """
         stated = self.settings.stiction
         if stated is None and self.fitted is not None:
@@ -158,7 +159,7 @@ class LoopDetector:
         out.gravity = list(self._gravity)
         out.max_no_data_time = given.max_no_data_s
         out.unknown = sum(1 << j for j in self._drives.unknown)
-        out.dead_zone = padded(self.dead_zone)
+        out.dead_zone = padded(np.nan_to_num(self.dead_zone))
         self.fill_contact(out)
         samples = out.samples
         samples.period = period
@@ -281,7 +282,7 @@ class LoopDetector:
                 f"{names}: of unknown gain: residuals and thresholds are no {unit}, and forces do not count them."
             )
         if self.model is not None or self.settings.stiction is not None:
-            hidden, unit = ", ".join(f"{value:.3g}" for value in self.dead_zone), unit_of(*self.robot.joints)
+            hidden, unit = hidden_text(self.dead_zone), unit_of(*self.robot.joints)
             notes.append(
                 f"At standstill friction may hide up to {hidden} {unit} by joint: an arm at rest detects less."
             )

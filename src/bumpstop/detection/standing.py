@@ -30,7 +30,7 @@ def hidden_torques(
     """(dof,) torque that friction can hide of a standing joint, each way [Nm or N].
 
     Of a joint model the friction at its rest_speed and its hysteresis; of fitted dynamics their Coulomb friction. What
-    is stated stands in place of either. Zero where nothing is known.
+    is stated stands in place of either. Zero without a model, NaN of joints that a joint model knows no drive of.
 
     Args:
         robot: the arm.
@@ -49,6 +49,11 @@ def hidden_torques(
     if isinstance(model, JointTorqueModel):
         return MatchedDrives(robot, model, [False] * robot.dof).dead_zone()
     return model.coulomb
+
+
+def hidden_text(hidden: FloatArray) -> str:
+    """Torques (n,) that friction can hide, in words; NaN is unknown."""
+    return ", ".join("unknown" if np.isnan(value) else f"{value:.3g}" for value in hidden)
 
 
 def fitted_model(model: JointTorqueModel | DynamicsModel | None) -> DynamicsModel | None:

@@ -87,6 +87,12 @@ def test_what_friction_holds_is_known_from_models_or_stated() -> None:
     detector = Detector(robot, model, [20.0] * 6 + [math.inf])
     np.testing.assert_allclose(hidden_torques(robot, model), detector.dead_zone)
     assert (hidden_torques(robot, model)[:6] > 0).all()
+    # Of the last joint no drive is known, and none is monitored: what friction hides there is not zero.
+    assert np.isnan(detector.dead_zone[6])
+    assert any("unknown Nm by joint" in note for note in detector.notes)
+    assert detector.smallest_torque(resting=True)[6] == math.inf
+    assert detector.hidden(np.zeros(7))[6] == 0
+    assert detector.kernel_settings(0.004).dead_zone[6] == 0
     np.testing.assert_array_equal(hidden_torques(robot, model, 3.0), np.full(7, 3.0))
     np.testing.assert_array_equal(hidden_torques(robot, None), np.zeros(7))
     for given, message in (
@@ -141,8 +147,18 @@ def test_sensitivity_of_a_standing_arm(tmp_path: Path) -> None:
         strict_json(run(*sia, "--model", "sia5d", *more, "--json").out)["standing"]["dead_zone_Nm"]
         for more in ((), ("--stiction", "50%"))
     )
-    np.testing.assert_allclose(half, 0.5 * np.array(whole))
-    assert "standing still, where friction holds" in run(*sia, "--model", "sia5d").out
+    # Of the last joint no drive is known: standing still it counts as one that is not monitored.
+    np.testing.assert_allclose(half[:6], 0.5 * np.array(whole[:6]))
+    assert half[6] is whole[6] is None
+    found = strict_json(run(*sia, "--model", "sia5d", "--json").out)
+    assert any("joint_t: what friction holds is not known" in note for note in found["notes"])
+    unmonitored = (*sia[:-1], "20,10,20,20,20,20,inf")
+    other = strict_json(run(*unmonitored, "--model", "sia5d", "--json").out)
+    assert found["standing"] == other["standing"]
+    assert found["singular_values_six_rows"] == other["singular_values_six_rows"]
+    words = run(*sia, "--model", "sia5d").out
+    assert "standing still, where friction holds" in words
+    assert ", unknown Nm: largest" in words
     for options, message in (
         (("--stiction", "1,2"), "--stiction: '1,2' cannot be used; wanted 6 numbers"),
         (("--stiction", "-3"), "--stiction: '-3' cannot be used; wanted zero or more"),

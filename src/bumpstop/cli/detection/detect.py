@@ -74,6 +74,8 @@ def detect(
     ] = None,
 ) -> int:
     """Run a collision detector over a recording: alarms, and when it had no data."""
+    import numpy as np
+
     from bumpstop.cli.detection.sensitivity import stiction_of
     from bumpstop.detection import detect as run_detector
     from bumpstop.detection import undetectable_stretches
@@ -97,7 +99,8 @@ def detect(
         if not 0 < undetectable_force < math.inf:
             raise InputError("--undetectable-force", f"is {undetectable_force}", "wanted more than zero")
         assert law.rest is not None
-        hidden = hidden_torques(arm, given, settings.stiction) + law.rest
+        # Where it is not known the joint is not monitored.
+        hidden = np.nan_to_num(hidden_torques(arm, given, settings.stiction)) + law.rest
         if law.motion_note:
             run = replace(run, notes=(*run.notes, law.motion_note))
         stretches = undetectable_stretches(

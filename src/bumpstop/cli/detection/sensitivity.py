@@ -111,7 +111,10 @@ def stiction_of(text: str, dof: int) -> tuple[float, ...]:
 
 
 def _hidden(arm: Robot, model: str | None, stiction: str | None) -> tuple[FloatArray | None, list[str]]:
-    """(dof,) torque that friction holds of standing joints (None: nothing says how much), and notes on the model."""
+    """(dof,) torque that friction holds of standing joints, and notes on the model.
+
+    NaN of a joint that the model knows no drive of; None: nothing says how much of any.
+    """
     import numpy as np
 
     from bumpstop.cli.detection.residual_source import check_arm_of_fit
@@ -138,16 +141,25 @@ def _hidden(arm: Robot, model: str | None, stiction: str | None) -> tuple[FloatA
     known = DynamicsFit.load(model).model if is_dynamics(model) else JointTorqueModel.load(model)
     if isinstance(known, DynamicsModel):
         check_arm_of_fit(known, arm, "robot")
-    return share * hidden_torques(arm, known), [f"{fault}." for fault in fit_faults(known)]
+    hidden, told = share * hidden_torques(arm, known), [f"{fault}." for fault in fit_faults(known)]
+    unknown = [joint.name for joint, held in zip(arm.joints, hidden, strict=True) if math.isnan(held)]
+    if unknown:
+        told.append(f"{', '.join(unknown)}: what friction holds is not known: standing still it counts for nothing.")
+    return hidden, told
 
 
 def _standing(
     arm: Robot, q: list[float], limits: FloatArray, hidden: FloatArray, along: Vector, about: dict[str, Any]
 ) -> dict[str, Any]:
-    """What stays undetected while all joints stand still: thresholds at rest and what friction holds."""
+    """What stays undetected while all joints stand still: thresholds at rest and what friction holds.
+
+    A joint of which that is not known (NaN) counts for nothing, as one that is not monitored.
+    """
+    import numpy as np
+
     from bumpstop.detection import undetectable_force_along, undetectable_forces
 
-    wide = limits + hidden
+    wide = limits + np.nan_to_num(hidden, nan=math.inf)
     forces = undetectable_forces(arm, q, wide, **about)
     return {
         "dead_zone_Nm": hidden.tolist(),
@@ -250,9 +262,11 @@ def _ratio(values: list[float]) -> float:
 
 
 def _print(found: dict[str, Any], arm: Robot) -> None:
+    import numpy as np
     from rich.console import Console
     from rich.table import Table
 
+    from bumpstop.detection.standing import hidden_text
     from bumpstop.model import unit_of
 
     console = Console(highlight=False, markup=False, soft_wrap=True)
@@ -274,7 +288,7 @@ def _print(found: dict[str, Any], arm: Robot) -> None:
             "These are for joints that move. Of a standing joint friction hides more: give --model or --stiction."
         )
     else:
-        hidden = ", ".join(f"{value:.3g}" for value in standing["dead_zone_Nm"])
+        hidden = hidden_text(np.array(standing["dead_zone_Nm"]))
         console.print(
             f"standing still, where friction holds {hidden} {unit_of(*arm.joints)}: largest "
             f"{_newtons(standing['largest_force_N'])}; along the direction {_newtons(standing['force_along_N'])}"
