@@ -18,6 +18,7 @@ from bumpstop.live.monitor import Monitor, MonitorSettings
 from bumpstop.live.outputs.command import CollisionCommand
 from bumpstop.live.outputs.json_lines import JsonLines
 from bumpstop.live.outputs.mcap_recording import McapRecording
+from bumpstop.live.outputs.ros_messages import ALARM, RosMessages
 from bumpstop.live.summary import MonitorSummary
 from bumpstop.live.view import alarm_line
 from bumpstop.recording import Recording
@@ -229,6 +230,27 @@ def test_an_alarm_of_the_band_pass_channel_has_its_numbers(tmp_path: Path) -> No
         assert line["fast_Nm"] == alarm.fast.tolist()
         of_joint = line["fast_threshold_Nm"][1]
         assert of_joint is None if math.isnan(limit) else of_joint == alarm.fast_threshold[1]
+
+
+def test_a_force_that_is_not_known_is_null_and_nan(tmp_path: Path) -> None:
+    """Where the joints in front of the point say nothing, the kernels give NaN."""
+    _, heard = monitored(tmp_path)
+    nowhere = np.full(3, math.nan)
+    event = replace(heard.alarms[0].event, force_along_sd=math.inf, force=nowhere, leftover=math.nan)
+    alarm = replace(heard.alarms[0], event=event)
+    assert event.to_json()["best_force_N"] is None
+    assert "not detectable" in event.cells(["Nm"] * 6)
+    detector = loaded(tmp_path)
+    assert "no joint shows a force along" in alarm_line(alarm, detector)
+    lines = JsonLines(tmp_path / "unknown.jsonl", detector)
+    lines.alarm(alarm)
+    lines.close()
+    written = [json.loads(line) for line in (tmp_path / "unknown.jsonl").read_text().splitlines()]
+    (told,) = [line for line in written if line["kind"] == "alarm"]
+    assert (told["force_N"], told["best_force_N"]) == (None, None)
+    messages = RosMessages(NAMES)
+    read = messages._store.deserialize_cdr(messages.alarm(alarm), ALARM)
+    assert np.isnan([*read.best_force, read.force]).all()
 
 
 def test_a_payload_that_nobody_declared_is_told(tmp_path: Path) -> None:

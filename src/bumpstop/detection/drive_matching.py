@@ -81,7 +81,7 @@ class MatchedDrives:
         return [] if self.model is None else [_errors(drive) for drive in self.joints]
 
     def dead_zone(self) -> FloatArray:
-        """(dof,) torque that friction can hide at standstill [Nm or N]; zero without a model, NaN of joints it lacks."""
+        """(dof,) torque that friction can hide at standstill [Nm or N]; NaN where the model lacks a drive."""
         nothing = 0.0 if self.model is None else math.nan
         return np.array([nothing if drive is None else _native.dead_zone(drive, 0.0) for drive in self._kernels])
 

@@ -34,7 +34,7 @@ class Event:
         hidden: (n,) torque that friction may have hidden, as the joint stood still [Nm or N]; zero: it moved.
         force_along: along the direction asked for, by least squares [N].
         force_along_sd: its standard deviation; infinite: the direction loads no joint that counts [N].
-        force: (3,) shortest force at the point asked for that fits best, base frame [N].
+        force: (3,) shortest force at the point asked for that fits best, base frame; NaN: no joint counts there [N].
         leftover: what that force leaves over, in standard deviations of the noise, of the worst joint.
         link: name of the likeliest link; None: no joint is monitored.
         possible_links: all whose contact could explain the residual within three standard deviations.
@@ -147,7 +147,7 @@ class Event:
             "force_interval_N": list(self.force_interval) if told else None,
             "standing_joints": [j + 1 for j in self.standing],
             "hidden_Nm": self.hidden.tolist(),
-            "best_force_N": self.force.tolist(),
+            "best_force_N": self.force.tolist() if np.isfinite(self.force).all() else None,
             "link": self.link,
             "possible_links": list(self.possible_links),
             "payload_change_kg": self.payload_change_kg,
