@@ -1,5 +1,5 @@
 // A control loop: a detector from the file that `bumpstop detector` wrote, fed with a recording as CSV (t, then q and the
-// signal of every joint). With `paced` behind them it waits for the time of every sample, as a loop at 1 kHz does, and
+// signal of every joint, then the speed of every joint where the detector takes measured ones). With `paced` behind them it waits for the time of every sample, as a loop at 1 kHz does, and
 // tells its longest update; without, it takes one after the other.
 #include <algorithm>
 #include <chrono>
@@ -13,23 +13,30 @@
 
 #include "bumpstop/detection/detector_description.hpp"
 
-static std::vector<bumpstop::DetectorSample> read_samples(const char* path, int joints) {
+/// Samples of a recording; those of a detector that takes measured speeds end before the first row without them.
+static std::vector<bumpstop::DetectorSample> read_samples(const char* path, int joints, bool speeds, bool& complete) {
     std::vector<bumpstop::DetectorSample> samples;
     std::ifstream file(path);
     std::string line;
     std::getline(file, line);  // the header
+    complete = true;
     while (std::getline(file, line)) {
         bumpstop::DetectorSample sample;
         const char* at = line.c_str();
+        bool found = true;
         const auto number = [&] {
             char* end = nullptr;
             const double value = std::strtod(at, &end);
+            found = end != at;
             at = *end == ',' ? end + 1 : end;
             return value;
         };
         sample.t = number();
         for (int j = 0; j < joints; ++j) sample.q[j] = number();
         for (int j = 0; j < joints; ++j) sample.signal[j] = number();
+        for (int j = 0; j < joints && speeds; ++j) sample.qd[j] = number();
+        complete = found || !speeds;
+        if (!complete) break;
         samples.push_back(sample);
     }
     return samples;
@@ -51,7 +58,14 @@ int main(int count, char** arguments) {
     using Seconds = std::chrono::duration<double>;
     const bool paced = count > 3 && std::string(arguments[3]) == "paced";
     bumpstop::Detector detector = description->detector();
-    const std::vector<bumpstop::DetectorSample> samples = read_samples(arguments[2], detector.joints());
+    const bool speeds = detector.settings().samples.measured_rates;
+    bool complete = false;
+    const auto samples = read_samples(arguments[2], detector.joints(), speeds, complete);
+    if (!complete) {
+        std::fprintf(stderr, "error: row %zu has no speeds of the joints, and the detector takes measured ones\n",
+                     samples.size() + 1);
+        return 2;
+    }
     double largest = 0, longest = 0;
     const Clock::time_point begin = Clock::now();
     // From here on nothing allocates.

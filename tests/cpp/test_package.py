@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -123,6 +124,27 @@ def test_the_loop_sees_what_python_sees(built: Path, tmp_path: Path) -> None:
     # The programs are compiled for different instruction sets.
     largest = float(done.stdout.split()[-2])
     assert largest == pytest.approx(np.nanmax(np.abs(run.residual)), rel=1e-9)
+
+
+def test_the_loop_takes_measured_speeds_from_the_recording(built: Path, tmp_path: Path) -> None:
+    """They stand behind the signals. Where they are missing nothing runs: it would with joints that stand still."""
+    made = detector_of_the_source()
+    detector = Detector(made.robot, made.model, made.thresholds, replace(made.settings, measured_rates=True))
+    save_detector(detector, tmp_path / "arm.detector")
+    rng, t = np.random.default_rng(1), 0.004 * np.arange(500)
+    phase = t[:, None] * np.arange(1, 8)
+    q, qd, current = 0.3 * np.sin(phase), 0.3 * np.arange(1, 8) * np.cos(phase), 100 * rng.normal(size=(500, 7))
+    command = [built / "04_detector", tmp_path / "arm.detector", tmp_path / "log.csv"]
+    for rows, found in ((np.hstack([t[:, None], q, current, qd]), ""), (np.hstack([t[:, None], q, current]), "row 1 ")):
+        np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t", comments="", fmt="%.17g")
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if found:
+            assert (done.returncode, done.stdout) == (2, "")
+            assert f"error: {found}has no speeds of the joints, and the detector takes measured ones" in done.stderr
+            continue
+        run = detector.run_rows(t, q, current, qd=qd)
+        assert f"alarm at {run.events[0].t:.6f} s: joints" in done.stdout
+        assert float(done.stdout.split()[-2]) == pytest.approx(np.nanmax(np.abs(run.residual)), rel=1e-9)
 
 
 def test_the_loop_at_1_khz(built: Path, tmp_path: Path) -> None:
