@@ -139,6 +139,34 @@ def test_currents_shifted_against_the_motion_are_told(seconds: float) -> None:
     assert shift_of(log, robot, log.current) == (0.0, 1.0)
 
 
+def test_a_shift_that_one_joint_alone_has_is_none() -> None:
+    """A clock or a filter shifts all joints; what friction models lack looks like a shift of one."""
+    robot, log = currents_of_known_drives()
+    late = shifted(log, 0.06)
+    assert late.current is not None
+    assert log.current is not None
+    for j in range(robot.dof):
+        current = log.current.copy()
+        current[:, j] = late.current[:, j]
+        assert shift_of(log, robot, current) == (0.0, 1.0)
+    assert shift_of(log, robot, late.current)[0] == pytest.approx(0.06, abs=0.01)
+
+
+@pytest.mark.parametrize("seconds", [8.0, 12.0, 15.0])
+def test_a_short_real_recording_has_no_shift_that_the_whole_has_not(seconds: float) -> None:
+    """The friction of the outer joints looks like 45 ms, and the inner ones have too many columns to contradict."""
+    if not there("panda"):
+        pytest.skip("the recording is not there")
+    robot, log = bs.Robot.load("panda"), Recording.load(SHARED / FILES["panda"])
+    part = log.between(float(log.t[0]), float(log.t[0]) + seconds)
+    assert part.tau is not None
+    assert shift_of(part, robot, part.tau)[0] == 0
+    late = shifted(part, 0.08)
+    assert late.tau is not None
+    # Of eight seconds nothing can be told.
+    assert (shift_of(late, robot, late.tau)[0] > 0) == (seconds > 10)
+
+
 def test_a_shift_is_told_when_validating_too() -> None:
     robot, log = currents_of_known_drives()
     fit = joint_model_fit()

@@ -25,6 +25,10 @@ _STEPS = 60  # shifts to either side
 _MIN_S, _MIN_STEPS, _WORTH, _MUCH = 0.02, 1.2, 0.93, 0.75
 _EXPLAINED = 0.7  # share of the variance
 _MIN_ROWS = 200
+# A joint tells of shifts where the filtered recording holds so many independent values for each column of its fit: with
+# fewer the columns explain a shift as well as what is none. So many of the moving joints must.
+_VALUES, _MOST = 3.0, 0.5
+_LEAST = 1e-9  # share that counts as nothing left
 _NONE = (0.0, 1.0)
 _MOVES = 0.01  # [rad or m]
 
@@ -74,7 +78,8 @@ def shift_of(
 
     Each joint's effort, shifted, is fitted by the columns of the joint's own torque, inertia, gravity and friction with
     parameters of its own. The shift at which the least is left of all moving joints is the recording's; 0 and 1 where
-    it is not worth a word.
+    it is not worth a word, where the recording is too short to tell, and where one joint alone has it: a clock or a
+    filter shifts all, and friction that no column has looks like a shift.
     """
     part = _busiest_part(recording)
     t, effort = recording.t[part], effort[part]
@@ -94,7 +99,9 @@ def shift_of(
         return _NONE
     inertial = inertial_regressor(robot, q[rows], qd[rows], qdd[rows], gravity)
     shifts = np.linspace(-_MAX_S, _MAX_S, 2 * _STEPS + 1)
-    left, joints = np.zeros(shifts.size), 0
+    values = 2 * cutoff * rows.size * every / grid.rate_hz  # independent ones of each signal
+    told: list[FloatArray] = []
+    moving = 0
     for j in range(robot.dof):
         if np.ptp(q[rows, j]) < _MOVES or np.ptp(x[rows, j]) == 0:
             continue
@@ -103,18 +110,28 @@ def shift_of(
         own = np.column_stack([np.tanh(speed / scale), speed, qdd[rows, j], np.ones(rows.size)])
         # The sign passes the filter that the current has passed.
         own[:, 0] = lowpass(np.tanh(qd[:, j] / scale), grid.rate_hz, cutoff)[rows]
+        moving += 1
         basis = _basis(np.column_stack([inertial[:, j], own]))
+        if values < _VALUES * basis.shape[1]:
+            continue
         shifted = np.stack([np.interp(grid.t[rows] + shift, grid.t, x[:, j]) for shift in shifts], axis=1)
         whole = ((shifted - shifted.mean(axis=0)) ** 2).sum(axis=0)
         rest = (shifted**2).sum(axis=0) - ((basis.T @ shifted) ** 2).sum(axis=0)
-        left += rest / np.maximum(whole, 1e-300)
-        joints += 1
+        told.append(np.maximum(rest / np.maximum(whole, 1e-300), _LEAST))
+    if not told or len(told) < _MOST * moving:
+        return _NONE
+    # Each joint counts by its own noise: the likelihood of normal errors of unknown size.
+    left: FloatArray = np.exp(np.mean(np.log(told), axis=0))
     # What is hardly explained at any shift says nothing of one.
-    if joints == 0 or left.min() > _EXPLAINED * joints:
+    if np.mean(told, axis=0).min() > _EXPLAINED:
         return _NONE
     best, middle = int(np.argmin(left)), _STEPS
     shift = float(shifts[best])
     if abs(shift) < max(_MIN_S, _MIN_STEPS * recording.dt) or left[best] > _WORTH * left[middle]:
+        return _NONE
+    # Without the joint that speaks for it most it is to be worth a word, too.
+    each = np.log([one[best] / one[middle] for one in told])
+    if len(told) > 1 and (each.sum() - each.min()) / (len(told) - 1) > np.log(_WORTH):
         return _NONE
     return shift, float(left[best] / left[middle])
 
