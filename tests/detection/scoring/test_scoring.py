@@ -67,6 +67,17 @@ def test_tolerance(event: float, detected: bool) -> None:
     assert scored([event], tolerance=Tolerance(0.2, 0.5))["detected"] == 1
 
 
+def test_a_delay_of_rounding_is_none() -> None:
+    """A row's time and a label's that are the same figure may differ in the last digits."""
+    start = 0.1 + 0.2  # 0.30000000000000004
+    found = score([start], (Label(0.3, 1.0),), (0, 10))
+    assert start != 0.3
+    assert found.delay_s.tolist() == [0.0]
+    assert "delay, ms: mean 0," in str(found)
+    # An event before its label keeps its sign.
+    assert score([0.29], (Label(0.3, 1.0),), (0, 10)).delay_s.tolist() == [-0.01]
+
+
 def test_event_between_two_labels_belongs_to_the_nearer() -> None:
     close = (Label(10, 11), Label(11.1, 12))
     wide = Tolerance(0.5, 0.5)

@@ -17,6 +17,8 @@ from bumpstop.detection.thresholds import Thresholds
 from bumpstop.detection.tuning.residual_file import ResidualSeries
 from bumpstop.errors import InputError
 
+_DIGITS = 9  # of a delay that count: nanoseconds
+
 
 @dataclass(frozen=True)
 class Tolerance:
@@ -123,7 +125,8 @@ def score(
         if math.isfinite(delay[number]):
             repeated += 1
         else:
-            delay[number] = time - ordered[number].start_s
+            # Of two times that are the same in the file nothing is left but the last digits.
+            delay[number] = round(time - ordered[number].start_s, _DIGITS) + 0.0
     covered = [any(a <= label.start_s and label.end_s <= b for a, b in dark) for label in ordered]
     excluded = [(label.start_s - edges.early_s, label.end_s + edges.late_s) for label in ordered] + dark
     excluded += _merged(arming, begin, end)
