@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import shutil
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +20,24 @@ from live.test_cpp_rtde import FLAGS, made_detector
 FOLDER = ROOT / "examples" / "ros2_control"
 
 
+@pytest.fixture(autouse=True)
+def update_rate(monkeypatch: pytest.MonkeyPatch) -> None:
+    """That of the detectors."""
+    monkeypatch.setenv("UPDATE_RATE", "500")
+
+
 @pytest.fixture(scope="module")
 def replay(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("ros2_control") / "replay"
-    folders = [f"-I{path}" for path in (FOLDER / "include", FOLDER / "interface", ROOT / "include")]
+    # What is stated knows no update rate, which ros2_control has: here the environment gives it.
+    stated, header = made.with_name("interface"), "controller_interface/controller_interface.hpp"
+    shutil.copytree(FOLDER / "interface", stated)
+    text, state = (stated / header).read_text(), "    std::shared_ptr<Node> get_node() const"
+    assert text.count(state) == 1
+    rate = 'unsigned get_update_rate() const { return unsigned(std::atoi(std::getenv("UPDATE_RATE"))); }'
+    text = text.replace(state, f"    {rate}\n{state}").replace("#include <any>", "#include <any>\n#include <cstdlib>")
+    (stated / header).write_text(text)
+    folders = [f"-I{path}" for path in (FOLDER / "include", stated, ROOT / "include")]
     flags = [*WARNINGS, "-O0", "-ffp-contract=off", "-pthread", *FLAGS.get(_native.target, [])]
     # In one piece: most of the work is in the headers.
     whole = made.with_suffix(".cpp")
@@ -101,6 +117,46 @@ def test_refusals(replay: Path, tmp_path: Path) -> None:
     done = subprocess.run([replay, tmp_path / "none", log], capture_output=True, text=True)
     assert done.returncode == 2
     assert "none': the file cannot be read" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("names", "rate", "said"),
+    [
+        (lambda names: names, 500, ""),
+        (lambda names: names, 0, ""),  # not told, as of the manager's own in Humble
+        (lambda names: [f"left_{name}" for name in names], 502, ""),
+        (lambda names: names, 250, "update_rate: is 250 Hz, the detector '{}' is for 500 Hz"),
+        (
+            lambda names: [names[1], names[0], *names[2:]],
+            500,
+            "joints: number 1 is 'joint_l', the detector's is 'joint_s': give them in its order",
+        ),
+        (
+            lambda names: [*names[:6], "joint_t2"],
+            500,
+            "joints: number 7 is 'joint_t2', the detector's is 'joint_t': give them in its order",
+        ),
+    ],
+)
+def test_joints_in_another_order_and_another_rate_are_refused(
+    replay: Path,
+    names: Callable[[list[str]], list[str]],
+    rate: int,
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("UPDATE_RATE", str(rate))
+    file, log = made_detector(tmp_path), tmp_path / "log.csv"
+    given = names(list(LoadedDetector.load(file).joints))
+    rows = [f"{2_000_000 * k}" + f",{0.1 + 1e-4 * k}" * 14 for k in range(300)]
+    header = ",".join(f"{name}/{what}" for what in ("position", "effort") for name in given)
+    log.write_text("\n".join([f"time,{header}", *rows]) + "\n")
+    done = subprocess.run([replay, file, log], capture_output=True, text=True)
+    if said:
+        assert (done.returncode, done.stderr) == (2, said.format(file) + "\n")
+    else:
+        assert done.returncode == 0, done.stderr
 
 
 def test_the_interface_says_what_it_is_not() -> None:

@@ -1,6 +1,7 @@
 #include "bumpstop_ros2_control/collision_controller.hpp"
 
 #include <chrono>
+#include <cmath>
 #include <fstream>
 #include <limits>
 
@@ -25,6 +26,20 @@ static const char* name_of(bumpstop::DetectorState state) {
             return "alarm";
     }
     return "no_data";
+}
+
+/// Of this controller [Hz]; 0: not known. The stated interface has none, and Humble says 0 for that of the manager.
+template <class Controller>
+static double update_rate_of(const Controller& controller) {
+    if constexpr (requires { controller.get_update_rate(); })
+        return double(controller.get_update_rate());
+    else
+        return 0;
+}
+
+/// Whether a joint of the robot is the detector's: by the same name, or with a prefix before it.
+static bool same_joint(const std::string& name, const std::string& own) {
+    return name.size() >= own.size() && name.compare(name.size() - own.size(), own.size(), own) == 0;
 }
 
 CallbackReturn CollisionController::on_init() {
@@ -65,6 +80,19 @@ CallbackReturn CollisionController::on_configure(const rclcpp_lifecycle::State&)
     if (int(joints_.size()) != detector_->joints()) {
         RCLCPP_ERROR(node->get_logger(), "joints: %d names, the detector's %s has %d joints", int(joints_.size()),
                      description->robot.name.c_str(), detector_->joints());
+        return CallbackReturn::ERROR;
+    }
+    for (std::size_t j = 0; j < joints_.size(); ++j) {
+        const std::string& own = description->robot.joints[j].name;
+        if (same_joint(joints_[j], own)) continue;
+        RCLCPP_ERROR(node->get_logger(), "joints: number %d is '%s', the detector's is '%s': give them in its order",
+                     int(j + 1), joints_[j].c_str(), own.c_str());
+        return CallbackReturn::ERROR;
+    }
+    const double rate = update_rate_of(*this), period = detector_->settings().samples.period;
+    if (rate > 0 && std::fabs(rate * period - 1) > 0.01) {
+        RCLCPP_ERROR(node->get_logger(), "update_rate: is %g Hz, the detector '%s' is for %g Hz", rate, path.c_str(),
+                     1 / period);
         return CallbackReturn::ERROR;
     }
     if (detector_->settings().samples.measured_rates) {
