@@ -94,6 +94,8 @@ def test_from_a_text_file_to_a_validated_model(tmp_path: Path) -> None:
     assert all(set(joint) >= {"name", "r2", "r2_raw", "mean", "sd", "rmse", "unit"} for joint in compared)
     assert all(joint["unit"] == "A" and joint["torque"]["unit"] == "Nm" for joint in compared)
     assert min(joint["r2"] for joint in compared) > 0.97
+    told = [note for note in strict_json(result.out)["notes"] if "the model was fitted to this recording" in note]
+    assert [note.split(":")[0] for note in told] == [str(first)]
 
 
 def test_words_for_people(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -47,6 +47,16 @@ def test_several_recordings_make_one_fit(tmp_path: Path) -> None:
     silent = strict_json(run(*both).out)["joints"]
     assert declared[1]["rmse"] < 0.5 * silent[1]["rmse"]
     assert np.isclose(declared[1]["rmse"], again[1]["rmse"], rtol=0.25)
+    # The second of both is one of the fit's.
+    (note,) = strict_json(run(*both).out)["notes"]
+    assert note.startswith(f"{files[1]}: the model was fitted to this recording, or to a part of it; ")
+    assert strict_json(run("validate", model, files[2], "--json").out)["notes"] == []
+    assert f"note: {note}" in run(*both[:-1]).out
+    tune = ("tune", "--model", model, "--from", 1, "--json")
+    for file, told in ((files[0], True), (files[2], False)):
+        done = run(*tune, file)
+        notes = strict_json(done.out)["notes"] if done.status == 0 else [done.err]
+        assert any("the model was fitted to this recording" in one for one in notes) is told, done.err
 
 
 def test_what_several_recordings_cannot_be(tmp_path: Path) -> None:

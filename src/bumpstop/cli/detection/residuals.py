@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bumpstop.cli.detection.residual_source import DETECTOR_OPTIONS, ResidualSource
-from bumpstop.cli.identification.arm_recordings import span_of
+from bumpstop.cli.identification.arm_recordings import fit_notes, span_of
 from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
 from bumpstop.text_files import list_items, shown
@@ -51,7 +51,8 @@ def load_series(
     series = ResidualSeries(record.t, record.rows, shown(path))
     if motion:
         series = with_motion(series, log, arm, model, residual_source.settings)
-    return series, [*reading_notes(log, path), *_unexplained(log, path, residual_source, record.rows), *notes]
+    known = fit_notes(residual_source.model, [log])
+    return series, [*reading_notes(log, path), *known, *_unexplained(log, path, residual_source, record.rows), *notes]
 
 
 def _unexplained(log: Recording, path: Path, residual_source: ResidualSource, residual: FloatArray) -> list[str]:

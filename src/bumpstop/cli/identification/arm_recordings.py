@@ -93,6 +93,26 @@ def model_files(model: str | Path | None) -> list[Path]:
     return found
 
 
+def fit_notes(model: str | Path | None, recordings: Sequence[Recording]) -> list[str]:
+    """Sentences on recordings that the file of a model names as those of its fit: their rows may be the fit's own.
+
+    Which rows of them these were the file does not say.
+    """
+    from bumpstop.text_files import parse_toml, read_text
+
+    named: object = None
+    with suppress(InputError, OSError):  # the name of a built-in one
+        named = parse_toml(read_text(model, ""), "").get("created_from") if model and Path(model).is_file() else None
+    names = named.split(", ") if isinstance(named, str) else named if isinstance(named, list) else []
+    fitted = {Path(name).resolve() for name in names if isinstance(name, str) and name}
+    return [
+        f"{log.source}: the model was fitted to this recording, or to a part of it; rows that the fit had say nothing "
+        "of other motion (--from and --until leave them out)."
+        for log in recordings
+        if log.source and Path(log.source).resolve() in fitted
+    ]
+
+
 def load_parts(
     paths: Sequence[Path],
     columns: Path | None,

@@ -14,6 +14,7 @@ from bumpstop.cli.identification.arm_recordings import (
     arm_of,
     built_in_or_path,
     carried_of,
+    fit_notes,
     gravity_of,
     load_parts,
     model_files,
@@ -278,7 +279,10 @@ def validate(
         arm = arm_of(robot or drives.robot, base, tip)
         logs = load_parts(recordings, columns, arm, begin, until, topic, max_bad, payload)
         arms = payloads_of(payload, arm, len(logs))
-        return validate_joint(drives, logs, arms, filter_hz=filter_hz, gravity=falls, out=out, as_json=as_json)
+        notes = fit_notes(model, logs)
+        return validate_joint(
+            drives, logs, arms, filter_hz=filter_hz, gravity=falls, notes=notes, out=out, as_json=as_json
+        )
     from bumpstop.cli.identification.identify_dynamics import validate_dynamics
 
     if contact_joint is not None and out is None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from bumpstop.arrays import finite_or_none
-from bumpstop.cli.identification.arm_recordings import carried_of, known_of
+from bumpstop.cli.identification.arm_recordings import carried_of, fit_notes, known_of
 from bumpstop.cli.identification.consistent_inertia import inertias_json, print_inertias
 from bumpstop.cli.identification.fit_options import FIT_FILES
 from bumpstop.cli.identification.fit_verdict import exit_status, print_reading, print_verdict
@@ -128,6 +128,7 @@ def validate_dynamics(
         scores = fit.model.compare_rows(rows, filter_hz=filter_hz).scores()
         verdict = judge_predictions(fit, rows, scores, filter_hz or fit.model.cutoff_hz, logs)
     where = f"on {logs[0].source}" if len(logs) == 1 else f"on {len(logs)} recordings"
+    notes = fit_notes(model, logs)
     contact = ""
     if out is not None:
         contact = dynamics_report(
@@ -143,7 +144,8 @@ def validate_dynamics(
     if as_json:
         joints = [_score_json(score) for score in scores]
         left = {"rows_left": rows.rows_left, "rows_beside_gaps": rows.rows_beside_gaps}
-        typer.echo(json.dumps({"verdict": verdict.to_json(), "joints": joints} | left, allow_nan=False, indent=2))
+        found = {"verdict": verdict.to_json(), "joints": joints} | left | {"notes": notes}
+        typer.echo(json.dumps(found, allow_nan=False, indent=2))
         return exit_status(verdict)
     print_verdict(verdict)
     _print_scores(scores, filter_hz or fit.model.cutoff_hz, where)
@@ -152,6 +154,8 @@ def validate_dynamics(
     if contact:
         typer.echo(contact)
     print_reading(logs)
+    for note in notes:
+        typer.echo(f"note: {note}")
     if out is not None:
         typer.echo(f"report: {out / 'report.html'}")
     return exit_status(verdict)

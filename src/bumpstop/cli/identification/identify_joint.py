@@ -93,14 +93,19 @@ def validate_joint(
     *,
     filter_hz: float | None,
     gravity: tuple[float, float, float] | None,
+    notes: Sequence[str],
     out: Path | None,
     as_json: bool,
 ) -> int:
-    """Print how well a joint model predicts currents, and torques from them; write a page on the torques."""
+    """Print how well a joint model predicts currents, and torques from them; write a page on the torques.
+
+    ``notes`` are told with those of the comparison.
+    """
     from bumpstop.identification import compare_currents, judge_currents
 
     with progress("comparing"):
         found = compare_currents(model, logs, arms, filter_hz=filter_hz, gravity=gravity)
+        found = replace(found, notes=(*found.notes, *notes))
         currents, torques = found.current_scores(), found.torque_scores()
         verdict = judge_currents(found, logs, arms[0])
     if out is not None:
