@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -20,24 +19,10 @@ from live.test_cpp_rtde import FLAGS, made_detector
 FOLDER = ROOT / "examples" / "ros2_control"
 
 
-@pytest.fixture(autouse=True)
-def update_rate(monkeypatch: pytest.MonkeyPatch) -> None:
-    """That of the detectors."""
-    monkeypatch.setenv("UPDATE_RATE", "500")
-
-
 @pytest.fixture(scope="module")
 def replay(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("ros2_control") / "replay"
-    # What is stated knows no update rate, which ros2_control has: here the environment gives it.
-    stated, header = made.with_name("interface"), "controller_interface/controller_interface.hpp"
-    shutil.copytree(FOLDER / "interface", stated)
-    text, state = (stated / header).read_text(), "    std::shared_ptr<Node> get_node() const"
-    assert text.count(state) == 1
-    rate = 'unsigned get_update_rate() const { return unsigned(std::atoi(std::getenv("UPDATE_RATE"))); }'
-    text = text.replace(state, f"    {rate}\n{state}").replace("#include <any>", "#include <any>\n#include <cstdlib>")
-    (stated / header).write_text(text)
-    folders = [f"-I{path}" for path in (FOLDER / "include", stated, ROOT / "include")]
+    folders = [f"-I{path}" for path in (FOLDER / "include", FOLDER / "interface", ROOT / "include")]
     flags = [*WARNINGS, "-O0", "-ffp-contract=off", "-pthread", *FLAGS.get(_native.target, [])]
     # In one piece: most of the work is in the headers.
     whole = made.with_suffix(".cpp")
@@ -139,20 +124,14 @@ def test_refusals(replay: Path, tmp_path: Path) -> None:
     ],
 )
 def test_joints_in_another_order_and_another_rate_are_refused(
-    replay: Path,
-    names: Callable[[list[str]], list[str]],
-    rate: int,
-    said: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    replay: Path, names: Callable[[list[str]], list[str]], rate: int, said: str, tmp_path: Path
 ) -> None:
-    monkeypatch.setenv("UPDATE_RATE", str(rate))
     file, log = made_detector(tmp_path), tmp_path / "log.csv"
     given = names(list(LoadedDetector.load(file).joints))
     rows = [f"{2_000_000 * k}" + f",{0.1 + 1e-4 * k}" * 14 for k in range(300)]
     header = ",".join(f"{name}/{what}" for what in ("position", "effort") for name in given)
     log.write_text("\n".join([f"time,{header}", *rows]) + "\n")
-    done = subprocess.run([replay, file, log], capture_output=True, text=True)
+    done = subprocess.run([replay, file, log, str(rate)], capture_output=True, text=True)
     if said:
         assert (done.returncode, done.stderr) == (2, said.format(file) + "\n")
     else:

@@ -28,15 +28,6 @@ static const char* name_of(bumpstop::DetectorState state) {
     return "no_data";
 }
 
-/// Of this controller [Hz]; 0: not known. The stated interface has none, and Humble says 0 for that of the manager.
-template <class Controller>
-static double update_rate_of(const Controller& controller) {
-    if constexpr (requires { controller.get_update_rate(); })
-        return double(controller.get_update_rate());
-    else
-        return 0;
-}
-
 /// Whether a joint of the robot is the detector's: by the same name, or with a prefix before it.
 static bool same_joint(const std::string& name, const std::string& own) {
     return name.size() >= own.size() && name.compare(name.size() - own.size(), own.size(), own) == 0;
@@ -89,7 +80,8 @@ CallbackReturn CollisionController::on_configure(const rclcpp_lifecycle::State&)
                      int(j + 1), joints_[j].c_str(), own.c_str());
         return CallbackReturn::ERROR;
     }
-    const double rate = update_rate_of(*this), period = detector_->settings().samples.period;
+    // 0 in Humble, which does not tell a controller the rate of its manager.
+    const double rate = get_update_rate(), period = detector_->settings().samples.period;
     if (rate > 0 && std::fabs(rate * period - 1) > 0.01) {
         RCLCPP_ERROR(node->get_logger(), "update_rate: is %g Hz, the detector '%s' is for %g Hz", rate, path.c_str(),
                      1 / period);

@@ -1,6 +1,6 @@
 // Runs the controller over a recording (CSV: a header; then time in whole nanoseconds, positions and efforts), as a
 // controller manager would, and prints what it published: the residual of every tick, and a line for every event. Counts
-// what the loop allocates.
+// what the loop allocates. A third argument is the manager's update rate [Hz]; without it that is not told.
 #include <atomic>
 #include <cstdio>
 #include <cstdlib>
@@ -62,6 +62,7 @@ int main(int count, char** arguments) {
     }
     bumpstop_ros2_control::CollisionController controller;
     controller.get_node()->parameters = {{"detector", std::string(arguments[1])}, {"joints", joints}};
+    if (count > 3) controller.update_rate = unsigned(std::atoi(arguments[3]));
     const rclcpp_lifecycle::State state;
     if (controller.on_init() != CallbackReturn::SUCCESS || controller.on_configure(state) != CallbackReturn::SUCCESS)
         return 2;

@@ -57,6 +57,8 @@ class ControllerInterface {
     virtual return_type update(const rclcpp::Time& time, const rclcpp::Duration& period) = 0;
 
     std::shared_ptr<Node> get_node() const { return node_; }
+    unsigned int get_update_rate() const { return update_rate; }
+    unsigned int update_rate = 0;  ///< [Hz]; a test sets it
     void assign_interfaces(std::vector<hardware_interface::LoanedStateInterface> states) {
         state_interfaces_ = std::move(states);
     }
