@@ -8,9 +8,15 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
 
 from bumpstop.collision import CollisionProblem, Scenario, evaluate, load_scenario
-from bumpstop.study import run
+from bumpstop.report.document import Document
+from bumpstop.report.picture import FAINT, LAW
+from bumpstop.report.studies.workspace import SlicesPart
+from bumpstop.report.studies.workspace import pages_of as workspace_pages_of
+from bumpstop.study import WorkspaceStudy, run
 from bumpstop.study.parameters.effectiveness import EffectivenessStudy
 from bumpstop.study.range import Range
 from bumpstop.study.requirement.design_guide import min_cost
@@ -50,6 +56,34 @@ def test_a_body_part_has_no_safe_speed() -> None:
     assert collision["acceptable"].to_list() == [None]
     assert safe["safe_speed_mm_s"].to_list() == [None]
     assert "nothing is hit" in safe["reason"][0]
+
+
+def test_a_page_tells_motions_that_hit_nothing_from_safe_ones() -> None:
+    far = {"contact.offset_law": "fixed", "contact.offset_mm": 600.0}
+    study = WorkspaceStudy(load_scenario(HAND.parent / "05_ur10e.toml", far), poses=20)
+    found = run(study)
+    assert found.summary["never_touch"] == 16
+    slices = SlicesPart(study, found.rows)
+    (picture,) = slices.pictures()
+    assert "grey plus signs: in most cases nothing is hit" in picture.caption
+    figure = Figure()
+    picture.draw(figure)
+    marks = {LAW: 0, FAINT: 0}
+    for panel in figure.axes:
+        for drawn in panel.collections:
+            for color in marks:
+                if len(drawn.get_facecolor()) and np.allclose(drawn.get_facecolor()[0], to_rgba(color)):
+                    marks[color] += len(drawn.get_offsets())
+    assert marks[FAINT] == 16
+    assert marks[LAW] <= 4
+
+
+def test_a_page_says_when_undetected_collisions_are_over_every_limit() -> None:
+    found = run(WorkspaceStudy(load_scenario(HAND), poses=3))
+    title, parts, notes = workspace_pages_of(found.study, found.rows, found.summary)
+    assert "Collisions never detected count as over every limit, unless the arm comes to rest before that." in notes
+    page = Document(title, "", "study", parts).html()
+    assert "undetected collisions among it unless the arm comes to rest before that." in page
 
 
 def test_a_design_is_not_enough() -> None:

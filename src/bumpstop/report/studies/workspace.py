@@ -12,7 +12,7 @@ from bumpstop.collision.probability_text import percent
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import EVENT, FAINT, INK, LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
-from bumpstop.study.workspace.workspace_summary import MAP_CELLS, mode_text, worst_risk
+from bumpstop.study.workspace.workspace_summary import MAP_CELLS, mode_text, mostly_hit, worst_risk
 from bumpstop.terminal import NONE, correlation, number
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def pages_of(
         f"Poses in which links of radius {study.link_radius_mm:g} mm touch are left out."
         if study.link_radius_mm
         else "Self-collision is not looked for.",
-        "Collisions never detected count as over every limit.",
+        "Collisions never detected count as over every limit, unless the arm comes to rest before that.",
     ]
     return "How hard it hits, everywhere", parts, notes
 
@@ -154,7 +154,7 @@ class ForcePart(Part):
                 f"Most common peak force of all collisions: {collisions}; of the poses' medians: {medians}. Cases in "
                 "which nothing is hit are left out "
                 f"({percent(self._summary['nothing_hit']['mean'], integrated=True)} of all). The last bin holds "
-                "everything beyond, undetected collisions among it."
+                "everything beyond, undetected collisions among it unless the arm comes to rest before that."
             ),
         ]
         scenario = self._study.scenario
@@ -223,6 +223,7 @@ class SlicesPart(Part):
         self._study = study
         self._tip = known.select("tip_x_m", "tip_y_m", "tip_z_m").to_numpy()
         self._worst = worst_risk(known)
+        self._hits = mostly_hit(known)
 
     def applies(self) -> bool:
         """There are limits."""
@@ -245,21 +246,22 @@ class SlicesPart(Part):
                 "slices",
                 "Tip positions in slices of height, marked by the probability of exceeding a limit.",
                 "Blue dots: within the accepted risk; green circles: more; orange crosses: over a limit in more than "
-                "half of all collisions.",
+                "half of all collisions; grey plus signs: in most cases nothing is hit, no word about safety.",
                 self._draw,
                 height=5.4,
             )
         ]
 
     def _draw(self, figure: Figure) -> None:
-        tip, worst = self._tip[:_MAX_DOTS], self._worst[:_MAX_DOTS]
+        tip, worst, hits = self._tip[:_MAX_DOTS], self._worst[:_MAX_DOTS], self._hits[:_MAX_DOTS]
         edges = np.quantile(tip[:, 2], np.linspace(0, 1, _SLICES + 1))
         reach = 1.05 * float(np.abs(tip[:, :2]).max())
         risk = self._study.scenario.verdict.accepted_probability
         panels = figure.subplots(2, 2, sharex=True, sharey=True)
         figure.subplots_adjust(left=0.15, right=0.98, bottom=0.09, top=0.95, hspace=0.2, wspace=0.08)
         looks: tuple[tuple[Any, dict[str, Any]], ...] = (
-            (worst <= risk, {"marker": ".", "s": 6, "color": LAW, "linewidths": 0}),
+            ((worst <= risk) & ~hits, {"marker": "+", "s": 12, "color": FAINT, "linewidths": 0.7}),
+            ((worst <= risk) & hits, {"marker": ".", "s": 6, "color": LAW, "linewidths": 0}),
             ((worst > risk) & (worst <= 0.5), {"marker": "o", "s": 9, "facecolors": "none", "edgecolors": EVENT,
                                                "linewidths": 0.7}),
             (worst > 0.5, {"marker": "x", "s": 11, "color": LIMIT, "linewidths": 0.9}),

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from bumpstop.collision.verdict.verdict_notes import MAX_UNTOUCHED
 from bumpstop.study.workspace.predictors import predictors, rank_correlation
@@ -62,7 +63,7 @@ def summarise(
     # Neither no contact nor weak: no_contact counts bodies that the arm reaches while it brakes, with their force.
     touch = tails[:, 0]
     mixture[:, 0] = np.maximum(0.0, touch - tails[:, 1])
-    hits = touch >= 1 - MAX_UNTOUCHED
+    hits = mostly_hit(known)
     touching = known.filter(touch > _NEVER)
     unsafe = worst_risk(known) > accepted_probability
     if predicted and limits:
@@ -139,6 +140,11 @@ def summary_lines(summary: Mapping[str, Any]) -> list[str]:
 def worst_risk(rows: pl.DataFrame) -> FloatArray:
     """The larger of the probabilities of passing the force and the pressure limit (N,); NaN without limits."""
     return np.asarray(np.fmax(rows["p_over_force"].to_numpy(), rows["p_over_pressure"].to_numpy()))
+
+
+def mostly_hit(rows: pl.DataFrame) -> npt.NDArray[np.bool_]:
+    """Whether most cases hit something (N,): else a low risk says nothing about safety."""
+    return np.asarray(rows["p_over_edges"].list.first().to_numpy() >= 1 - MAX_UNTOUCHED)
 
 
 def _share(p: FloatArray) -> dict[str, float] | None:
