@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from bumpstop.collision import CollisionProblem, Scenario, evaluate, load_scenario
 from bumpstop.report.document import Document
 from bumpstop.report.picture import FAINT, LAW
+from bumpstop.report.studies.effectiveness import pages_of
 from bumpstop.report.studies.workspace import SlicesPart
 from bumpstop.report.studies.workspace import pages_of as workspace_pages_of
 from bumpstop.study import WorkspaceStudy, run
@@ -56,6 +57,40 @@ def test_a_body_part_has_no_safe_speed() -> None:
     assert collision["acceptable"].to_list() == [None]
     assert safe["safe_speed_mm_s"].to_list() == [None]
     assert "nothing is hit" in safe["reason"][0]
+
+
+def test_a_safe_speed_may_end_where_nothing_is_hit(tmp_path: Path) -> None:
+    """The page had no word for it."""
+    scenario = load_scenario(HAND, {"pose_deg": [0, 30, 0, 114.6, 0, -40, 0]})
+    found = run(EffectivenessStudy.of(scenario, ["hand_finger"], ["down"], areas_cm2=[2.0]))
+    assert {each["binding"] for each in found.summary["safe_speeds"]} == {"untouched"}
+    assert "cm²: 17.7, faster nothing is hit in most cases" in str(found)
+    title, parts, _ = pages_of(found.study, found.rows, found.summary)
+    page = Document(title, "", "study", parts).html()
+    assert "17.7 (n)" in page
+    assert "n that faster motions hit nothing in most cases" in page
+
+
+def test_a_safe_speed_has_no_untouched_ones_below() -> None:
+    """Of a body at a fixed distance that a slow arm does not reach in time, a requirement asks nothing."""
+    scenario = Scenario.from_dict(
+        {
+            "robot": "ur10e",
+            "pose_deg": [92.7, 5.1, -114.4, 103.9, 49.1, -25.5],
+            "motion": {"velocity_mm_s": [3.2, 19.7, 1.7], "duration_s": 0.5, "task": "position"},
+            "contact": {"body": "hand_finger", "offset_law": "fixed", "offset_mm": 20, "padding_N_m": 5000.0},
+            "detector": {
+                "thresholds_Nm": [20, 3, 20, 3, 40, 3],
+                "noise_sd_Nm": [0.4, 0.06, 0.4, 0.3, 0.8, 0.3],
+                "feedback_period_s": 0.016,
+            },
+            "reaction": {"kind": "reverse", "joint_acceleration_rad_s2": 20, "dead_time_s": 0.01},
+        }
+    )
+    study = EffectivenessStudy.of(scenario, ["hand_finger"], ["right"], areas_cm2=[1.0], highest_speed_mm_s=300)
+    for each in run(study).summary["safe_speeds"]:
+        assert each["safe_speed_mm_s"] is None
+        assert each["reason"].startswith("In 100 % of cases nothing is hit")
 
 
 def test_a_page_tells_motions_that_hit_nothing_from_safe_ones() -> None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _MARKERS = ("o", "s", "^", "D", "v", "P")
 _BOUND_BY = {
     "force": " (f)", "pressure": " (p)", "false_alarm": " (a)", "undetected": " (u)", "singularity": " (s)",
-    "none": " or more",
+    "untouched": " (n)", "none": " or more",
 }  # fmt: skip
 _COLORS = (LAW, LIMIT, EVENT, INK)
 
@@ -65,7 +65,7 @@ class SafeSpeedsPart(Part):
             paragraph(
                 f"The highest speed, in mm/s, at which each limit is passed with a probability of at most "
                 f"{percent(self._risk)}. In brackets what stands against more: f force, p pressure, a false alarms, "
-                "u undetected collisions, s a singularity on the way."
+                "u undetected collisions, s a singularity on the way, n that faster motions hit nothing in most cases."
             ),
             *(paragraph(f"{label}: {reason}") for label, reason in unjudged.items()),
             table(headings, rows, caption="Highest safe speed [mm/s]", numbers=True),

@@ -153,7 +153,8 @@ class EffectivenessStudy(Study):
             found = each["reason"]
             if speed is not None:
                 binding = each["binding"].replace("_", " ")
-                found = f"{speed:g} or more" if binding == "none" else f"{speed:g}, bound by {binding}"
+                ends = {"none": " or more", "untouched": ", faster nothing is hit in most cases"}
+                found = f"{speed:g}{ends.get(binding, f', bound by {binding}')}"
             lines.append(f"  {each['table']} {each['body']} {each['direction']} {each['area_cm2']:g} cm²: {found}")
         return lines
 

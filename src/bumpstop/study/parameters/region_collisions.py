@@ -141,7 +141,8 @@ class RegionCollisions:
         """The highest speed below which every speed looked at is acceptable, in tenths of mm/s; None: not even 1 mm/s.
 
         A scan finds the first speed that is not acceptable, and bisection the edge below it. Where the risk is a
-        sampling ripple in the speed, a requirement looks at all crests, and the scan only at false alarms.
+        sampling ripple in the speed, a requirement looks at all crests, and the scan only at false alarms and at
+        whether anything is hit.
         """
         found: dict[str, Any] = {"kind": "safe_speed", "area_cm2": area, "reason": ""}
         top = self._highest_speed_mm_s
@@ -207,9 +208,11 @@ class RegionCollisions:
         return self._requirements[key]
 
     def _alarms_judged(self, speed: float, area: float) -> tuple[bool, str]:
-        """As :meth:`judged`, by false alarms alone."""
+        """As :meth:`judged`, by false alarms and by whether anything is hit: a requirement answers for the risk."""
         result = self.result(speed, area)
-        return result.false_alarm_probability <= self._scenario.verdict.max_false_alarm, "false_alarm"
+        if result.false_alarm_probability > self._scenario.verdict.max_false_alarm:
+            return False, "false_alarm"
+        return not result.verdict.nothing_hit, "untouched"
 
     def _crossing(self, below: int, above: int, area: float) -> int:
         """Whole tenths between two others where the force at risk should reach what is allowed; else the middle."""
