@@ -200,6 +200,22 @@ def test_the_guide_does_not_stay_beside_the_cheapest_single_change() -> None:
     assert design.cost <= sum(cost_rates[key] * (value - Variable(key).value(scenario)) for key, value in other.items())
 
 
+def test_the_guide_changes_nothing_needlessly() -> None:
+    """A search left a threshold of 9.99999 Nm in the place of 10."""
+    path = "examples/02_lower_arm_downward.toml"
+    more = {"motion.velocity_mm_s": [0, 0, -95], "reaction.latency_s": 0.012, "contact.offset_law": "uniform"}
+    scenario = bs.load_scenario(path, more | {"detector.residual": "observer"})
+    vary = ["motion.speed=20:100:9", "detector.thresholds=5:15:9"]
+    study = ParameterStudy.of(scenario, vary, None, ["motion.speed=1", "detector.thresholds=5"])
+    guide = min_cost(scenario, study.cost_rates)
+    alone = guide.single_change["motion.speed"]
+    assert guide.combined is not None
+    assert alone is not None
+    assert guide.combined.values == alone.values
+    assert guide.combined.values["detector.thresholds"] == 10.0
+    assert guide.combined.meets
+
+
 def test_one_key_of_many_whole_steps_has_a_cheapest_one() -> None:
     scenario = control_group(contact__area_cm2=2.0, reaction__latency_s=0.1)
     study = ParameterStudy.of(scenario, ["reaction.latency_s=0:0.1"], cost_rates=["reaction.latency_s=100"])

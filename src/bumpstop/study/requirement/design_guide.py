@@ -61,7 +61,7 @@ def min_cost(scenario: Scenario, cost_rates: Sequence[CostRate]) -> DesignGuide:
     combined = search.combined([design for design in single_change.values() if design is not None])
     reason = ""
     single_change = {name: design and search.rounded(design) for name, design in single_change.items()}
-    combined = combined and search.rounded(combined)
+    combined = combined and search.rounded(search.needed(combined))
     if combined is None:
         conservative = search.design(search.conservative)
         if conservative.untouched:

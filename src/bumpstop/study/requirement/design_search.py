@@ -33,6 +33,8 @@ _ROUNDS = 3
 _UNBOUNDED = -20.0
 # Margins closer than this are the same: false alarms know nothing of most variables, but to rounding.
 _SAME = 1e-6
+# So much more of the whole cost is no reason for one more change.
+_SAME_COST = 1e-4
 
 
 @dataclass(frozen=True)
@@ -166,6 +168,19 @@ class DesignSearch:
             found = self.design(np.where(keep | (short < self.low) | (short > self.high), x, short))
             if found.meets:
                 return found
+        return design
+
+    def needed(self, design: Design) -> Design:
+        """A design without the changes that it can do without at the same cost: a search leaves traces of them."""
+        for k in range(self.start.size):
+            x = np.array(list(design.values.values()))
+            if x[k] == self.start[k]:
+                continue
+            x[k] = self.start[k]
+            unchanged = {i: float(x[i]) for i, quantum in enumerate(self.quantum) if quantum or x[i] == self.start[i]}
+            found = self._mended(x, unchanged)
+            if found is not None and found.cost <= (1 + _SAME_COST) * design.cost:
+                design = found
         return design
 
     def _conservatism(self, x: FloatArray) -> tuple[float, float]:
