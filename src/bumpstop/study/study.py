@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import hashlib
 from abc import abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.collision.scenario.settings_file import files_of, scenario_data
 from bumpstop.collision.verdict.as_given import doubts_as_given
+from bumpstop.collision.verdict.finer_steps import fails_with_finer_steps
 from bumpstop.errors import InputError
 from bumpstop.shards import ShardedJob, code_digest, digest, to_jsonable, versions
+from bumpstop.study.answer_warnings import AnswerWarnings, told_once
 
 if TYPE_CHECKING:
     import polars as pl
@@ -51,11 +53,19 @@ class Study(ShardedJob):
         Numbers that are not finite may stand in it: :func:`to_jsonable` makes them None.
         """
 
+    def answer_warnings(self, rows: pl.DataFrame, summary: Mapping[str, Any]) -> list[AnswerWarnings]:
+        """What is to be read beside the answers of a summary: of each, or of those that stand for all."""
+        return []
+
     def summarise(self, volumes: Iterable[pl.DataFrame]) -> dict[str, Any]:  # noqa: D102
         import polars as pl
 
-        notes = doubts_as_given(self.scenario)
-        return self.summary(pl.concat(list(volumes))) | ({"notes": notes} if notes else {})
+        rows, given = pl.concat(list(volumes)), doubts_as_given(self.scenario)
+        summary = self.summary(rows)
+        beside = self.answer_warnings(rows, summary)
+        summary["fails_with_finer_steps"] = any(fails_with_finer_steps(found.warnings) for found in beside)
+        notes = [*given, *told_once(beside, given)]
+        return summary | ({"notes": notes} if notes else {})
 
     def settings(self) -> dict[str, Any]:
         """Everything but the scenario that decides the rows, by the names of the fields."""

@@ -49,7 +49,9 @@ def require(
     With [uncertainty] the value that was found is judged with it: 3 where it fails, 4 where it is inconclusive.
     """
     from bumpstop.cli.progress import progress
+    from bumpstop.collision.verdict.as_given import doubts_as_given
     from bumpstop.study import to_jsonable
+    from bumpstop.study.answer_warnings import AnswerWarnings, told_once
     from bumpstop.study.range import Range
     from bumpstop.study.requirement.requirement import require_curve, solve_requirement
     from bumpstop.study.variable import Variable
@@ -83,7 +85,12 @@ def require(
         typer.echo(json.dumps(to_jsonable({"curve": rows}), allow_nan=False, indent=2))
     else:
         _print_curve(rows, Variable(name).label(checked), against.variable.label(checked))
-        for note in dict.fromkeys(note for row in rows for note in row["notes"]):
+        given = doubts_as_given(checked)
+        beside = [
+            AnswerWarnings(f"{row['against']['variable']} = {row['against']['value']:.6g}", row["notes"])
+            for row in rows
+        ]
+        for note in [*given, *told_once(beside, given)]:
             typer.echo(f"note: {note}")
     return 0 if any(row["value"] is not None and row["false_alarm_ok"] for row in rows) else NOT_ACCEPTABLE
 
@@ -135,8 +142,11 @@ def _thresholds(scenario: Scenario, lowest: float) -> str:
 
 
 def _print_curve(rows: list[dict[str, Any]], required: str, against: str) -> None:
+    from bumpstop.study.answer_warnings import FAILS_WITH_FINER_STEPS
+
     typer.echo(f"{against:>36}  {required:>36}  fails by")
     for row in rows:
         value = "no value" if row["value"] is None else f"{row['value']:.4g}"
         alarms = "" if row["false_alarm_ok"] else f"; alarms before contact {row['false_alarm_at_value']:.2g}"
-        typer.echo(f"{row['against']['value']:>36.6g}  {value:>36}  {row['binding']}{alarms}")
+        steps = f"; {FAILS_WITH_FINER_STEPS}" if row["fails_with_finer_steps"] else ""
+        typer.echo(f"{row['against']['value']:>36.6g}  {value:>36}  {row['binding']}{alarms}{steps}")

@@ -95,7 +95,7 @@ def execute(
 
         with writing(out):
             title, parts, notes = report(rows, summary)
-        page = write_study_report(study, title, parts, out, notes=notes)
+        page = write_study_report(study, title, parts, out, beside=summary.get("notes", []), notes=notes)
     if as_json:
         typer.echo(json.dumps(to_jsonable(summary) | {"seconds": round(seconds, 3)}, allow_nan=False, indent=2))
         return summary

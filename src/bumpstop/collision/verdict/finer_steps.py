@@ -10,7 +10,7 @@ import numpy as np
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from bumpstop.collision.distribution.distribution import Distribution
     from bumpstop.collision.outcome import CollisionOutcome
@@ -24,6 +24,7 @@ _MAX_STEPS = 100_000
 _MIN_STEP_S, _MIN_SUBSTEP_S, _MAX_SUBSTEPS = 1e-5, 1e-6, 1000
 # A force that finer steps raise by less than this share is told well enough.
 _RISE = 0.02
+_SWAPPED = ", and the verdict is NOT ACCEPTABLE"
 
 
 class JudgedForce(Protocol):
@@ -70,11 +71,16 @@ def finer_steps(result: CollisionOutcome, verdict: Verdict, evaluate: Callable[[
     which = "" if not at else f" of the contact {at['motion.contact_onset_s']:.4g} s after the start"
     swapped = ""
     if judged.acceptable is True and fine.verdict.acceptable is False:
-        swapped = ", and the verdict is NOT ACCEPTABLE"
+        swapped = _SWAPPED
     return [
         f"Simulation steps are coarse: with simulation.step_s = {step:g} and simulation.substeps = {substeps} the peak "
         f"force{which} (p{100 * p:.6g}) is {rise}{swapped}."
     ]
+
+
+def fails_with_finer_steps(warnings: Iterable[str]) -> bool:
+    """Whether one of a result's warnings says that finer steps make an acceptable verdict NOT ACCEPTABLE."""
+    return any(_SWAPPED in warning for warning in warnings)
 
 
 def _by_formula(result: CollisionOutcome) -> list[str]:

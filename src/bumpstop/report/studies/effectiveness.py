@@ -49,6 +49,7 @@ class SafeSpeedsPart(Part):
         self._study = study
         self._speeds = summary["safe_speeds"]
         self._risk = summary["risk"]
+        self._any_fails = any(s["fails_with_finer_steps"] for s in self._speeds)
 
     def content(self) -> list[Html]:
         """What it means, and one row for each body part."""
@@ -66,6 +67,7 @@ class SafeSpeedsPart(Part):
                 f"The highest speed, in mm/s, at which each limit is passed with a probability of at most "
                 f"{percent(self._risk)}. In brackets what stands against more: f force, p pressure, a false alarms, "
                 "u undetected collisions, s a singularity on the way, n that faster motions hit nothing in most cases."
+                + (" † Not acceptable with finer simulation steps: see above." if self._any_fails else "")
             ),
             *(paragraph(f"{label}: {reason}") for label, reason in unjudged.items()),
             table(headings, rows, caption="Highest safe speed [mm/s]", numbers=True),
@@ -79,7 +81,8 @@ class SafeSpeedsPart(Part):
                 "safe_speeds",
                 "Highest safe speed of every body part, by direction and contact area.",
                 "Highest safe speed by body part. Shape and colour: direction; hollow: smallest area, full: largest. "
-                "A cross at the left: no speed is acceptable. No mark: no verdict.",
+                "A cross at the left: no speed is acceptable. No mark: no verdict."
+                + (" Pale: not acceptable with finer simulation steps." if self._any_fails else ""),
                 self._draw,
                 height=1.2 + 0.2 * len(bodies),
             )
@@ -101,9 +104,11 @@ class SafeSpeedsPart(Part):
                 crosses.append((y, d))
                 continue
             full = s["area_cm2"] == areas[-1]
-            panel.plot(
-                s["safe_speed_mm_s"], y, marker, color=color, markersize=4.5, fillstyle="full" if full else "none"
-            )
+            look: dict[str, Any] = {
+                "fillstyle": "full" if full else "none",
+                "alpha": 0.3 if s["fails_with_finer_steps"] else 1.0,
+            }
+            panel.plot(s["safe_speed_mm_s"], y, marker, color=color, markersize=4.5, **look)
         labels = {(s["table"], s["body"]): s["label"] for s in self._speeds}
         panel.set_yticks(range(len(places)), [f"{labels[key]} ({key[0]})" for key in places], fontsize=7.5)
         panel.set_ylim(len(places) - 0.5, -0.5)
@@ -129,7 +134,8 @@ def _speed(found: dict[str, Any]) -> str:
         return "no verdict"
     if found["safe_speed_mm_s"] is None:
         return "none"
-    return f"{found['safe_speed_mm_s']:g}{_BOUND_BY[found['binding']]}"
+    fails = " †" if found["fails_with_finer_steps"] else ""
+    return f"{found['safe_speed_mm_s']:g}{_BOUND_BY[found['binding']]}{fails}"
 
 
 class CollisionsPart(Part):

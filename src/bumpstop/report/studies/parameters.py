@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.collision.probability_text import percent
+from bumpstop.collision.verdict.finer_steps import fails_with_finer_steps
 from bumpstop.report.markup import Html, element, paragraph, table
 from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
+from bumpstop.study.answer_warnings import FAILS_WITH_FINER_STEPS
 from bumpstop.study.parameters.fits import R2_WANTED, Fit, fit_models
 from bumpstop.study.variable import ALIASES, per
 from bumpstop.terminal import NONE, number
@@ -310,4 +312,5 @@ class GuidePart(Part):
         if plan is None:
             return [name, *[NONE for _ in keys], "not in its range", NONE]
         values = [f"{plan['values'][key]:.10g}" for key in keys]
-        return [name, *values, f"{plan['cost']:.4g}", f"{plan['force_over_allowed']:.4f}"]
+        but = f", but {FAILS_WITH_FINER_STEPS}" if fails_with_finer_steps(plan["warnings"]) else ""
+        return [name, *values, f"{plan['cost']:.4g}", f"{plan['force_over_allowed']:.4f}{but}"]

@@ -9,6 +9,7 @@ import numpy as np
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import AREA, EVENT, FAINT, LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
+from bumpstop.study.answer_warnings import FAILS_WITH_FINER_STEPS
 
 if TYPE_CHECKING:
     import polars as pl
@@ -53,6 +54,11 @@ class TrajectorySpeedLimitsPart(Part):
         return [
             table(("motion", "duration", "verdict", "because"), _judged(found), caption="Verdicts of evaluate"),
             paragraph(text),
+            *(
+                [paragraph(f"Speeds among these are {FAILS_WITH_FINER_STEPS}.")]
+                if found["fails_with_finer_steps"]
+                else []
+            ),
             paragraph(f"A limit holds in these directions: {found['directions']}."),
             table(("limited by", "moments" if between else "waypoints"), counts, caption="What limits the speed"),
         ]

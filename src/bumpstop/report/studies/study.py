@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bumpstop.collision.verdict.as_given import as_given
 from bumpstop.report.collision.tables import flat
 from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, bullets, element, table
@@ -37,6 +36,24 @@ class StudySettingsPart(Part):
         ]
 
 
+class StudyNotesPart(Part):
+    """What is to be read beside every figure of a study."""
+
+    title = "Beside these figures"
+    anchor = "beside"
+
+    def __init__(self, notes: Sequence[str]) -> None:
+        self._notes = notes
+
+    def applies(self) -> bool:
+        """There is something to be said."""
+        return bool(self._notes)
+
+    def content(self) -> list[Html]:
+        """The notes of the summary."""
+        return [bullets(self._notes)]
+
+
 class StudyAssumptionsPart(Part):
     """What nobody should read into a study."""
 
@@ -61,12 +78,26 @@ class StudyAssumptionsPart(Part):
 
 
 def write_study_report(
-    study: Study, title: str, parts: Sequence[Part], folder: Path, *, notes: Sequence[str] = ()
+    study: Study,
+    title: str,
+    parts: Sequence[Part],
+    folder: Path,
+    *,
+    beside: Sequence[str] = (),
+    notes: Sequence[str] = (),
 ) -> Path:
     """Write ``report.html`` of a study, its own parts first, and its figures; returns the page's path.
+
+    Args:
+        study: what was run.
+        title: of the page.
+        parts: of this study alone.
+        folder: for page and figures.
+        beside: notes of the summary, which stand before all parts.
+        notes: what was assumed.
 
     Raises:
         InputError: the folder cannot be written.
     """
-    everything = [*parts, StudySettingsPart(study), StudyAssumptionsPart([*as_given(study.scenario), *notes])]
+    everything = [StudyNotesPart(beside), *parts, StudySettingsPart(study), StudyAssumptionsPart(notes)]
     return write_document(Document(title, f"bumpstop study: {study.title}", "study", everything), folder)

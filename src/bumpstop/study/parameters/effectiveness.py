@@ -9,6 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from bumpstop.errors import InputError, near_matches
+from bumpstop.study.answer_warnings import FAILS_WITH_FINER_STEPS, AnswerWarnings
 from bumpstop.study.parameters.region_collisions import MIN_SPEED_MM_S, RegionCollisions, keys_of_the_body
 from bumpstop.study.study import Study, check_risk
 from bumpstop.study.variable import Variable
@@ -34,6 +35,7 @@ AREAS_CM2 = (1.0, 2.0)
 # Reduced speed of robots with a person in the cell (ISO 10218-1).
 MAX_SPEED_MM_S = 250.0
 _MAX_SCENARIO_SPEED_MM_S = 1e5  # that a scenario takes
+_OF_SAFE_SPEEDS = ("safe_speed_mm_s", "warnings", "fails_with_finer_steps")
 
 
 @dataclass(frozen=True)
@@ -142,9 +144,16 @@ class EffectivenessStudy(Study):
             "study": self.name,
             "contact": self.scenario.contact.kind,
             "risk": self.scenario.verdict.accepted_probability,
-            "collisions": kinds["collision"].drop("kind", "safe_speed_mm_s", "binding").to_dicts(),
-            "safe_speeds": kinds["safe_speed"].select(*keys, "safe_speed_mm_s", "binding", "reason").to_dicts(),
+            "collisions": kinds["collision"].drop("kind", "binding", *_OF_SAFE_SPEEDS).to_dicts(),
+            "safe_speeds": kinds["safe_speed"].select(*keys, "binding", "reason", *_OF_SAFE_SPEEDS).to_dicts(),
         }
+
+    def answer_warnings(self, rows: pl.DataFrame, summary: Mapping[str, Any]) -> list[AnswerWarnings]:  # noqa: D102
+        return [
+            AnswerWarnings(f"{s['table']} {s['body']} {s['direction']} {s['area_cm2']:g} cm²", s["warnings"])
+            for s in summary["safe_speeds"]
+            if s["warnings"]
+        ]
 
     def lines(self, summary: Mapping[str, Any]) -> list[str]:  # noqa: D102
         lines = [f"highest safe speed, mm/s (P(over a limit) at most {summary['risk']:g})"]
@@ -155,6 +164,7 @@ class EffectivenessStudy(Study):
                 binding = each["binding"].replace("_", " ")
                 ends = {"none": " or more", "untouched": ", faster nothing is hit in most cases"}
                 found = f"{speed:g}{ends.get(binding, f', bound by {binding}')}"
+                found += f", but {FAILS_WITH_FINER_STEPS}" if each["fails_with_finer_steps"] else ""
             lines.append(f"  {each['table']} {each['body']} {each['direction']} {each['area_cm2']:g} cm²: {found}")
         return lines
 
@@ -200,6 +210,8 @@ class EffectivenessStudy(Study):
         return bool(limits.reason or self._without_distribution(table, body))
 
     def _schema(self) -> dict[str, Any]:
+        import polars as pl
+
         from bumpstop.collision import CollisionProblem
 
         text = ("kind", "table", "body", "label", "direction")
@@ -213,6 +225,7 @@ class EffectivenessStudy(Study):
             | dict.fromkeys(numbers, float)
             | {f"trigger_{j + 1}": float for j in range(dof)}
             | {"acceptable": bool, "safe_speed_mm_s": float, "binding": str, "reason": str}
+            | {"warnings": pl.List(pl.String), "fails_with_finer_steps": bool}
         )
 
 

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from bumpstop.arrays import FloatArray
+from bumpstop.collision.verdict.finer_steps import fails_with_finer_steps
 from bumpstop.errors import InputError
+from bumpstop.study.answer_warnings import FAILS_WITH_FINER_STEPS, AnswerWarnings, warnings_of
 from bumpstop.study.parameters.equal_risk import RISKS, equal_risk_curves
 from bumpstop.study.parameters.fits import R2_WANTED, fit_models
 from bumpstop.study.range import Range
@@ -174,6 +176,15 @@ class ParameterStudy(Study):
             result["guide"] = min_cost(self.scenario, self.cost_rates).to_json()
         return result
 
+    def answer_warnings(self, rows: pl.DataFrame, summary: Mapping[str, Any]) -> list[AnswerWarnings]:  # noqa: D102
+        guide = summary.get("guide") or {"single_change": {}, "combined": None}
+        plans = {"the cheapest way to meet the limits": guide["combined"]}
+        plans |= {f"{name} alone": plan for name, plan in guide["single_change"].items()}
+        return [
+            AnswerWarnings("the scenario as given", warnings_of(lambda: self.scenario)),
+            *(AnswerWarnings(which, plan["warnings"]) for which, plan in plans.items() if plan),
+        ]
+
     def lines(self, summary: Mapping[str, Any]) -> list[str]:  # noqa: D102
         control = summary["control"]
         lines = [f"peak force of the scenario: mean {control['mean_N']:.4g} N, sd {control['sd_N']:.3g} N"]
@@ -192,7 +203,8 @@ class ParameterStudy(Study):
                 lines.append(guide["reason"])
             if plan is not None and guide["single_change"]:
                 values = ", ".join(f"{key} = {value:.10g}" for key, value in plan["values"].items())
-                lines.append(f"cheapest way to meet the limits, at a cost of {plan['cost']:.4g}: {values}")
+                but = f", but {FAILS_WITH_FINER_STEPS}" if fails_with_finer_steps(plan["warnings"]) else ""
+                lines.append(f"cheapest way to meet the limits, at a cost of {plan['cost']:.4g}: {values}{but}")
         return lines
 
     def _about(self, swept: Range, rows: pl.DataFrame) -> dict[str, Any]:

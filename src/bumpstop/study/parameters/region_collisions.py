@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from bumpstop.collision.verdict.finer_steps import fails_with_finer_steps
+from bumpstop.study.answer_warnings import warnings_of
 from bumpstop.study.requirement.sampling_ripple import has_ripple
 from bumpstop.study.variable import Variable
 
@@ -138,6 +140,14 @@ class RegionCollisions:
         }
 
     def safe_speed(self, area: float) -> dict[str, Any]:
+        """:meth:`_safe_speed` with the warnings that stand beside its verdict."""
+        found = self._safe_speed(area)
+        speed = found.get("safe_speed_mm_s")
+        # The distributions that are kept by speed belong to the area that asked first.
+        warnings = () if speed is None else warnings_of(lambda: self._scenario_of(speed, area))
+        return found | {"warnings": list(warnings), "fails_with_finer_steps": fails_with_finer_steps(warnings)}
+
+    def _safe_speed(self, area: float) -> dict[str, Any]:
         """The highest speed below which every speed looked at is acceptable, in tenths of mm/s; None: not even 1 mm/s.
 
         A scan finds the first speed that is not acceptable, and bisection the edge below it. Where the risk is a

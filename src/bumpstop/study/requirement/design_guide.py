@@ -56,12 +56,13 @@ def min_cost(scenario: Scenario, cost_rates: Sequence[CostRate]) -> DesignGuide:
     search = DesignSearch(scenario, cost_rates)
     now = search.design(search.start)
     if now.meets:
+        now = search.told(now)
         return DesignGuide(now, {}, now, "The scenario meets its limits as it is.")
     single_change = {cost_rate.swept.variable.name: search.single_change(k) for k, cost_rate in enumerate(cost_rates)}
     combined = search.combined([design for design in single_change.values() if design is not None])
     reason = ""
-    single_change = {name: design and search.rounded(design) for name, design in single_change.items()}
-    combined = combined and search.rounded(search.needed(combined))
+    single_change = {name: design and search.told(search.rounded(design)) for name, design in single_change.items()}
+    combined = combined and search.told(search.rounded(search.needed(combined)))
     if combined is None:
         conservative = search.design(search.conservative)
         if conservative.untouched:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
+from bumpstop.study.answer_warnings import warnings_of
 from bumpstop.study.range import Range
 from bumpstop.study.requirement.risk import allowed_force
 from bumpstop.study.variable import Variable
@@ -79,6 +80,7 @@ class Design:
         margin: log of the allowed over the accepted quantile of the peak force; at least 0 where the limits are met.
         false_alarm_margin: log of the accepted over the probability of a false alarm.
         untouched: why most cases hit nothing, so that the design has not been put to the test; empty where they do.
+        warnings: to be read beside the verdict, of a design that is told.
     """
 
     values: Mapping[str, float]
@@ -86,6 +88,7 @@ class Design:
     margin: float
     false_alarm_margin: float
     untouched: str
+    warnings: tuple[str, ...] = ()
 
     @property
     def meets(self) -> bool:
@@ -99,6 +102,7 @@ class Design:
             "cost": self.cost,
             "force_over_allowed": math.exp(-self.margin),
             "meets": self.meets,
+            "warnings": list(self.warnings),
         }
 
 
@@ -136,9 +140,7 @@ class DesignSearch:
 
         key = tuple(float(value) for value in x)
         if key not in self._known:
-            scenario = self.scenario
-            for variable, value in zip(self.variables, key, strict=True):
-                scenario = variable.apply(scenario, value)
+            scenario = self._scenario_of(zip(self.variables, key, strict=True))
             result = evaluate(scenario)
             settings = scenario.verdict
             allowed = allowed_force(CollisionProblem.from_scenario(scenario))
@@ -182,6 +184,17 @@ class DesignSearch:
             if found is not None and found.cost <= (1 + _SAME_COST) * design.cost:
                 design = found
         return design
+
+    def told(self, design: Design) -> Design:
+        """A design with the warnings beside its verdict."""
+        values = zip(self.variables, design.values.values(), strict=True)
+        return replace(design, warnings=warnings_of(lambda: self._scenario_of(values)))
+
+    def _scenario_of(self, values: Iterable[tuple[Variable, float]]) -> Scenario:
+        scenario = self.scenario
+        for variable, value in values:
+            scenario = variable.apply(scenario, value)
+        return scenario
 
     def _conservatism(self, x: FloatArray) -> tuple[float, float]:
         """What is to be as great as can be: the lesser margin, and where that is the same the other one."""

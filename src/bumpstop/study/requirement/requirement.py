@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from bumpstop.collision.verdict.as_given import doubts_as_given
+from bumpstop.collision.verdict.finer_steps import fails_with_finer_steps
 from bumpstop.errors import InputError, near_matches
+from bumpstop.study.answer_warnings import FAILS_WITH_FINER_STEPS, warnings_of
 from bumpstop.study.range import Range
 from bumpstop.study.requirement.risk_search import RiskSearch
 from bumpstop.study.study import MIN_RISK
@@ -59,7 +61,9 @@ class Requirement:
         ill_conditioned: the arm cannot follow its line, as near a singularity: the risk jumps from value to
             value, and values between those looked at may fail.
         evaluations: distributions computed.
-        notes: what makes the answer mean less than it says.
+        notes: what makes the answer mean less than it says: the warnings of ``bumpstop evaluate`` at ``value``
+            are among them.
+        fails_with_finer_steps: by these warnings ``value`` is not acceptable with finer simulation steps.
     """
 
     variable: str
@@ -77,13 +81,15 @@ class Requirement:
     ill_conditioned: bool
     evaluations: int
     notes: tuple[str, ...] = ()
+    fails_with_finer_steps: bool = False
 
     def __str__(self) -> str:
         """What ``bumpstop require`` prints."""
         bound = "at most" if self.worse == "higher" else "at least"
         notes = "".join(f"\nnote: {note}" for note in self.notes)
+        but = f", but {FAILS_WITH_FINER_STEPS}" if self.fails_with_finer_steps else ""
         return (
-            f"{self.variable}: {'no value' if self.value is None else f'{bound} {self.value:g} {self.unit}'}\n"
+            f"{self.variable}: {'no value' if self.value is None else f'{bound} {self.value:g} {self.unit}'}{but}\n"
             f"{self.reason}\n"
             f"risk there {self.risk_at_value:.3g}, accepted {self.risk:g}; integrated distribution{notes}"
         )
@@ -255,6 +261,10 @@ class _Answer:
         return self._result(None, binding, at, f"No value meets it: {why}.", ill_conditioned)
 
     def _result(self, value: float | None, binding: str, at: Risk, reason: str, ill_conditioned: bool) -> Requirement:
+        warnings: tuple[str, ...] = ()
+        if value is not None:
+            warnings = warnings_of(lambda: self.search.variable.apply(self.search.scenario, value))
+        given = doubts_as_given(self.search.scenario)
         return Requirement(
             variable=self.search.variable.name,
             unit=self.unit,
@@ -270,5 +280,6 @@ class _Answer:
             reason=reason + (_ILL_CONDITIONED if ill_conditioned and binding != "singularity" else ""),
             ill_conditioned=ill_conditioned,
             evaluations=self.search.risks.evaluations,
-            notes=tuple(doubts_as_given(self.search.scenario)),
+            notes=tuple(dict.fromkeys([*given, *warnings])),
+            fails_with_finer_steps=fails_with_finer_steps(warnings),
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,10 +31,12 @@ class Judged:
     Attributes:
         verdict: None where there is none.
         why: there is none; else empty.
+        warnings: to be read beside an acceptable verdict.
     """
 
     verdict: Verdict | None
     why: str = ""
+    warnings: tuple[str, ...] = ()
 
     @property
     def acceptable(self) -> bool | None:
@@ -51,7 +53,7 @@ class Judged:
         """The verdict as ``bumpstop evaluate --json`` prints it, or why there is none."""
         if self.verdict is None:
             return {"acceptable": None, "reason": self.why}
-        return self.verdict.to_json()
+        return self.verdict.to_json() | ({"warnings": list(self.warnings)} if self.acceptable else {})
 
 
 @dataclass(frozen=True)
@@ -72,9 +74,13 @@ class Slowing:
 
 
 def judge_motion(scenario: Scenario) -> Judged:
-    """The verdict of a trajectory's scenario, by the function that ``bumpstop evaluate`` uses."""
+    """The verdict of a trajectory's scenario, by the function that ``bumpstop evaluate`` uses.
+
+    What is not acceptable is slowed further: the warnings, which take another distribution, are those of what is.
+    """
     try:
-        return Judged(evaluate(scenario).verdict)
+        result = evaluate(scenario)
+        return Judged(result.verdict, warnings=result.warnings if result.verdict.acceptable else ())
     except InputError as error:
         return Judged(None, error.problem)
 
@@ -113,4 +119,4 @@ def _judged(scenario: Scenario, retimed: Retimed) -> Judged:
         file = Path(folder) / _FILE
         write_csv(file, retimed)
         judged = judge_motion(scenario.with_values({"motion.file": str(file)}))
-        return Judged(judged.verdict, judged.why.replace(str(file), _FILE))
+        return replace(judged, why=judged.why.replace(str(file), _FILE))

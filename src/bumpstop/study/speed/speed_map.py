@@ -6,17 +6,23 @@ import math
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.collision import CollisionProblem, Scenario
 from bumpstop.errors import InputError
+from bumpstop.study.answer_warnings import AnswerWarnings, line_through, warnings_of
 from bumpstop.study.pose_batch import PoseBatch
 from bumpstop.study.speed.speed_limit import SpeedLimits
 from bumpstop.study.speed.worst_direction import searched
 from bumpstop.study.study import Study, check_risk
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import polars as pl
 
 SHARD_ROWS = 250
 
@@ -70,6 +76,28 @@ class SpeedMap(Study):
     def _searched(self) -> str:
         """In which directions a limit holds."""
         return searched(math.radians(self.cone_deg))
+
+    def _warned(self, rows: pl.DataFrame, place: str) -> list[AnswerWarnings]:
+        """Warnings beside the lowest and the highest limit that the risk decides.
+
+        The slowest arm is the one that is told, and steps are coarsest for the fastest.
+
+        Args:
+            rows: of the study.
+            place: column that numbers them.
+        """
+        known = rows.filter(rows["limited_by"] == "risk")
+        if not known.height:
+            known = rows.filter(rows["limited_by"] == "max_speed")
+        limit = known["limit_mm_s"]
+        ends = dict.fromkeys(row for row in (limit.arg_min(), limit.arg_max()) if row is not None)
+        return [self._warned_at(known.row(row, named=True), place) for row in ends]
+
+    def _warned_at(self, row: Mapping[str, Any], place: str) -> AnswerWarnings:
+        limit, q = row["limit_mm_s"], [row[f"q_{j + 1}"] for j in range(self._line_problem.robot.dof)]
+        velocity = limit / 1e3 * np.array([row[f"direction_{axis}"] for axis in "xyz"])
+        found = warnings_of(lambda: line_through(self._line, np.array(q), velocity))
+        return AnswerWarnings(f"the limit of {limit:.4g} mm/s at {place} {row[place]}", found)
 
     def _columns(self, q: FloatArray, direction: FloatArray, found: SpeedLimits) -> dict[str, Any]:
         problem = self._line_problem

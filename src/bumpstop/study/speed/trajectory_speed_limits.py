@@ -13,6 +13,7 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray
 from bumpstop.collision import CollisionProblem, Scenario
 from bumpstop.errors import InputError
+from bumpstop.study.answer_warnings import FAILS_WITH_FINER_STEPS, AnswerWarnings
 from bumpstop.study.directions import STANDS, directions_of, nearest_moving
 from bumpstop.study.pose_batch import PoseBatch
 from bumpstop.study.prediction import predicted_speed_limit, stopping_time_per_speed, undetected_force
@@ -299,6 +300,13 @@ class TrajectorySpeedLimits(SpeedMap):
             "law": "exact",
         }
 
+    def answer_warnings(self, rows: pl.DataFrame, summary: Mapping[str, Any]) -> list[AnswerWarnings]:  # noqa: D102
+        verdicts = {"the trajectory as given": summary["verdict"], "slowed down": summary["retimed_verdict"] or {}}
+        return [
+            *(AnswerWarnings(which, verdict.get("warnings", ())) for which, verdict in verdicts.items()),
+            *self._warned(rows, "waypoint"),
+        ]
+
     def lines(self, summary: Mapping[str, Any]) -> list[str]:  # noqa: D102
         none, places = summary["none_safe"], summary["waypoints"] + summary["moments_between"]
         over, moments, singular = summary["over_between"], summary["moments_between"], summary["singular"]
@@ -319,6 +327,8 @@ class TrajectorySpeedLimits(SpeedMap):
             f"lowest limit: {summary['lowest_limit_mm_s']:.4g} mm/s at waypoint {summary['lowest_at_waypoint']} "
             f"({summary['lowest_at_s']:.4g} s)"
         )
+        if summary.get("fails_with_finer_steps"):
+            lines.append(f"speeds among these are {FAILS_WITH_FINER_STEPS}")
         lines.append(f"directions: {summary['directions']}")
         if summary["retimed_duration_s"] is None:
             lines.append(f"there is no slower trajectory: {summary['not_retimed_because']}")

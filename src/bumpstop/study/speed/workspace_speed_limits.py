@@ -11,6 +11,7 @@ import numpy as np
 
 from bumpstop.collision import Scenario
 from bumpstop.errors import InputError
+from bumpstop.study.answer_warnings import FAILS_WITH_FINER_STEPS, AnswerWarnings
 from bumpstop.study.joint_ranges import joint_ranges
 from bumpstop.study.speed.speed_map import SHARD_ROWS, SpeedMap
 from bumpstop.study.speed.worst_direction import worst_directions
@@ -85,6 +86,9 @@ class WorkspaceSpeedLimits(SpeedMap):
             "law": "exact",
         }
 
+    def answer_warnings(self, rows: pl.DataFrame, summary: Mapping[str, Any]) -> list[AnswerWarnings]:  # noqa: D102
+        return self._warned(rows, "pose")
+
     def lines(self, summary: Mapping[str, Any]) -> list[str]:  # noqa: D102
         return [*safe_poses(summary).split("; "), f"directions: {summary['directions']}"]
 
@@ -99,4 +103,6 @@ def safe_poses(summary: Mapping[str, Any]) -> str:
         found.append(f"half of all poses are safe up to {half:.4g} mm/s, one in twenty up to {twentieth:.4g} mm/s")
     elif twentieth > 0:
         found.append(f"one in twenty is safe up to {twentieth:.4g} mm/s")
+    if summary.get("fails_with_finer_steps"):
+        found.append(f"speeds among these are {FAILS_WITH_FINER_STEPS}")
     return "; ".join(found)

@@ -12,12 +12,13 @@ import numpy as np
 from bumpstop import _native
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
+from bumpstop.study.answer_warnings import AnswerWarnings, line_through, warnings_of
 from bumpstop.study.capsules import max_link_radius, self_collision
 from bumpstop.study.directions import DirectionSampling, draw_directions, spread_directions
 from bumpstop.study.joint_ranges import joint_ranges
 from bumpstop.study.study import Study
 from bumpstop.study.workspace import predictors
-from bumpstop.study.workspace.workspace_summary import summarise, summary_lines
+from bumpstop.study.workspace.workspace_summary import summarise, summary_lines, worst_risk
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -150,6 +151,20 @@ class WorkspaceStudy(Study):
             **summarise(rows, self.edges, self.force_limits, accepted, predicted=self.predict),
             "self_collisions": {"looked_for": self.link_radius_mm > 0, "poses_discarded": discarded},
         }
+
+    def answer_warnings(self, rows: pl.DataFrame, summary: Mapping[str, Any]) -> list[AnswerWarnings]:  # noqa: D102
+        bounded = rows.filter(rows["p999_N"].is_finite())
+        within = bounded.filter(worst_risk(bounded) <= self.scenario.verdict.accepted_probability)
+        # One that comes close to its limits: a finer step would be the first to take it beyond.
+        row = (within if within.height else bounded).sort("p999_N").tail(1).to_dicts()
+        return [self._warned(found) for found in row]
+
+    def _warned(self, row: Mapping[str, Any]) -> AnswerWarnings:
+        q = np.array([row[f"q_{j + 1}"] for j in range(self._problem.robot.dof)])
+        velocity = np.array([row[f"velocity_{axis}_m_s"] for axis in "xyz"])
+        found = warnings_of(lambda: line_through(self.scenario, q, velocity))
+        tip = ", ".join(f"{row[f'tip_{axis}_m']:.3g}" for axis in "xyz")
+        return AnswerWarnings(f"the distribution at {row['p999_N']:.4g} N (p99.9), tip at {tip} m", found)
 
     def lines(self, summary: Mapping[str, Any]) -> list[str]:  # noqa: D102
         return summary_lines(summary)
