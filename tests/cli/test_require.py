@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from cli.support import EXAMPLE, run, strict_json
@@ -48,3 +50,13 @@ def test_a_risk_is_either_given_or_varied() -> None:
     rows = strict_json(run(*SPEED, "--vary", "verdict.accepted_probability=0.001:0.1:2", "--json").out)["curve"]
     assert [row["risk"] for row in rows] == pytest.approx([0.001, 0.1])
     assert rows[0]["value"] < rows[1]["value"]
+
+
+def test_a_value_beyond_uncertain_figures_is_told_and_inconclusive(tmp_path: Path) -> None:
+    path = tmp_path / "uncertain.toml"
+    figures = '"motion.speed_mm_s" = { distribution = "uniform", low = 39, high = 41 }'
+    text = (EXAMPLE.parent / "07_hand_uncertain.toml").read_text(encoding="utf-8")
+    path.write_text(f"{text.partition('[uncertainty]')[0]}[uncertainty]\n{figures}\n", encoding="utf-8")
+    found = run("require", path, "--vary", "motion.speed=10:200", "--json")
+    told = strict_json(found.out)
+    assert [value["word"] for value in told.values() if isinstance(value, dict) and "word" in value] == ["INCONCLUSIVE"]

@@ -387,3 +387,9 @@ def test_uncertain_inputs_are_judged_at_the_stated_confidence(tmp_path: Path) ->
     assert found["spread"].reason == judged.reason
     assert found["spread"].confidence == judged.confidence == 0.95
     assert found["spread"].peak_force == found["known"].peak_force
+    told = found["spread"].to_json()["verdict"]
+    assert found["spread"].verdict.acceptable, "the scenario as given"
+    assert (told["acceptable"], told["conclusion"]) == {"FAIL": (False, "not_acceptable")}.get(
+        judged.word, (None, "inconclusive")
+    )
+    assert told["reason"] == judged.reason

@@ -15,6 +15,7 @@ from bumpstop.collision import evaluate
 from bumpstop.collision.notes import sample_notes
 from bumpstop.collision.summary import arm_title, what_is_hit
 from bumpstop.collision.verdict.two_phase_use import TwoPhaseUse
+from bumpstop.collision.verdict.verdict import in_json
 from bumpstop.errors import InputError
 from bumpstop.register.faults import RegisterError
 from bumpstop.register.inputs import Input, inputs_of
@@ -49,8 +50,8 @@ class SituationResult:
         notes: what was assumed, and what was cut short.
         inputs: values that it rests on, with where they come from.
         method: how the distribution was computed: ``"exact"`` or ``"sampled"``.
-        confidence: at which the outcome holds over the inputs of ``[uncertainty]``; None without that table. All
-            figures are of the scenario as given.
+        judgement: at the stated confidence over the inputs of ``[uncertainty]``; None without that table. All figures
+            are of the scenario as given.
     """
 
     situation: Situation
@@ -67,7 +68,12 @@ class SituationResult:
     notes: tuple[str, ...]
     inputs: tuple[Input, ...]
     method: str
-    confidence: float | None = None
+    judgement: Judgement | None = None
+
+    @property
+    def confidence(self) -> float | None:
+        """At which the outcome holds over the inputs of ``[uncertainty]``; None without that table."""
+        return None if self.judgement is None else self.judgement.confidence
 
     @property
     def p_over(self) -> float:
@@ -82,7 +88,9 @@ class SituationResult:
 
     def to_json(self) -> dict[str, Any]:
         """One item of ``situations`` of ``bumpstop evaluate --json``; figures that are not finite are None."""
-        situation = self.situation
+        situation, verdict, judged = self.situation, self.verdict.to_json(), self.judgement
+        if judged is not None:
+            verdict |= in_json(judged.conclusion, judged.reason)
         return {
             "name": situation.name,
             "file": str(situation.file),
@@ -101,7 +109,7 @@ class SituationResult:
             "pressure_N_cm2": {name: _finite(value) for name, value in self.pressure.items()},
             "law": self.method,
             "confidence": self.confidence,
-            "verdict": self.verdict.to_json() | {"warnings": list(self.warnings)},
+            "verdict": verdict | {"warnings": list(self.warnings)},
             "notes": list(self.notes),
         }
 
@@ -235,7 +243,7 @@ def _evaluate(situation: Situation, judgement: Judgement | None, samples: int | 
         notes=(*result.notes, *_payload_notes(situation, result)),
         inputs=inputs_of(situation, result),
         method=result.kind,
-        confidence=None if judgement is None else judgement.confidence,
+        judgement=judgement,
     )
 
 

@@ -46,6 +46,7 @@ class Judgement:
         utilisation: in the central case, of the limit; without limits a force [N].
         confidence: at which the word holds; None without ``[uncertainty]``, where it is about the scenario as given.
         evaluations: distributions that were computed.
+        conclusion: the verdict in a word of :class:`bumpstop.collision.Verdict`.
     """
 
     word: JudgementWord
@@ -54,6 +55,7 @@ class Judgement:
     utilisation: float
     confidence: float | None
     evaluations: int
+    conclusion: Conclusion
 
 
 def judge_situation(scenario: Scenario, *, seed: int = 0, threads: int | None = None) -> Judgement:
@@ -93,6 +95,7 @@ def judge_situation(scenario: Scenario, *, seed: int = 0, threads: int | None = 
         float(middle.utilisation[0]),
         confidence,
         evaluator.evaluations,
+        conclusion,
     )
 
 

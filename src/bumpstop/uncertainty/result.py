@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.collision.summary import sign
+from bumpstop.collision.verdict.verdict import ACCEPTABLE, in_json
 from bumpstop.display import ASSUMED, CURVE, LIMIT, Displayed
 from bumpstop.terminal import text_of
 from bumpstop.uncertainty.cases import TornadoBar, UncertainCase
@@ -67,7 +68,7 @@ class UncertainResult(Displayed):
     @property
     def acceptable(self) -> bool | None:
         """Whether it holds at the stated confidence; None without limits or inconclusive."""
-        return {"acceptable": True, "not_acceptable": False}.get(self.conclusion)
+        return ACCEPTABLE[self.conclusion]
 
     def case(self, name: str) -> UncertainCase:
         """One of :attr:`cases` by its name."""
@@ -127,7 +128,7 @@ class UncertainResult(Displayed):
         """The object that ``bumpstop evaluate --json`` prints; figures that are not finite are None."""
         found = self.central.to_json()
         # Whoever reads the verdict alone must not take that of the central case for it.
-        found["verdict"] |= {"acceptable": self.acceptable, "conclusion": self.conclusion, "reason": self.reason}
+        found["verdict"] |= in_json(self.conclusion, self.reason)
         found["uncertainty"] = {
             "conclusion": self.conclusion,
             "acceptable": self.acceptable,

@@ -107,7 +107,7 @@ def _judged(scenario: Scenario, found: Requirement) -> Judgement | None:
         return judge_situation(there.with_values({"verdict.accepted_probability": found.risk}))
     except InputError as error:
         # Figures of [uncertainty] that the value leaves behind: what was found is told all the same.
-        return Judgement("INCONCLUSIVE", f"{error}.", math.nan, math.nan, None, 0)
+        return Judgement("INCONCLUSIVE", f"{error}.", math.nan, math.nan, None, 0, "inconclusive")
 
 
 def _told(judged: Judgement) -> dict[str, Any]:

@@ -50,7 +50,7 @@ class Verdict:
     @property
     def acceptable(self) -> bool | None:
         """Force, pressure and false alarms are all within what is accepted; None without limits or inconclusive."""
-        return {"acceptable": True, "not_acceptable": False}.get(self.conclusion)
+        return ACCEPTABLE[self.conclusion]
 
     @property
     def conclusion(self) -> Conclusion:
@@ -104,6 +104,17 @@ class Verdict:
 
 
 Conclusion = Literal["acceptable", "not_acceptable", "inconclusive", "no_limits"]
+ACCEPTABLE: dict[Conclusion, bool | None] = {
+    "acceptable": True,
+    "not_acceptable": False,
+    "inconclusive": None,
+    "no_limits": None,
+}
+
+
+def in_json(conclusion: Conclusion, reason: str) -> dict[str, Any]:
+    """What a ``verdict`` object says of a verdict at a stated confidence, in the place of that of the central case."""
+    return {"acceptable": ACCEPTABLE[conclusion], "conclusion": conclusion, "reason": reason}
 
 
 def judge(result: CollisionOutcome, over: tuple[float, float | None] | None, nothing_hit: str) -> Verdict:
