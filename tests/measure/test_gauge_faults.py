@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -285,3 +286,11 @@ def test_swapped_columns_are_named_and_nothing_else(tmp_path: Path) -> None:
     (fault,) = read_gauge(write(tmp_path / "curve.csv", force, time)).faults
     assert fault.text.startswith("Column 'Time [s]' goes back ")
     assert fault.text.endswith(" times: it is no time.")
+
+
+def test_a_recording_that_begins_in_contact_can_be_told_as_json(tmp_path: Path) -> None:
+    time, force = pressed()
+    for begin, spoils in ((0.003, False), (0.02, True)):
+        reading = read_gauge(write(tmp_path / "cut.csv", time[time > begin], force[time > begin]))
+        told = json.loads(json.dumps(reading.to_json(), allow_nan=False))["faults"]
+        assert [each["spoils"] for each in told if "begins in contact" in each["text"]] == [spoils]
