@@ -73,12 +73,14 @@ _PARTS = {
 }
 
 
-def workbook(path: Path, rows: Sequence[Sequence[str | float]]) -> Path:
+def workbook(path: Path, rows: Sequence[Sequence[str | float | None]]) -> Path:
     """An Excel file of one sheet, as little as the format needs."""
     sheet = ""
     for i, row in enumerate(rows):
         cells = ""
         for place, value in zip("ABCDEFGH", row, strict=False):
+            if value is None:
+                continue
             text = f't="inlineStr"><is><t>{value}</t></is>' if isinstance(value, str) else f"><v>{value!r}</v>"
             cells += f'<c r="{place}{i + 1}" {text}</c>'
         sheet += f'<row r="{i + 1}">{cells}</row>'

@@ -339,3 +339,33 @@ def test_names_of_an_excel_file_are_found_out(tmp_path: Path) -> None:
         Recording.load(path)
     workbook(path, [["t", "q_1", "q_2"], *rows])
     assert Recording.load(path).t.tolist() == [row[0] for row in rows]
+
+
+def test_a_name_that_stands_twice_in_an_excel_file_is_refused(tmp_path: Path) -> None:
+    """The second had another ending, and the first was read."""
+    pytest.importorskip("fastexcel")
+    rows = [[0.01 * i, 0.02 * i, 0.1 * i, 0.5] for i in range(20)]
+    columns = {"time": {"column": "t"}, "position": {"columns": ["q_1", "q_2"]}}
+    for names in (["t", "q_1", "q_1", "q_2"], ["t", "t", "q_1", "q_2"]):
+        path = workbook(tmp_path / "run.xlsx", [names, *rows])
+        twice = next(name for name in names if names.count(name) > 1)
+        with pytest.raises(InputError, match=rf"has 2 columns '{twice}'; say with --columns"):
+            Recording.load(path)
+        with pytest.raises(InputError, match=rf"has 2 columns '{twice}'; give their numbers"):
+            Recording.load(path, columns=columns)
+
+
+def test_rows_and_columns_of_an_excel_file_count_as_excel_counts_them(tmp_path: Path) -> None:
+    """Also after such as have no cell."""
+    pytest.importorskip("fastexcel")
+    rows: list[list[str | float | None]] = [[0.01 * i, None, 0.5, 0.1 * i] for i in range(300)]
+    rows[200][2] = "torn"
+    columns = {"time": {"column": 1}, "position": {"columns": [3, 4]}}
+    for names in ([["t", None, "q_1", "q_2"]], []):
+        sheet = [[], [], *names, *rows[:100], [], *rows[100:]]
+        found = Recording.load(workbook(tmp_path / "run.xlsx", sheet), columns=columns)
+        assert [row for row, _ in found.report.dropped] == [204 + len(names)]
+        assert (found.report.rows_read, found.q[1].tolist()) == (300, [0.5, 0.1])
+    for sheet, problem in (([["t", "q_1"]], "has no row of data"), ([], "is empty")):
+        with pytest.raises(InputError, match=problem):
+            Recording.load(workbook(tmp_path / "run.xlsx", sheet))

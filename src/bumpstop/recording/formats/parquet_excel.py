@@ -48,21 +48,20 @@ def read_excel(path: Path, header: bool | None) -> Table:
         InputError: damaged, or the package that reads Excel files is not there.
     """
     found, columns = read_guarded("excel", path, header=header)
-    names, named, rows = found["names"], found["named"], found["rows"]
+    names, rows = found["names"], columns[-1]
 
     def fetch(wanted: list[int]) -> FloatArray:
         for i in wanted:
             if found["problems"][i]:
                 raise InputError(f"column {names[i]!r}", found["problems"][i], "wanted numbers")
-        return np.stack([columns[i] for i in wanted]).T if wanted else np.empty((rows, 0))
+        return np.stack([columns[i] for i in wanted]).T if wanted else np.empty((rows.size, 0))
 
-    first = 2 if named else 1
     return Table(
-        names=tuple(names) if named else (),
+        names=tuple(names) if found["named"] else (),
         width=len(names),
-        rows=np.arange(first, first + rows),
-        first_row=first,
-        rows_read=rows,
+        rows=rows,
+        first_row=found["first_row"],
+        rows_read=rows.size,
         numbered="row",
         fetch=fetch,
     )

@@ -56,37 +56,84 @@ def parquet(path: Path, shown: str, columns: list[str] | None, rows: int | None)
 def excel(path: Path, shown: str, header: bool | None) -> Answer:
     """Names of the first sheet of an Excel file, and its columns as numbers; of others the type instead.
 
+    The last array holds the numbers of the rows, from 1 as Excel shows them; rows without any cell are left out.
+
     Args:
         path: of the file.
         shown: how errors call it.
         header: whether its first row holds names; None: when most of its cells are no numbers.
     """
-    import polars as pl
-
-    def read(named: bool) -> pl.DataFrame:
-        return pl.read_excel(path.read_bytes(), engine="calamine", has_header=named, infer_schema_length=None)
-
-    named = header is not False
     try:
-        table = read(named)
-        # A number that stands twice in the first row comes as a name with this ending.
-        if header is None and are_numbers([name.partition("_duplicated_")[0] for name in table.columns]):
-            named, table = False, read(False)
+        body = path.read_bytes()
+        before, fields = _first_row(body, shown)
+        named = header is True or (header is None and not are_numbers(fields))
+        begin = before + named
+        table = _sheet(body, begin)
+    except InputError:
+        raise
     except ModuleNotFoundError:
         raise InputError(
             shown, "is an Excel file, which needs the package fastexcel", "pip install fastexcel"
         ) from None
     except Exception as error:  # of polars or of calamine
         raise _damaged(shown, "Excel", error) from None
+    filled = np.zeros(table.height, dtype=bool)
+    for column in table:
+        filled |= column.is_not_null().to_numpy()
+    if not filled.any():
+        raise InputError(shown, "has no row of data", "wanted rows of numbers")
     kinds, arrays = [], []
-    for name in table.columns:
+    for label in table.columns:
         try:
-            arrays += _numbers(table, [name])
+            arrays += [column[filled] for column in _numbers(table, [label])]
             kinds.append("")
         except InputError as error:
             arrays.append(np.zeros(0))
             kinds.append(error.problem)
-    return {"names": table.columns, "named": named, "rows": table.height, "problems": kinds}, arrays
+    rows = np.flatnonzero(filled) + begin + 1
+    first = table.row(int(rows[0]) - begin - 1)
+    answer = {
+        "names": fields,
+        "named": named,
+        "problems": kinds,
+        "first_row": begin + 1,
+        "first": [_text(cell) for cell in first],
+    }
+    return answer, [*arrays, rows.astype(np.int64)]
+
+
+def _sheet(body: bytes, begin: int, rows: int | None = None) -> pl.DataFrame:
+    """The rows of the first sheet after so many, with all of its columns, and empty rows, too."""
+    import polars as pl
+
+    # Polars gives a name that stands twice another ending: names are taken from the cells instead.
+    return pl.read_excel(
+        body,
+        engine="calamine",
+        has_header=False,
+        infer_schema_length=None,
+        drop_empty_rows=False,
+        drop_empty_cols=False,
+        raise_if_empty=False,
+        read_options={"skip_rows": begin} if rows is None else {"skip_rows": begin, "n_rows": rows},
+    )
+
+
+def _first_row(body: bytes, shown: str) -> tuple[int, list[str]]:
+    """How many empty rows stand before the first that is not, and what stands in that."""
+    count = 1
+    while True:
+        table = _sheet(body, 0, count)
+        for before, row in enumerate(table.iter_rows()):
+            if any(cell is not None for cell in row):
+                return before, [_text(cell) for cell in row]
+        if table.height < count:
+            raise InputError(shown, "is empty", "wanted rows of numbers")
+        count *= 64
+
+
+def _text(cell: Any) -> str:
+    return "" if cell is None else str(cell).strip()
 
 
 def matlab(path: Path, shown: str) -> Answer:
