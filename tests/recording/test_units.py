@@ -11,7 +11,7 @@ import pytest
 from bumpstop import InputError, Robot
 from bumpstop.model import Joint
 from bumpstop.recording import Recording
-from recording.cases import recording, written
+from recording.cases import recording, workbook, written
 
 SCARA = Robot(
     name="scara",
@@ -155,3 +155,39 @@ def test_the_sign_of_a_coupling_turns_currents_and_torques(name: str, side: str,
     assert value is not None
     ratio = np.array([2.0, 4.0]) if name == "torque" and side == "motor" else np.ones(2)
     np.testing.assert_allclose(value[3], ratio * [4.0, -5.0])
+
+
+@pytest.mark.parametrize("kind", ["csv", "xlsx"])
+def test_units_below_the_names_are_not_passed_over(kind: str, tmp_path: Path) -> None:
+    """They were one bad row, and the values were read in SI."""
+    names, units = ["t", "q_1", "q_2"], ["ms", "[deg]", "deg"]
+    rows = [[10.0 * i, 0.1 * i, 0.5] for i in range(200)]
+    if kind == "csv":
+        path = written(tmp_path, [",".join(map(str, row)) for row in (names, units, *rows)])
+    else:
+        pytest.importorskip("fastexcel")
+        path = workbook(tmp_path / "run.xlsx", [names, units, *rows])
+    with pytest.raises(
+        InputError, match=r"(line|row) 2: holds no number but ms, \[deg\], deg: are these units\?.*unit"
+    ):
+        Recording.load(path)
+    columns: dict[str, Any] = {"time": {"column": "t", "unit": "ms"}, "position": {"columns": ["q_1", "q_2"]}}
+    with pytest.raises(InputError, match=r"columns.position.unit: is 'rad', but .* says 'deg' in (line|row) 2"):
+        Recording.load(path, columns=columns)
+    columns["position"]["unit"] = "deg"
+    found = Recording.load(path, columns=columns)
+    assert [row for row, _ in found.report.dropped] == [2]
+    np.testing.assert_allclose(found.q[:, 1], np.radians(0.5))
+
+
+def test_quoted_decimal_commas_between_commas_are_refused(tmp_path: Path) -> None:
+    """Without their quotes they were two numbers each, and other columns were read."""
+    text = [f'{10 * i},"0,{123 + i}","0,500"' for i in range(50)]
+    columns = {"time": {"column": 1, "unit": "ms"}, "position": {"columns": [2, 3]}}
+    with pytest.raises(InputError, match=r"line 1: the quoted field '0,123' holds a ',', which separates fields here"):
+        Recording.load(written(tmp_path, text), columns=columns)
+    path = written(tmp_path, [line.replace(',"', ';"') for line in text])
+    assert Recording.load(path, columns=columns).q[1].tolist() == [0.124, 0.5]
+    words = [f'{0.01 * i:.2f},"so, it said","{i}","1"' for i in range(50)]
+    shifted: dict[str, Any] = {"time": {"column": 1}, "position": {"columns": [3, 4]}}
+    assert Recording.load(written(tmp_path, words), columns=shifted).q[7].tolist() == [7.0, 1.0]

@@ -12,7 +12,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError, near_matches
 from bumpstop.recording.column_draft import MissingColumnsError, as_list, draft_of_names, draft_of_numbers
-from bumpstop.recording.columns import Columns, Quantity
+from bumpstop.recording.columns import UNITS, Columns, Quantity
 from bumpstop.recording.formats.table import RawRecording, Table
 from bumpstop.recording.read_report import payload_note
 
@@ -44,6 +44,7 @@ def choose(table: Table, columns: Columns, path: Path, open_table: Callable[[Pat
     quantities = dict(columns.quantities)
     if not quantities:
         quantities, rtde = _found(table, path)
+        _refuse_text_row(table, path)
         notes += [_RTDE_NOTE, *_payload_notes(table, path)] if rtde else []
     if "position" not in quantities:
         raise InputError("columns.position", "is missing", "wanted the columns of the joint positions")
@@ -114,6 +115,9 @@ def _fetched(table: Table, quantities: dict[str, Quantity], path: Path) -> dict[
     if not quantities:
         return {}
     places = {name: _places(table, name, quantity, path) for name, quantity in quantities.items()}
+    if table.text_row:
+        for name, place in places.items():
+            _check_units_row(table, name, quantities[name], place, path)
     block = table.fetch([i for place in places.values() for i in place])
     values, start = {}, 0
     for name, place in places.items():
@@ -121,6 +125,31 @@ def _fetched(table: Table, quantities: dict[str, Quantity], path: Path) -> dict[
         values[name] = quantities[name].in_si(part, name)
         start += len(place)
     return values
+
+
+def _refuse_text_row(table: Table, path: Path) -> None:
+    """Refuse a row of text below names of ours: it may hold units, and the values would be read in SI."""
+    if table.text_row:
+        raise InputError(
+            f"{path} {table.numbered} {table.rows[0]}",
+            f"holds no number but {as_list(table.text_row)}: are these units?",
+            "say with --columns FILE.toml which columns hold what, in which unit, or delete the row",
+        )
+
+
+def _check_units_row(table: Table, name: str, quantity: Quantity, place: list[int], path: Path) -> None:
+    """Refuse a unit that the file itself contradicts, in a row below its names."""
+    key = "time" if name == "t" else name
+    known = UNITS[key]
+    used = quantity.units or (next(iter(known)),)
+    for i, unit in zip(place, used * len(place) if len(used) == 1 else used, strict=False):
+        told = table.text_row[i].strip('"[]() ')
+        if told in known and known[told] != known[unit]:
+            raise InputError(
+                f"columns.{key}.unit",
+                f"is {unit!r}, but {str(path)!r} says {told!r} in {table.numbered} {table.rows[0]}",
+                f'wanted "{told}", or delete the row',
+            )
 
 
 def _places(table: Table, name: str, quantity: Quantity, path: Path) -> list[int]:

@@ -45,7 +45,7 @@ def read_delimited(path: Path, header: bool | None) -> Table:
     # Anywhere: an arm that stands still at first may have written whole numbers until then. Points are read as ever.
     decimal_comma = separator == b";" and body.find(b",", start) >= 0
     if any(mark in body for mark in (b'"', b" ", *(() if separator == b"\t" else (b"\t",)))):
-        body, start = _bare(body[start:], separator), 0
+        body, start = _bare(_commas_in_quotes(body[start:], separator, path, skipped), separator), 0
     return _split(path, body, start, separator, names, skipped, decimal_comma)
 
 
@@ -80,6 +80,31 @@ def _bare(body: bytes, separator: bytes) -> bytes:
     return body.replace(b'"', b"")
 
 
+def _commas_in_quotes(body: bytes, separator: bytes, path: Path, skipped: int) -> bytes:
+    """Text whose quoted fields hold no separator: without their quotes they would be several.
+
+    Raises:
+        InputError: such a field is a number, as with decimal commas: which number, nobody can know.
+    """
+    if b'"' not in body or separator == b" ":
+        return body
+
+    def without(found: re.Match[bytes]) -> bytes:
+        inside = found[1]
+        if re.fullmatch(rb"[-+0-9.,eE ]*[0-9][-+0-9.,eE ]*", inside):
+            line = skipped + body.count(b"\n", 0, found.start()) + 1
+            raise InputError(
+                f"{path} line {line}",
+                f"the quoted field {inside.decode()!r} holds a {separator.decode()!r}, which separates fields here",
+                "wanted decimal points, or semicolons or tabs between fields",
+            )
+        return b'"' + inside.replace(separator, b" ") + b'"'
+
+    # From the beginning of a field on: what stands between two quoted fields is not quoted.
+    mark = re.escape(separator)
+    return re.sub(rb'(?m)(?:^|(?<=%b))(?: *)"([^"\n%b]*%b[^"\n]*)"' % (mark, mark, mark), without, body)
+
+
 def _split(
     path: Path, body: bytes, start: int, separator: bytes, names: tuple[str, ...], skipped: int, comma: bool
 ) -> Table:
@@ -105,6 +130,7 @@ def _split(
         body, start = data[np.repeat(good, np.diff(ends, prepend=-1))].tobytes(), 0
         numbers = numbers[good]
     bad = np.flatnonzero(filled & ~good)
+    top = _fields(_first_good(data, ends, good), separator)
 
     def fetch(wanted: list[int]) -> FloatArray:
         return _parse(body, body.count(b"\n", 0, start), separator, width, wanted, comma)
@@ -118,7 +144,14 @@ def _split(
         numbered="line",
         fetch=fetch,
         faults=tuple((int(lines[i]), f"{WRONG_COUNT}: {counts[i]}, not {width}") for i in bad),
+        text_row=tuple(top) if are_text(top) else (),
     )
+
+
+def _first_good(data: npt.NDArray[np.uint8], ends: npt.NDArray[np.int64], good: npt.NDArray[np.bool_]) -> bytes:
+    """The first line that is one."""
+    at = int(np.argmax(good))
+    return data[int(ends[at - 1]) + 1 if at else 0 : int(ends[at])].tobytes() if good[at] else b""
 
 
 def _lines(data: npt.NDArray[np.uint8], separator: bytes) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
@@ -190,11 +223,18 @@ def _fields(line: bytes, separator: bytes) -> list[str]:
 
 def are_numbers(fields: list[str]) -> bool:
     """Whether this is a row of data: at least half are numbers, as single ones may be garbage."""
-    found = 0
-    for text in fields:
-        try:
-            float(text.strip().strip('"').replace(",", "."))
-        except ValueError:
-            continue
-        found += 1
-    return 2 * found >= len(fields)
+    return 2 * sum(map(_is_number, fields)) >= len(fields)
+
+
+def are_text(fields: list[str]) -> bool:
+    """Whether nothing in a row is a number, and something stands there."""
+    filled = [text for text in fields if text.strip()]
+    return bool(filled) and not any(map(_is_number, filled))
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text.strip().strip('"').replace(",", "."))
+    except ValueError:
+        return False
+    return True

@@ -64,6 +64,7 @@ def read_excel(path: Path, header: bool | None) -> Table:
         rows_read=rows.size,
         numbered="row",
         fetch=fetch,
+        text_row=tuple(found["text_row"]),
     )
 
 

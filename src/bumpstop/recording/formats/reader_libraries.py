@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.errors import InputError
-from bumpstop.recording.formats.csv import are_numbers
+from bumpstop.recording.formats.csv import are_numbers, are_text
 
 if TYPE_CHECKING:
     import polars as pl
@@ -91,13 +91,13 @@ def excel(path: Path, shown: str, header: bool | None) -> Answer:
             arrays.append(np.zeros(0))
             kinds.append(error.problem)
     rows = np.flatnonzero(filled) + begin + 1
-    first = table.row(int(rows[0]) - begin - 1)
+    top = [_text(cell) for cell in table.row(int(rows[0]) - begin - 1)]
     answer = {
         "names": fields,
         "named": named,
         "problems": kinds,
         "first_row": begin + 1,
-        "first": [_text(cell) for cell in first],
+        "text_row": top if are_text(top) else [],
     }
     return answer, [*arrays, rows.astype(np.int64)]
 

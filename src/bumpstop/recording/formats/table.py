@@ -32,6 +32,7 @@ class Table:
         fetch: columns by index, (N, k) in the file's units; NaN where no number stands.
         joint_names, robot: what the file says of itself.
         notes: what is unusual.
+        text_row: the fields of the first row, where all of them are text, as where units stand below the names.
     """
 
     names: tuple[str, ...]
@@ -45,6 +46,7 @@ class Table:
     joint_names: tuple[str, ...] = ()
     robot: str = ""
     notes: tuple[str, ...] = ()
+    text_row: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
