@@ -242,5 +242,5 @@ def test_when_nothing_can_be_judged_it_says_so() -> None:
 
 def test_a_risk_no_quantile_can_hold_is_refused() -> None:
     with pytest.raises(bs.InputError) as refused:
-        EffectivenessStudy.of(control_group(verdict__accepted_probability=1e-300))
+        EffectivenessStudy.of(control_group(verdict__accepted_probability=1e-14))
     assert refused.value.field == "verdict.accepted_probability"

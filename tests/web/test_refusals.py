@@ -137,6 +137,7 @@ REFUSED: tuple[tuple[str, dict[str, Any]], ...] = (
     ),
     ("simulation.substeps", {"simulation": {"step_s": 1e-4, "substeps": 500}}),
     ("verdict.accepted_probability", {"verdict": {"accepted_probability": 1.0}}),
+    ("verdict.accepted_probability", {"verdict": {"accepted_probability": 1e-17}}),
     ("contact.aera_cm2", {"contact.aera_cm2": 2}),
 )
 

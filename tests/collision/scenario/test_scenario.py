@@ -221,8 +221,8 @@ BAD_VALUES: list[tuple[str, Any, str]] = [
     ("simulation.substeps", 0, "0 cannot be used; wanted a whole number from 1 to 1000"),
     ("simulation.substeps", 2.5, "2.5 cannot be used; wanted a whole number"),
     ("simulation.substeps", 10**30, "cannot be used; wanted a whole number from 1 to 1000"),
-    ("verdict.accepted_probability", 0, "0 cannot be used; wanted a number above 0 and below 1"),
-    ("verdict.accepted_probability", 1, "1 cannot be used; wanted a number above 0 and below 1"),
+    ("verdict.accepted_probability", 0, "0 cannot be used; wanted a number above 1e-15 and below 1"),
+    ("verdict.accepted_probability", 1, "1 cannot be used; wanted a number above 1e-15 and below 1"),
     ("verdict.max_false_alarm", -1e-3, "-0.001 cannot be used"),
     # Keys that are none.
     ("motion.velocity_mms", [0, 0, 1], "is not a key of a scenario; did you mean 'velocity_mm_s'?"),

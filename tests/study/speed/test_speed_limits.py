@@ -296,7 +296,7 @@ def test_a_long_trajectory_takes_the_direction_of_the_nearest_waypoint_that_move
     [
         (PICK, {"contact.body": None, "contact.stiffness_N_m": 1e4}, {}, "contact.body"),
         (PICK, {}, {"max_speed_mm_s": 0.0}, "--max-speed"),
-        (PICK, {"verdict.accepted_probability": 1e-300}, {}, "verdict.accepted_probability"),
+        (PICK, {"verdict.accepted_probability": 1e-14}, {}, "verdict.accepted_probability"),
         (PICK, {}, {"max_speed_mm_s": math.nan}, "--max-speed"),
         (PICK, {}, {"cone_deg": -1.0}, "--cone"),
         (LINE, {"contact.kind": "free"}, {}, "contact.kind"),

@@ -19,6 +19,8 @@ from bumpstop.model.dynamics import STANDARD_GRAVITY
 from bumpstop.text_files import is_path
 
 Probability = Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)]
+# The quantile of what is left: 1 less a smaller one is 1.
+AcceptedProbability = Annotated[float, Field(gt=1e-15, lt=1, allow_inf_nan=False)]
 JointPosition = Annotated[float, between(-1e6, 1e6)]
 FreeFall = Annotated[list[Annotated[float, between(-10, 10)]], Field(min_length=3, max_length=3)]
 Velocity = Annotated[list[Annotated[float, between(-1e5, 1e5)]], Field(min_length=3, max_length=3)]
@@ -179,7 +181,7 @@ class SimulationTable(Table):
 class VerdictTable(Table):
     """What counts as acceptable."""
 
-    accepted_probability: Probability = 1e-3
+    accepted_probability: AcceptedProbability = 1e-3
     max_false_alarm: Probability = 1e-3
     clamped_limit: Literal["quasi_static", "two_phase"] = "quasi_static"
     confidence: Annotated[float, between(0.5, 0.999)] = 0.95
