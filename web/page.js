@@ -179,7 +179,7 @@ function beginPage(load, source) {
     } else if (typeof WorkerGlobalScope !== "undefined") {
         serve(load);
     } else {
-        const words = { general, percent, smallPercent, decimal };
+        const words = { general, percent, smallPercent, acceptedPercent, decimal };
         module.exports = { load, check, evaluate, finerStepsWarning, readToml, Refusal, ...words };
     }
 }

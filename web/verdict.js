@@ -71,20 +71,21 @@ function faultsOf(parts) {
     const because = unboundedBecause(parts);
     const missed = because === null ? 0 : result.undetected_probability;
     const listed = (over) => over !== null && over > accepted && (!(missed > accepted) || over - missed > accepted);
+    const said = (p) => apart(p, accepted, text);
     const faults = [];
     if (listed(overForce))
-        faults.push(`the peak force exceeds ${general(limits.force_N)} N with probability ${text(overForce, true)}`);
+        faults.push(`the peak force exceeds ${general(limits.force_N)} N with probability ${said(overForce)}`);
     if (listed(overPressure))
         faults.push(
-            `the pressure exceeds ${general(limits.pressure_N_cm2)} N/cm² with probability ${text(overPressure, true)}`,
+            `the pressure exceeds ${general(limits.pressure_N_cm2)} N/cm² with probability ${said(overPressure)}`,
         );
-    const more = faults.length || missed > accepted ? `, more than the accepted ${text(accepted)}` : "";
+    const more = faults.length || missed > accepted ? `, more than the accepted ${acceptedPercent(accepted)}` : "";
     if (missed > accepted)
-        faults.push(`${text(missed, true)} of collisions are not detected ${because} and count as over every limit`);
+        faults.push(`${said(missed)} of collisions are not detected ${because} and count as over every limit`);
     if (falseAlarm > max_false_alarm)
         faults.push(
-            `a false alarm comes before contact with probability ${text(falseAlarm, true)} (accepted: ` +
-                `${text(max_false_alarm)})`,
+            `a false alarm comes before contact with probability ` +
+                `${apart(falseAlarm, max_false_alarm, text)} (accepted: ${acceptedPercent(max_false_alarm)})`,
         );
     if (!faults.length) return "";
     const rest = faults.length > 2 ? `; also ${faults.slice(2).join(" and ")}` : "";
@@ -95,11 +96,12 @@ function faultsOf(parts) {
 /** How far the worst figure is from being too much. */
 function withinLimits({ problem, overForce, overPressure }) {
     const { limits, scenario } = problem;
-    const text = probabilityWords(scenario.verdict);
+    const accepted = scenario.verdict.accepted_probability;
+    const worst = apart(Math.max(overForce, overPressure ?? 0), accepted, probabilityWords(scenario.verdict));
     const what = overPressure !== null ? "Peak force or pressure exceeds" : "The peak force exceeds";
     return (
-        `${what} the limits for ${limits.label} with probability ${text(Math.max(overForce, overPressure ?? 0), true)}, ` +
-        `within the accepted ${text(scenario.verdict.accepted_probability)}.`
+        `${what} the limits for ${limits.label} with probability ${worst}, ` +
+        `within the accepted ${acceptedPercent(accepted)}.`
     );
 }
 
@@ -137,10 +139,11 @@ function untouchedWarning(parts, verdict) {
     const alone = over / (1 - untouched);
     const hides = over <= verdict.accepted_probability && verdict.accepted_probability < alone;
     if (!hides && !(untouched > DATA.numbers.much_untouched)) return null;
-    const more = hides ? `, more than the accepted ${percent(verdict.accepted_probability)}` : "";
+    const accepted = verdict.accepted_probability;
+    const more = hides ? `, more than the accepted ${acceptedPercent(accepted)}` : "";
     return (
         `In ${percent(untouched)} of cases nothing is hit; they count as below every limit. Of the others alone ` +
-        `${percent(alone)} exceed one${more}.`
+        `${apart(alone, accepted, (p) => percent(p))} exceed one${more}.`
     );
 }
 

@@ -34,6 +34,22 @@ function smallPercent(p, integrated = false) {
     return p > 0 ? `${general(100 * p, 2)} %` : `less than ${scientific(100 * DATA.numbers.min_printed, 0)} %`;
 }
 
+/** What is accepted, in percent with all of its digits: others are compared with it. */
+function acceptedPercent(p) {
+    return `${general(100 * p, 10)} %`;
+}
+
+/** A probability as `text` tells it, on its side of what is accepted as acceptedPercent tells that. */
+function apart(p, accepted, text) {
+    const told = text(p, true);
+    if (!/^[0-9]/.test(told)) return told;
+    if (p === accepted) return acceptedPercent(accepted);
+    const beside = parseFloat(acceptedPercent(accepted));
+    const tells = (one) => (p > accepted ? parseFloat(one) > beside : parseFloat(one) < beside);
+    for (let digits = 2, one = told; digits < 18; one = `${general(100 * p, ++digits)} %`) if (tells(one)) return one;
+    return told;
+}
+
 /** An integrated probability in a column. */
 function decimal(p) {
     if (p >= 0.001) return p.toFixed(4);

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import re
+from functools import partial
 
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision.probability_text import apart, decimal, percent, small_percent
+from bumpstop.collision.probability_text import accepted_percent, apart, decimal, percent, small_percent
 from cli.support import EXAMPLE, run
 
 
@@ -43,6 +44,10 @@ def test_more_than_what_is_accepted_reads_as_more() -> None:
     assert apart(0.0010000004, 0.001, percent) == "0.10000004 %"
     assert apart(0.00099, 0.001, percent) == "0.099 %"
     assert apart(0.001, 0.001, percent) == "0.1 %"
+    assert (apart(0.0300251, 0.029905, percent), accepted_percent(0.029905)) == ("3 %", "2.9905 %")
+    assert (apart(0.0298, 0.029905, percent), apart(0.0299049, 0.029905, percent)) == ("2.98 %", "2.99 %")
+    assert (apart(1.04e-7, 1e-7, small_percent), accepted_percent(1e-7)) == ("1.04e-05 %", "1e-05 %")
+    assert apart(0.029905, 0.029905, percent) == "2.9905 %"
     scenario = bs.load_scenario(EXAMPLE).with_values({"motion.speed_mm_s": 75.0})
     over = bs.evaluate(scenario).verdict.p_over_force
     assert over is not None
@@ -50,6 +55,15 @@ def test_more_than_what_is_accepted_reads_as_more() -> None:
     reason = bs.evaluate(told).verdict.reason
     first, second = (float(number) for number in re.findall(r"([0-9.]+) %", reason)[:2])
     assert first > second
+
+
+def test_what_is_at_most_so_much_is_rounded_up() -> None:
+    for p, told in ((2.7187e-5, "0.0028 %"), (2.7e-5, "0.0027 %"), (0.0999, "10 %"), (0.1234, "12.4 %"), (0.0, "0 %")):
+        assert percent(p, up=True) == told
+    assert (percent(0.99951, up=True), percent(0.9995000001, up=True)) == ("99.951 %", "99.9501 %")
+    assert small_percent(1.04e-9, up=True) == "1.1e-07 %"
+    for accepted, told in ((1e-3, "0.11 %"), (1.004001e-3, "0.1004 %")):
+        assert apart(1.004e-3, accepted, partial(percent, up=True), up=True) == told
 
 
 def test_a_result_prints_what_the_terminal_shows() -> None:

@@ -173,6 +173,25 @@ def test_not_acceptable():
     assert "50 N/cm² above" in page.text
 
 
+def test_what_the_verdict_rests_on_tells_figures_from_what_is_accepted():
+    tiny = {"motion.velocity_mm_s": [0.0, 0.0, -40.0], "verdict.accepted_probability": 1e-13}
+    text = Outline(Page(evaluate(tiny)).html()).text
+    assert "Peak force that 99.99999999999 % of collisions stay below (p99.99999999999)" in text
+    assert re.search(r"Probability of exceeding the force limit (less than 1e-10|[0-9.e-]+) % at most 1e-11 %", text)
+    law = evaluate({"contact.body": "lower_arm_wrist", "motion.velocity_mm_s": [0.0, 0.0, -75.0]})
+    p = law.verdict.p_over_pressure
+    near = evaluate(
+        {
+            "contact.body": "lower_arm_wrist",
+            "motion.velocity_mm_s": [0.0, 0.0, -75.0],
+            "verdict.accepted_probability": p / 1.001,
+        }
+    )
+    text = Outline(Page(near).html()).text
+    told, accepted = re.search(r"exceeding the pressure limit ([0-9.]+) % at most ([0-9.]+) % too high", text).groups()
+    assert float(told) > float(accepted)
+
+
 def test_no_body_no_limits():
     law = evaluate({"contact.body": None, "contact.stiffness_N_m": 20000.0})
     page = Page(law)

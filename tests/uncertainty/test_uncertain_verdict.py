@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -179,3 +180,16 @@ def test_without_limits_forces_are_shown() -> None:
     assert ["peak force [N]" in picture.render().svg for picture in section.pictures()] == [True, True]
     assert "of the limit" not in "".join(section.content())
     assert not UncertaintySection(result.central, None).applies()
+
+
+def test_an_upper_end_is_no_less_than_it_is_and_told_from_what_is_accepted() -> None:
+    scenario = random_uncertain(4, assumed=0)
+    first = bs.evaluate_uncertain(scenario)
+    over = first.case("confident").p_over
+    for accepted in (1e-3, over * 1.001, over / 1.001):
+        found = bs.evaluate_uncertain(scenario.with_values({"verdict.accepted_probability": accepted}))
+        told = re.search(r"of at most ([0-9.]+) %, (?:within the accepted )?([0-9.]+) %", found.reason)
+        assert told is not None, found.reason
+        most, allowed = told.groups()
+        assert float(most) >= 100 * over * (1 - 1e-12)
+        assert (float(most) > float(allowed)) == (over > accepted), found.reason

@@ -12,7 +12,7 @@ import tomli_w
 from web.exports import ROOT
 
 import bumpstop as bs
-from bumpstop.collision.probability_text import decimal, percent, small_percent
+from bumpstop.collision.probability_text import accepted_percent, decimal, percent, small_percent
 from bumpstop.collision.verdict.unit_slips import unit_slips
 from bumpstop.errors import InputError
 from web.cases import random_tables
@@ -140,6 +140,20 @@ def test_warnings_that_the_page_looks_for_are_those_of_the_command(page_script: 
     assert compare(text, told) == []
 
 
+@pytest.mark.parametrize(("key", "figure"), [("accepted_probability", "p_over_force"), ("max_false_alarm", "")])
+def test_what_is_near_to_accepted_is_told_apart_as_by_the_command(page_script: Path, key: str, figure: str) -> None:
+    scenario = bs.load_scenario(ROOT / "examples" / "01_hand_downward.toml").with_values(
+        {"motion.speed_mm_s": 75.0, "contact.area_cm2": 9.0, "detector.noise_sd_Nm": 2.6}
+    )
+    found = bs.evaluate(scenario).verdict
+    p = found.p_over_force if figure else found.false_alarm_probability
+    assert p is not None
+    near = [scenario.with_values({f"verdict.{key}": p * factor}) for factor in (1 / 1.0001, 1.0001, 0.99, 1.01)]
+    texts = [tomli_w.dumps(one.as_given()) for one in near]
+    for text, told in zip(texts, in_node(page_script, "evaluate", texts), strict=True):
+        assert compare(text, told) == []
+
+
 def test_numbers_are_written_as_the_command_writes_them(page_script: Path) -> None:
     values = [10.0**k * factor for k in range(-14, 8) for factor in (1.0, 1.2345678, 9.99999951, 4.5678)]
     shares = [value for value in values if value <= 1] + [0.0, 1.0, 0.99895, 0.9999991, 0.5]
@@ -150,6 +164,9 @@ def test_numbers_are_written_as_the_command_writes_them(page_script: Path) -> No
         for integrated in (False, True):
             wanted = [function(p, integrated=integrated) for p in shares]
             assert in_node(page_script, "words", [[name, p, integrated] for p in shares]) == wanted
+    accepted = [p for p in (*shares, 0.029905, 1e-3 / 1.0001) if 0 < p < 1]
+    wanted = [accepted_percent(p) for p in accepted]
+    assert in_node(page_script, "words", [["acceptedPercent", p] for p in accepted]) == wanted
     assert in_node(page_script, "words", [["decimal", p] for p in shares]) == [
         decimal(p, integrated=True) for p in shares
     ]

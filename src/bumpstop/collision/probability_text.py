@@ -10,13 +10,14 @@ MIN_PRINTED_PROBABILITY = 1e-12
 MIN_PERCENT = 1e-6  # a probability that is not spelt out in percent
 
 
-def percent(p: float, *, integrated: bool = False) -> str:
+def percent(p: float, *, integrated: bool = False, up: bool = False) -> str:
     """A probability in percent that never rounds to certainty, nor to impossibility.
 
     Args:
         p: probability; NaN: there is none.
         integrated: it comes from a quadrature, whose 0 and 1 may be what it no longer follows. Those of counts and
             shares are exact.
+        up: round upward, as what is "at most" so much.
     """
     if math.isnan(p):
         return "none"
@@ -29,24 +30,54 @@ def percent(p: float, *, integrated: bool = False) -> str:
     if p > 1 - MIN_PERCENT:
         return "over 99.9999 %"
     if p < 0.1:
-        return f"{float(f'{100 * p:.2g}'):.7g} %"
+        return f"{_rounded(p, 2, up):.7g} %"
     # Beyond 99.9 % it is the distance from certainty that tells.
-    return f"{100 * p:.3g} %" if p <= 0.999 else f"{math.floor(1e6 * p) / 1e4:.6g} %"
+    if p <= 0.999:
+        return f"{_rounded(p, 3, up):.3g} %"
+    return f"{(math.ceil(1e6 * p - 1e-6) if up else math.floor(1e6 * p)) / 1e4:.6g} %"
 
 
-def small_percent(p: float, *, integrated: bool = False) -> str:
+def small_percent(p: float, *, integrated: bool = False, up: bool = False) -> str:
     """As :func:`percent`, with figures for what is next to nothing, where that is compared with what is accepted."""
     if not p < MIN_PERCENT or (p <= 0 and not integrated):
-        return percent(p, integrated=integrated)
-    return f"{100 * p:.2g} %" if p > 0 else f"less than {100 * MIN_PRINTED_PROBABILITY:.0e} %"
+        return percent(p, integrated=integrated, up=up)
+    return f"{_rounded(p, 2, up):.2g} %" if p > 0 else f"less than {100 * MIN_PRINTED_PROBABILITY:.0e} %"
 
 
-def apart(p: float, other: float, text: Callable[[float], str]) -> str:
-    """A probability as ``text`` tells it, with as many digits as tell it from another that it is compared with."""
+def accepted_percent(p: float) -> str:
+    """What is accepted, in percent with all of its digits: others are compared with it."""
+    return f"{100 * p:.10g} %"
+
+
+def apart(p: float, accepted: float, text: Callable[[float], str], *, up: bool = False) -> str:
+    """A probability as ``text`` tells it, on its side of what is accepted as :func:`accepted_percent` tells that.
+
+    Args:
+        p: probability.
+        accepted: what it is compared with.
+        text: of a probability.
+        up: whether that rounds upward.
+    """
     told = text(p)
-    if told != text(other) or p == other or not MIN_PERCENT <= p <= 1 - MIN_PERCENT:
+    if not told[0].isdigit():
         return told
-    return next(told for digits in range(3, 18) if (told := f"{100 * p:.{digits}g} %") != f"{100 * other:.{digits}g} %")
+    if p == accepted:
+        return accepted_percent(accepted)
+    beside = float(accepted_percent(accepted).split()[0])
+
+    def tells(one: str) -> bool:
+        shown = float(one.split()[0])
+        return shown > beside if p > accepted else shown < beside
+
+    more = (f"{_rounded(p, digits, up):.{digits}g} %" for digits in range(3, 18))
+    return next((one for one in (told, *more) if tells(one)), told)
+
+
+def _rounded(p: float, digits: int, up: bool) -> float:
+    """Percent of so many digits."""
+    told = float(f"{100 * p:.{digits}g}")
+    # A hair below is a rounding of the factor.
+    return told + 10.0 ** (math.floor(math.log10(told)) + 1 - digits) if up and told < 100 * p * (1 - 1e-12) else told
 
 
 def decimal(p: float, *, integrated: bool = False) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from bumpstop.collision import evaluate
-from bumpstop.collision.probability_text import percent
+from bumpstop.collision.probability_text import accepted_percent
 from bumpstop.errors import InputError
 from bumpstop.register.evaluation import RegisterResult, worst_first
 from bumpstop.register.shots import Shot
@@ -201,7 +201,7 @@ def _judged_without_peak(shot: Shot, told: str) -> JudgedShot:
 
 def _judged_without_band(shot: Shot, result: SituationResult, told: str, here: _Expected) -> JudgedShot:
     if shot.measured_N > here.most:
-        accepted = percent(result.verdict.accepted_probability)
+        accepted = accepted_percent(result.verdict.accepted_probability)
         reason = f"{told}, above the {here.most:.4g} N that {accepted} should exceed: the prediction is too low."
         return JudgedShot(shot, "above", reason, shot.measured_N / max(here.most, 1e-9))
     if shot.measured_N < _MIN_SHARE_OF_MEDIAN * here.median < math.inf:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
+from bumpstop.collision.probability_text import accepted_percent
 
 if TYPE_CHECKING:
     from bumpstop.collision.verdict.verdict import Conclusion
@@ -127,19 +128,19 @@ def conclude(
         over = max(at_rank(points.p_over, confidence) for points in (cases.base, *cases.worst))
         return "acceptable", (
             f"{sure} one contact exceeds the limits for {label} with probability "
-            f"{evaluator.said_at_most(over, accepted)}, within the accepted {said(accepted, accepted)} ({central})."
+            f"{evaluator.said_at_most(over, accepted)}, within the accepted {accepted_percent(accepted)} ({central})."
         )
     over, alarm = at_rank(cases.base.p_over, confidence), at_rank(cases.base.false_alarm, confidence)
     faults = []
     if over > accepted or alarm <= max_alarm:
         faults.append(
             f"one contact exceeds the limits for {label} with probability "
-            f"{evaluator.said_at_most(over, accepted)}, {said(accepted, accepted)} accepted ({central})"
+            f"{evaluator.said_at_most(over, accepted)}, {accepted_percent(accepted)} accepted ({central})"
         )
     if alarm > max_alarm or over <= accepted:
         faults.append(
             f"a false alarm comes before contact with probability {evaluator.said_at_most(alarm, max_alarm)}, "
-            f"{said(max_alarm, max_alarm)} accepted"
+            f"{accepted_percent(max_alarm)} accepted"
         )
     return "not_acceptable", f"{sure} " + " and ".join(faults) + "."
 
@@ -169,8 +170,8 @@ def _swap(evaluator: PointEvaluator, cases: JudgedCases, confidence: float, deci
     ):
         found = [at_rank(getattr(points, name), confidence) for points in every]
         if max(found) > accepted:
-            span = f"{said(min(found), accepted)} to {said(max(found), accepted)}"
-            spans.append(f"{what} with probability {span}, {said(accepted, accepted)} accepted")
+            span = f"{said(min(found), accepted)} to {evaluator.said_up(max(found), accepted)}"
+            spans.append(f"{what} with probability {span}, {accepted_percent(accepted)} accepted")
     return f"{_listed(names)} {verb}{together}: {' and '.join(spans) or 'force and false alarms'}."
 
 

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bumpstop.collision.probability_text import accepted_percent
+
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
     from bumpstop.uncertainty.point_evaluation import PointEvaluator
@@ -46,7 +48,7 @@ def dependence_note(evaluator: PointEvaluator, confidence: float, figures: Float
     what, most, accepted = "one contact would exceed a limit", over, verdict.accepted_probability
     if not over > accepted:
         what, most, accepted = "a false alarm would come", float(together.false_alarm[0]), verdict.max_false_alarm
-    said = f"{evaluator.said(most, accepted)}, {evaluator.said(accepted, accepted)} accepted"
+    said = f"{evaluator.said_up(most, accepted)}, {accepted_percent(accepted)} accepted"
     return (
         f"This holds for inputs that are independent of one another. Were {names} to go together, {what} at "
         f"{100 * confidence:g} % confidence with probability up to {said}."

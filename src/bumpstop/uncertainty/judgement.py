@@ -12,6 +12,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray, as_whole_number
 from bumpstop.collision.distribution.monte_carlo_blocks import Progress
+from bumpstop.collision.probability_text import accepted_percent
 from bumpstop.collision.scenario.scenario import as_scenario
 from bumpstop.errors import InputError
 from bumpstop.uncertainty.assumed_search import search_assumed
@@ -208,7 +209,7 @@ class _Stages:
             together = dependence_note(evaluator, self._confidence, assumed)
             return conclusion, text if together is None else f"{text} {together}"
         if conclusion == "not_acceptable":
-            more = [f"{over} above {said(accepted, accepted)} ({in_case})"]
+            more = [f"{over} above {accepted_percent(accepted)} ({in_case})"]
             points = Points.joined(known)
             if not (points.p_over > accepted).any():
                 more = []
@@ -219,4 +220,4 @@ class _Stages:
         if untested or not any(each.assumed for each in evaluator.inputs):
             return conclusion, UNTESTED
         names = ", ".join(each.key for each in evaluator.inputs if each.assumed)
-        return conclusion, f"What is assumed decides ({names}): {in_case}, {said(accepted, accepted)} accepted."
+        return conclusion, f"What is assumed decides ({names}): {in_case}, {accepted_percent(accepted)} accepted."

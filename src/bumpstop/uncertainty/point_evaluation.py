@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +16,7 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray
 from bumpstop.collision import CollisionProblem, evaluate, integrate, stopping_curve
 from bumpstop.collision.distribution.distribution import FAR, ExactDistribution
-from bumpstop.collision.probability_text import percent, small_percent
+from bumpstop.collision.probability_text import apart, percent, small_percent
 from bumpstop.collision.verdict.two_phase_use import TwoPhaseUse
 from bumpstop.collision.verdict.verdict_notes import MAX_UNTOUCHED, untouched_share
 from bumpstop.errors import InputError
@@ -114,12 +114,20 @@ class PointEvaluator:
         return self._samples is None and self.problem.residuals is None
 
     def said(self, p: float, accepted: float) -> str:
-        """A probability as sentences say it, with digits where what is accepted needs them."""
-        return (small_percent if accepted < _SMALL else percent)(p, integrated=self.integrated)
+        """A probability as sentences say it, with digits that tell it from what is accepted."""
+        return self._apart(p, accepted, up=False)
+
+    def said_up(self, p: float, accepted: float) -> str:
+        """An upper end of probabilities: no less than it is."""
+        return self._apart(p, accepted, up=True)
+
+    def _apart(self, p: float, accepted: float, *, up: bool) -> str:
+        text = small_percent if accepted < _SMALL else percent
+        return apart(p, accepted, partial(text, integrated=self.integrated, up=up), up=up)
 
     def said_at_most(self, p: float, accepted: float) -> str:
         """An upper end of probabilities, to follow "probability"."""
-        text = self.said(p, accepted)
+        text = self.said_up(p, accepted)
         return text if text.startswith("less") else f"{'' if text.startswith('over') else 'of at most '}{text}"
 
     @staticmethod

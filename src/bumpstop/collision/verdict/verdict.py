@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
-from bumpstop.collision.probability_text import MIN_PERCENT, apart, percent, small_percent
+from bumpstop.collision.probability_text import MIN_PERCENT, accepted_percent, apart, percent, small_percent
 from bumpstop.collision.verdict.alarm_rate import alarm_rate
 
 if TYPE_CHECKING:
@@ -206,7 +206,7 @@ class _Words:
             assert p_pressure is not None
             faults.append(f"the pressure exceeds {pressure} with probability {said(p_pressure)}")
         accepted = (
-            f", more than the accepted {self._text(settings.accepted_probability)}"
+            f", more than the accepted {accepted_percent(settings.accepted_probability)}"
             if faults or missed > settings.accepted_probability
             else ""
         )
@@ -216,7 +216,7 @@ class _Words:
             told = self._said(false_alarm, settings.max_false_alarm)
             faults.append(
                 f"a false alarm comes before contact with probability {told} (accepted: "
-                f"{self._text(settings.max_false_alarm)})"
+                f"{accepted_percent(settings.max_false_alarm)})"
             )
         if not faults:
             return ""
@@ -233,5 +233,5 @@ class _Words:
         what = "Peak force or pressure exceeds" if p_pressure is not None else "The peak force exceeds"
         return (
             f"{what} the limits for {limits.label} with probability {self._said(worst, accepted)}, "
-            f"within the accepted {self._text(accepted)}."
+            f"within the accepted {accepted_percent(accepted)}."
         )

@@ -10,7 +10,7 @@ import numpy as np
 from bumpstop.collision.arm.pressing_limit import doubted_limits
 from bumpstop.collision.curve import states_at_reactions
 from bumpstop.collision.distribution.distribution import NEGLIGIBLE
-from bumpstop.collision.probability_text import percent
+from bumpstop.collision.probability_text import accepted_percent, apart, percent
 from bumpstop.collision.stopping.stopping_times import STANDING
 from bumpstop.collision.verdict.as_given import as_given
 from bumpstop.collision.verdict.finer_steps import JudgedForce, finer_steps
@@ -164,10 +164,11 @@ def _nothing_hit_note(result: CollisionOutcome, verdict: Verdict) -> list[str]:
     hides = over <= verdict.accepted_probability < alone
     if not (hides or untouched > _MUCH_UNTOUCHED):
         return []
-    more = f", more than the accepted {percent(verdict.accepted_probability)}" if hides else ""
+    accepted = verdict.accepted_probability
+    more = f", more than the accepted {accepted_percent(accepted)}" if hides else ""
     return [
         f"In {percent(untouched)} of cases nothing is hit; they count as below every limit. Of the others alone "
-        f"{percent(alone)} exceed one{more}."
+        f"{apart(alone, accepted, percent)} exceed one{more}."
     ]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.distribution.distribution import QUANTILES
-from bumpstop.collision.probability_text import percent
+from bumpstop.collision.probability_text import accepted_percent, percent
 from bumpstop.collision.verdict.verdict_notes import untouched_share
 from bumpstop.report.collision.bins import bins
 from bumpstop.report.formatting import percentile, quantity
@@ -167,7 +167,7 @@ class DistributionSection(Section):
         if risk > least:
             panel.axhline(risk, color=FAINT, linestyle=":", linewidth=1.4)
             panel.annotate(
-                f"accepted {percent(risk)}", (0, risk), (4, 3), xycoords=panel.get_yaxis_transform(),
+                f"accepted {accepted_percent(risk)}", (0, risk), (4, 3), xycoords=panel.get_yaxis_transform(),
                 textcoords="offset points", color=INK, fontsize=8.5, bbox=PAPER,
             )  # fmt: skip
         for name, p in QUANTILES.items():

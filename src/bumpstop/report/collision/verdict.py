@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from decimal import Decimal
+from functools import partial
 from typing import TYPE_CHECKING
 
-from bumpstop.collision.probability_text import percent
+from bumpstop.collision.probability_text import MIN_PERCENT, accepted_percent, apart, small_percent
 from bumpstop.collision.verdict.alarm_rate import alarm_rate
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
 from bumpstop.report.banner import Sign, banner
@@ -80,7 +82,8 @@ class VerdictSection(Section):
         )
         # The quantile of the accepted probability is what the verdict compares with the limit; p99 may be below it.
         p = 1 - verdict.accepted_probability
-        share, name = f"{100 * p:.10g} %", f"p{100 * p:.10g}"
+        below = 100 - 100 * Decimal(f"{verdict.accepted_probability:.10g}")
+        share, name = f"{below.normalize():f} %", f"p{below.normalize():f}"
         rows = [
             _below(f"Peak force that {share} of collisions stay below ({name})", result.peak_force.quantile(p), "N",
                    limits.force_N if limits else None, first.force_N if first else None),
@@ -108,7 +111,9 @@ class VerdictSection(Section):
 
     def _accepted(self, what: str, p: float, accepted: float) -> tuple[str, str, str, str]:
         judged = "" if math.isnan(p) else "within" if p <= accepted else element("strong", "too high")
-        return what, self._percent(p), f"at most {percent(accepted)}", judged
+        text = partial(small_percent, integrated=self.result.kind == "exact")
+        told = apart(p, accepted, text if accepted < MIN_PERCENT else self._percent)
+        return what, told, f"at most {accepted_percent(accepted)}", judged
 
     def _meaning(self) -> str:
         verdict, limits, contact = self.result.verdict, self.result.problem.limits, self.result.scenario.contact
@@ -120,8 +125,8 @@ class VerdictSection(Section):
             )
         meaning = (
             "Acceptable means here: each limit is exceeded with a probability of at most "
-            f"{percent(verdict.accepted_probability)}, and an alarm before contact has a probability "
-            f"of at most {percent(verdict.max_false_alarm)}. "
+            f"{accepted_percent(verdict.accepted_probability)}, and an alarm before contact has a probability "
+            f"of at most {accepted_percent(verdict.max_false_alarm)}. "
         )
         if self._uncertain is not None:
             meaning += f"So it is for {100 * self._uncertain.confidence:g} % of the inputs, whatever is assumed. "
