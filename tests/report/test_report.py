@@ -192,6 +192,15 @@ def test_what_the_verdict_rests_on_tells_figures_from_what_is_accepted():
     assert float(told) > float(accepted)
 
 
+def test_a_report_does_not_deny_its_model_of_the_arm():
+    denied = "Compliance of the gears and the controller is not modelled; it may lower or raise the force"
+    scenario = bs.load_scenario(Path(__file__).parents[2] / "examples" / "05_ur10e.toml")
+    for model in ("rigid", "elastic"):
+        found = bs.evaluate(scenario.with_values({"arm.model": model}), samples=1000)
+        page = Outline(Page(found).html())
+        assert (denied in page.text) == (model == "rigid")
+
+
 def test_no_body_no_limits():
     law = evaluate({"contact.body": None, "contact.stiffness_N_m": 20000.0})
     page = Page(law)

@@ -199,8 +199,14 @@ class AssumptionsSection(Section):
             "copy of it, in its current edition.",
             "The model is not validated on your arm: noise, thresholds, deceleration and latency are those of the "
             "scenario. Measure them, or the figures are about another arm.",
-            "Compliance of the gears and the controller is not modelled; it lowers the force on the body, and it can "
-            "delay detection.",
+            *(
+                ()
+                if result.problem.elastic
+                else (
+                    "Compliance of the gears and the controller is not modelled; it may lower or raise the force on "
+                    "the body, and it can delay detection.",
+                )
+            ),
             "Probabilities far below the accepted risk are statements about the model's tails, not about an arm.",
             "One motion and one contact point are judged. Others may be worse."
             if result.problem.trajectory is not None
