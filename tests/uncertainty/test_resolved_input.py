@@ -123,3 +123,33 @@ def test_elastic_arms_and_bodies_give_what_the_scenario_does_not() -> None:
     assert found.body_stiffness == pytest.approx(1.1 * problem.body_stiffness)
     share = np.asarray(found.drive_train.servo_bandwidth) / np.asarray(problem.drive_train.servo_bandwidth)
     np.testing.assert_allclose(share, [1, 0.9, 1, 1, 1, 1])
+
+
+@pytest.mark.parametrize("key", ["contact.padding_N_m", "contact.gauge_spring_N_m"])
+def test_an_interval_of_a_key_without_a_value_has_its_middle(key: str) -> None:
+    (found,) = inputs({key: {"interval": [2e4, 4e5]}})
+    assert (found.given, found.central) == ("default", pytest.approx(2.1e5))
+    scenario = control_group(contact__area_cm2=2.0, uncertainty={key: {"interval": [2e4, 4e5]}})
+    assert PointEvaluator(scenario).scenario_at(np.array([2e4])).to_dict()["contact"][key.split(".")[1]] == 2e4
+
+
+def test_a_body_mass_has_no_meaning_in_clamped_contact() -> None:
+    scenario = control_group(contact__area_cm2=2.0, uncertainty={"contact.body_mass_kg": {"interval": [2.0, 4.0]}})
+    with pytest.raises(bs.InputError, match="clamped") as refused:
+        bs.evaluate_uncertain(scenario)
+    assert "nan" not in str(refused.value)
+
+
+def test_torque_limits_that_nobody_knows_are_no_values() -> None:
+    """They are infinite."""
+    key, elastic = "arm.torque_limit_Nm", {"arm__model": "elastic"}
+    assert np.isinf(CollisionProblem.from_scenario(control_group(**elastic)).drive_train.torque_limit).all()
+    with pytest.raises(bs.InputError, match=r"arm.torque_limit_Nm has no value to be relative to; give one"):
+        inputs({key: {"relative": [0.8, 1.2]}}, **elastic)
+    for form in ({"relative": [0.8, 1.2]}, {"interval": [100, 200]}, {"distribution": "lognormal", "sigma": 0.1}):
+        with pytest.raises(
+            bs.InputError, match=r"Nm\[2\].*no value whose item this is; give arm.torque_limit_Nm of all"
+        ):
+            inputs({f"{key}[2]": form}, **elastic)
+    (found,) = inputs({key: {"interval": [100, 200]}}, **elastic)
+    assert found.central == 150

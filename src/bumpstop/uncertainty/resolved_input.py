@@ -35,7 +35,8 @@ class ResolvedInput:
     Attributes:
         input: as the scenario has it.
         nominal: the value given, one number or one per joint, or NaN where there is none; 1 of a factor.
-        given: by what: ``"scenario"``, ``"robot"`` for what robot, arm or body say, or ``"default"``.
+        given: by what: ``"scenario"``, ``"robot"`` for what robot, arm or body say, or ``"default"``, also where
+            nobody does.
         low, high: least and greatest possible figure: a value, or a factor where the input is relative.
         samples: of a file, ascending (n,); empty otherwise.
     """
@@ -224,15 +225,17 @@ def _nominal(each: UncertainInput, problem: CollisionProblem) -> tuple[float | l
             given = "default" if found is not None else "robot"
         if found is None:
             found = _of_robot_or_body(key, problem)
+            given = "default" if found is None else given
     if found is not None and not isinstance(found, int | float | list):
         raise InputError(each.field, f"{key} is {found!r}", "give it a number first")
     if each.item is None:
         return (float(found) if isinstance(found, int | float) else found), given
     if isinstance(found, int | float):
         found = [float(found)] * problem.robot.dof
-    if found is None or not 0 <= each.item < len(found):
-        count = 0 if found is None else len(found)
-        raise InputError(each.field, f"item {each.item + 1} is not there", f"{key} has {count} items, from 1")
+    if found is None:
+        raise InputError(each.field, f"{key} has no value whose item this is", f"give {key} of all joints first")
+    if not 0 <= each.item < len(found):
+        raise InputError(each.field, f"item {each.item + 1} is not there", f"{key} has {len(found)} items, from 1")
     return float(found[each.item]), given
 
 
@@ -242,7 +245,9 @@ def _of_robot_or_body(key: str, problem: CollisionProblem) -> float | list[float
     if table == "arm" and problem.elastic:
         unit = 2 * math.pi if name == "servo_bandwidth_hz" else 1.0
         values = getattr(problem.drive_train, QUANTITY[name])
-        return None if values is None else [float(value) / unit for value in values]
+        # A torque limit that is not known is infinite.
+        known = values is not None and np.isfinite(values).all()
+        return [float(value) / unit for value in values] if known else None
     if key == "contact.stiffness_N_m":
         return problem.body_stiffness
     if key == "contact.stiffness_N_mm":
