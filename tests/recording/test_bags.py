@@ -238,3 +238,33 @@ def test_what_we_write_others_decode(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.array([message.effort for message in messages]), before.tau)
     assert messages[150].header.stamp.sec == 1
     assert messages[150].header.stamp.nanosec == 500_000_000
+
+
+def test_a_unit_that_would_not_count_is_refused(tmp_path: Path) -> None:
+    path = bag(tmp_path, StoragePlugin.MCAP, {"/s": [state(0.1 * i, ["b", "a"]) for i in range(5)]})
+    for effort, other, unit in (("current", "torque", "mNm"), ("torque", "current", "mA")):
+        with pytest.raises(
+            InputError, match=rf"columns.{other}: says nothing: .* for a {effort}; give effort = .{other}"
+        ):
+            Recording.load(path, columns={"effort": effort, other: {"unit": unit}})
+    found = Recording.load(path, columns={"effort": "current", "current": {"unit": "mA"}}).current
+    assert found is not None
+    np.testing.assert_allclose(found, 3e-3 * Recording.load(path).q)
+
+
+def test_efforts_of_a_wrong_count_are_told(tmp_path: Path) -> None:
+    bodies = [state(0.1 * i, ["b", "a"]) for i in range(20)]
+    for i in (4, 5, 6):
+        message: Any = STORE.deserialize_cdr(bodies[i], STATE)
+        message.effort = np.ones(1)
+        bodies[i] = bytes(STORE.serialize_cdr(message, STATE))
+    notes = Recording.load(bag(tmp_path, StoragePlugin.MCAP, {"/s": bodies}), max_bad=0.5).report.notes
+    assert any("3 messages have another number of efforts than of joints" in note for note in notes)
+    assert not any("velocities" in note for note in notes)
+
+
+def test_joints_in_messages_of_their_own_are_named(tmp_path: Path) -> None:
+    bodies = [state(0.1 * i, ["a"] if i % 2 else ["b"]) for i in range(20)]
+    path = bag(tmp_path, StoragePlugin.MCAP, {"/s": bodies})
+    with pytest.raises(InputError, match=r"no message holds all joints together: a, b; choose .* joint_names"):
+        Recording.load(path, columns={"joint_names": ["a", "b"]})

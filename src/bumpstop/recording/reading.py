@@ -138,6 +138,9 @@ def _check_places(columns: Columns, kind: str) -> None:
         if bag and (quantity.columns or quantity.variable or quantity.file or quantity.rate_hz is not None):
             problem = "says where it stands: a bag says that itself"
             raise InputError(where, problem, "joint_names choose and order joints")
+        if bag and name in ("torque", "current") and name != columns.effort:
+            problem = f"says nothing: the effort of the bag is taken for a {columns.effort}"
+            raise InputError(where, problem, f'give effort = "{name}", or leave {name} out')
         if kind == "mat" and quantity.file is not None:
             raise InputError(f"{where}.file", "cannot be used with a MATLAB file", "put all variables into one file")
 

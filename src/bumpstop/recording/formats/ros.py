@@ -30,6 +30,7 @@ class _Gathered:
         self.parts: tuple[list[FloatArray], list[FloatArray], list[FloatArray]] = ([], [], [])
         self.faults: list[tuple[int, str]] = []
         self.others = 0
+        self.wrong_counts = dict.fromkeys(_PARTS[1:], 0)
         self.left_out: list[FloatArray] = []
 
 
@@ -54,6 +55,10 @@ def read_bag(path: Path, columns: Columns, robot: Robot | None, topic: str | Non
     notes = []
     if found.others:
         notes.append(f"{found.others} messages of other joints on the topic are left out.")
+    for kind, count in found.wrong_counts.items():
+        if count:
+            what = {"velocity": "velocities", "torque": "efforts"}[kind]
+            notes.append(f"{count} messages have another number of {what} than of joints: these {what} are left out.")
     number = np.concatenate(found.number)
     order = np.argsort(number, kind="stable")
     number = number[order]
@@ -155,8 +160,10 @@ def _gather(
                 found.left_out.append(beside)
                 found.number.append(left[same])
                 found.stamp.append(stamps(rows[same], known))
-                for block, into in zip(blocks, found.parts, strict=True):
+                for name, block, into in zip(_PARTS, blocks, found.parts, strict=True):
                     absent = block.shape[1] != len(known.names)
+                    if absent and block.shape[1]:
+                        found.wrong_counts[name] += len(block)
                     into.append(np.full((len(block), len(names)), np.nan) if absent else block[:, place])
             left = left[~same]
     if not names:
@@ -166,7 +173,10 @@ def _gather(
         if seen and missing:
             problem = f"no joint is called {missing[0]!r}; the bag's are {', '.join(seen)}"
             raise InputError("joint_names", problem, "give joint_names = [...] in the robot's order in a column file")
-        raise InputError(str(path), "no message can be read")
+        if found.others:
+            problem = f"no message holds all joints together: {', '.join(names)}"
+            raise InputError(str(path), problem, "choose those of one message with joint_names, in a column file")
+        raise InputError(str(path), "no message can be read", "; ".join(dict.fromkeys(why for _, why in found.faults)))
     return found, names
 
 
