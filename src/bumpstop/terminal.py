@@ -18,6 +18,15 @@ MIN_PRINTED_NUMBER = 1e-6  # in any unit that a person reads: digits of rounding
 _WIDTH = 120  # of a table in a text: no terminal folds it
 
 
+def no_more_than(value: float) -> str:
+    """Four significant digits of a positive number, rounded down: what is safe up to it is safe up to what is told."""
+    told = float(f"{value:.4g}")
+    # A hair above is a rounding of the value.
+    if told > value * (1 + 1e-12):
+        told -= 10.0 ** (math.floor(math.log10(value)) - 3)
+    return f"{told:.4g}"
+
+
 def number(value: float) -> str:
     """Four significant digits, ``"0"`` below a millionth.
 

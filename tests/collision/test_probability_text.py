@@ -9,7 +9,7 @@ from functools import partial
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision.probability_text import accepted_percent, apart, decimal, percent, small_percent
+from bumpstop.collision.probability_text import accepted_percent, apart, decimal, percent, small_percent, use_percent
 from cli.support import EXAMPLE, run
 
 
@@ -64,6 +64,15 @@ def test_what_is_at_most_so_much_is_rounded_up() -> None:
     assert small_percent(1.04e-9, up=True) == "1.1e-07 %"
     for accepted, told in ((1e-3, "0.11 %"), (1.004001e-3, "0.1004 %")):
         assert apart(1.004e-3, accepted, partial(percent, up=True), up=True) == told
+
+
+@pytest.mark.parametrize(
+    ("use", "told"),
+    [(1.0004, "100.04 %"), (0.9996, "99.96 %"), (1.0, "100 %"), (0.99999999, "99.999999 %"), (0.4321, "43.2 %"),
+     (12.344, "1234 %"), (0.0, "0 %")],
+)  # fmt: skip
+def test_a_share_of_a_limit_is_not_rounded_to_all_of_it(use: float, told: str) -> None:
+    assert use_percent(use) == told
 
 
 def test_a_result_prints_what_the_terminal_shows() -> None:

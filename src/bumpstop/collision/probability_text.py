@@ -73,6 +73,13 @@ def apart(p: float, accepted: float, text: Callable[[float], str], *, up: bool =
     return next((one for one in (told, *more) if tells(one)), told)
 
 
+def use_percent(use: float) -> str:
+    """A finite share of a limit in percent: three digits or whole, and as many more as tell it from all of it."""
+    told = f"{100 * use:.3g}" if use < 9.99 else f"{100 * use:.0f}"
+    more = (f"{100 * use:.{digits}g}" for digits in range(4, 18))
+    return f"{next((one for one in (told, *more) if (float(one) == 100) == (use == 1)), told)} %"
+
+
 def _rounded(p: float, digits: int, up: bool) -> float:
     """Percent of so many digits."""
     told = float(f"{100 * p:.{digits}g}")

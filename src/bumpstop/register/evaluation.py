@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from bumpstop.arrays import as_whole_number
 from bumpstop.collision import evaluate
 from bumpstop.collision.notes import sample_notes
+from bumpstop.collision.probability_text import use_percent
 from bumpstop.collision.summary import arm_title, what_is_hit
 from bumpstop.collision.verdict.two_phase_use import TwoPhaseUse
 from bumpstop.collision.verdict.verdict import in_json
@@ -83,8 +84,8 @@ class SituationResult:
 
     @property
     def use_percent(self) -> str:
-        """A finite use in percent, three digits or whole."""
-        return f"{100 * self.use:.3g} %" if self.use < 9.99 else f"{100 * self.use:.0f} %"
+        """A finite use in percent."""
+        return use_percent(self.use)
 
     def to_json(self) -> dict[str, Any]:
         """One item of ``situations`` of ``bumpstop evaluate --json``; figures that are not finite are None."""

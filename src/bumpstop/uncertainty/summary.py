@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from bumpstop.collision.probability_text import decimal
+from bumpstop.collision.probability_text import decimal, use_percent
 from bumpstop.terminal import table
 
 if TYPE_CHECKING:
@@ -56,4 +56,4 @@ def _utilisation(value: float, *, judged: bool) -> str:
     """Share of the limit in percent, or a force without limits."""
     if math.isinf(value):
         return "unbounded"
-    return f"{100 * value:.3g} %" if judged else f"{value:.4g}"
+    return use_percent(value) if judged else f"{value:.4g}"

@@ -127,6 +127,7 @@ def test_of_the_crests_below_a_speed(
     ("half", "twentieth", "said"),
     [
         (20.0, 80.25, "; half of all poses are safe up to 20 mm/s, one in twenty up to 80.25 mm/s"),
+        (87.1478, 99.996, "; half of all poses are safe up to 87.14 mm/s, one in twenty up to 99.99 mm/s"),
         (0.0, 7.5, "; one in twenty is safe up to 7.5 mm/s"),
         (0.0, 0.0, ""),
     ],

@@ -54,6 +54,11 @@ def test_limits_are_safe_and_a_little_more_is_not(pick: TrajectorySpeedLimits, f
         assert ((evaluations.exceedance[:, 0] <= 1e-3) == safe).all()
 
 
+def test_a_limit_is_told_rounded_down(pick: TrajectorySpeedLimits, found: Any) -> None:
+    summary = pick.summary(found) | {"lowest_limit_mm_s": 87.1478}
+    assert any(line.startswith("lowest limit: 87.14 mm/s") for line in pick.lines(summary))
+
+
 def test_limits_are_tight_where_the_formula_expects_none() -> None:
     """Directions in which the formula misses the limit itself: distributions are met there all the same, far above its
     guess."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.collision.probability_text import percent
+from bumpstop.collision.probability_text import percent, use_percent
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, PAPER, Picture, axes
 from bumpstop.report.section import Section
@@ -107,7 +107,7 @@ class UncertaintySection(Section):
     def _used(self, value: float) -> str:
         if math.isinf(value):
             return "unbounded"
-        return f"{100 * value:.3g} %" if self._judged else number(value)
+        return use_percent(value) if self._judged else number(value)
 
     def pictures(self) -> list[Picture]:
         """The tornado, and the band."""

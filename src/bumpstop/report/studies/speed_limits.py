@@ -10,6 +10,7 @@ from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import AREA, EVENT, FAINT, LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
 from bumpstop.study.answer_warnings import FAILS_WITH_FINER_STEPS
+from bumpstop.terminal import no_more_than
 
 if TYPE_CHECKING:
     import polars as pl
@@ -43,7 +44,7 @@ class TrajectorySpeedLimitsPart(Part):
             f"{found['over']} of {found['waypoints']} waypoints are passed faster than is safe"
             + (f", and so are {found['over_between']} of {between} moments between them" if between else "")
             + ". The lowest limit is "
-            f"{found['lowest_limit_mm_s']:.4g} mm/s, at waypoint {found['lowest_at_waypoint']} "
+            f"{no_more_than(found['lowest_limit_mm_s'])} mm/s, at waypoint {found['lowest_at_waypoint']} "
             f"({found['lowest_at_s']:.4g} s)."
         )
         counts = [

@@ -26,6 +26,7 @@ from bumpstop.study.speed.speed_map import SHARD_ROWS, SpeedMap
 from bumpstop.study.speed.speed_search import MIN_SPEED
 from bumpstop.study.speed.waypoint_refinement import refine_at_peaks, refine_by_joint_motion
 from bumpstop.study.speed.worst_direction import worst_directions
+from bumpstop.terminal import no_more_than
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -324,8 +325,8 @@ class TrajectorySpeedLimits(SpeedMap):
         if none:
             lines.append(f"at {none} of {places} places no speed is safe")
         lines.append(
-            f"lowest limit: {summary['lowest_limit_mm_s']:.4g} mm/s at waypoint {summary['lowest_at_waypoint']} "
-            f"({summary['lowest_at_s']:.4g} s)"
+            f"lowest limit: {no_more_than(summary['lowest_limit_mm_s'])} mm/s "
+            f"at waypoint {summary['lowest_at_waypoint']} ({summary['lowest_at_s']:.4g} s)"
         )
         if summary.get("fails_with_finer_steps"):
             lines.append(f"speeds among these are {FAILS_WITH_FINER_STEPS}")

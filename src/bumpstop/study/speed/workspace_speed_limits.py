@@ -15,6 +15,7 @@ from bumpstop.study.answer_warnings import FAILS_WITH_FINER_STEPS, AnswerWarning
 from bumpstop.study.joint_ranges import joint_ranges
 from bumpstop.study.speed.speed_map import SHARD_ROWS, SpeedMap
 from bumpstop.study.speed.worst_direction import worst_directions
+from bumpstop.terminal import no_more_than
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -100,9 +101,12 @@ def safe_poses(summary: Mapping[str, Any]) -> str:
     if summary["untouched"]:
         found.append(f"in {summary['untouched']} most cases hit nothing, which counts as no safe speed")
     if half > 0:
-        found.append(f"half of all poses are safe up to {half:.4g} mm/s, one in twenty up to {twentieth:.4g} mm/s")
+        found.append(
+            f"half of all poses are safe up to {no_more_than(half)} mm/s, "
+            f"one in twenty up to {no_more_than(twentieth)} mm/s"
+        )
     elif twentieth > 0:
-        found.append(f"one in twenty is safe up to {twentieth:.4g} mm/s")
+        found.append(f"one in twenty is safe up to {no_more_than(twentieth)} mm/s")
     if summary.get("fails_with_finer_steps"):
         found.append(f"speeds among these are {FAILS_WITH_FINER_STEPS}")
     return "; ".join(found)
