@@ -18,7 +18,9 @@ def quantity(value: float, unit: str) -> str:
 
 
 def in_phases(first: float, later: float, unit: str) -> str:
-    """The two limits of contact that is judged in two phases."""
+    """The two limits of contact that is judged in two phases, or the one that they share."""
+    if first == later > 0:
+        return quantity(later, unit)
     return f"{quantity(first, unit) if first > 0 else 'none'} at first, {quantity(later, unit)} later"
 
 

@@ -9,6 +9,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.collision.verdict.two_phase_use import TwoPhaseUse
+from bumpstop.report.formatting import in_phases
 from collision.cases import control_group, reference_trace, swinging_forward, ur10e
 
 
@@ -232,3 +233,15 @@ def test_a_line_that_ends_in_its_first_step() -> None:
     )  # fmt: skip
     assert result.curve.ticks <= 1
     assert not result.verdict.acceptable
+
+
+def test_a_limit_that_both_phases_share_is_told_once() -> None:
+    shared = two_phase(contact__limits="bgia2011", contact__area_cm2=1.0, motion__velocity_mm_s=[0, 0, -250])
+    limits, first = shared.problem.limits, shared.problem.transient_limits
+    assert limits is not None
+    assert first is not None
+    assert first.force_N > limits.force_N
+    assert first.pressure_N_cm2 == limits.pressure_N_cm2 == 60
+    assert f"exceeds {first.force_N:g} N at first or {limits.force_N:g} N later with" in shared.verdict.reason
+    assert "the pressure exceeds 60 N/cm² with probability" in shared.verdict.reason
+    assert (in_phases(60, 60, "N/cm²"), in_phases(60, 30, "N/cm²")) == ("60 N/cm²", "60 N/cm² at first, 30 N/cm² later")

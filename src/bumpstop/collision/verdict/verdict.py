@@ -187,8 +187,8 @@ class _Words:
         said = partial(self._said, accepted=settings.accepted_probability)
         force, pressure = f"{limits.force_N:g} N", f"{limits.pressure_N_cm2 or 0:g} N/cm²"
         if transient is not None:
-            force = f"{transient.force_N:g} N at first or {force} later"
-            pressure = f"{transient.pressure_N_cm2 or 0:g} N/cm² at first or {pressure} later"
+            force = _in_either_phase(f"{transient.force_N:g} N", force)
+            pressure = _in_either_phase(f"{transient.pressure_N_cm2 or 0:g} N/cm²", pressure)
         p_force, p_pressure = over
         missed, because = undetected
         faults = []
@@ -235,3 +235,8 @@ class _Words:
             f"{what} the limits for {limits.label} with probability {self._said(worst, accepted)}, "
             f"within the accepted {accepted_percent(accepted)}."
         )
+
+
+def _in_either_phase(first: str, later: str) -> str:
+    """The limits of both phases of contact, or the one that they share."""
+    return later if first == later else f"{first} at first or {later} later"
