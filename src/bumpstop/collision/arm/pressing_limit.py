@@ -112,6 +112,8 @@ class Drives:
             InputError: the inertia of a link is not known.
         """
         robot, train, contact = problem.robot, problem.drive_train, problem.scenario.contact
+        # Without a mass the spring of a gauge is part of the stiffness.
+        spring = contact.gauge_spring_N_m if contact.gauge_mass_kg is not None else None
         inertia = mass_matrix(robot, q) + np.diag(train.rotor_inertia)
         weight = _weight(problem, q)
         # Motors that cannot hold the arm are not those that do: nobody knows what the others give.
@@ -122,8 +124,7 @@ class Drives:
             rates=qd,
             stiffness=problem.stiffness,
             damping=contact.damping_Ns_m,
-            # Without a mass the spring of a gauge is part of the stiffness.
-            given_back=1 + (0 if contact.gauge_mass_kg is None else problem.stiffness / contact.gauge_spring_N_m),
+            given_back=1 if spring is None else 1 + problem.stiffness / spring,
         )
 
     def press(
