@@ -17,6 +17,7 @@ from bumpstop.register import RegisterError, RegisterResult, SituationResult
 from bumpstop.register.measured import judge_by_shots
 from bumpstop.register.shots import Shot
 from bumpstop.text_files import to_toml
+from bumpstop.uncertainty.judgement import Judgement
 from register.cases import EXAMPLES, write_register
 
 
@@ -320,7 +321,8 @@ def test_several_shots_above_their_predictions_are_told(tmp_path: Path) -> None:
             text.startswith("All 3 measured shots lie above their predictions, by 5.7 % in") for text in found.warnings
         ] == [True] * told
     # A verdict that holds over [uncertainty] is not one of point values.
-    sure = RegisterResult(result.register, (replace(result.results[0], confidence=0.95),))
+    judged = Judgement("PASS", "", 0.0, 0.5, 0.95, 1, "acceptable")
+    sure = RegisterResult(result.register, (replace(result.results[0], judgement=judged),))
     assert judge_by_shots(sure, [shot(92), shot(93), shot(94)]).results[0].warnings == ()
 
 

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from bumpstop.collision.curve import AT_REST, StoppingCurve, stopping_curve
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.trajectory.onset import trajectory_of
@@ -17,6 +19,8 @@ if TYPE_CHECKING:
 
 # Steps before contact: the arm is at full speed from the start.
 _LEAD = 4
+# An arm that lags while its motion speeds up is followed from so many time constants of its servo before contact.
+_FORGOTTEN = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,10 +79,18 @@ class TracedMotion:
             raise InputError("motion.contact_onset_s", found, "give the time at which the motion meets the gauge")
         checked = CollisionProblem.from_scenario(scenario)
         whole, step = trajectory_of(checked), scenario.simulation.step_s
-        lead = min(_LEAD, int(onset / (speed * step)))
+        lead = min(_lead_steps(checked), int(onset / (speed * step)))
         end = onset + speed * window
         ended = end >= whole.duration
         part = whole.part(onset - speed * lead * step, min(end, whole.duration), speed)
         traced = replace(checked, period_steps=1, latency_steps=0, trajectory=part, q=whole.at(onset))
         curve = trajectory_curve(traced, trajectory_kernel(traced), lead * step)
         return cls(traced, checked.period_steps, curve, lead, ended, rests=ended and not whole.stops_short)
+
+
+def _lead_steps(problem: CollisionProblem) -> int:
+    drives = problem.drive_train if problem.elastic else None
+    if drives is None or np.all(drives.acceleration_feedforward == 1):
+        return _LEAD
+    slowest = float(drives.servo_position_gain.min())
+    return max(_LEAD, math.ceil(_FORGOTTEN / slowest / problem.scenario.simulation.step_s))

@@ -35,7 +35,7 @@ _UNBOUNDED = -20.0
 # Margins closer than this are the same: false alarms know nothing of most variables, but to rounding.
 _SAME = 1e-6
 # So much more of the whole cost is no reason for one more change.
-_SAME_COST = 1e-4
+_SAME_COST = 1e-5
 
 
 @dataclass(frozen=True)
@@ -286,22 +286,31 @@ class DesignSearch:
         best = min(known, key=lambda design: design.cost, default=None)
         conservative = self.design(self.conservative)
         if conservative.meets and (best is None or conservative.cost < best.cost):
-            best = conservative
+            # Gradients mislead a search that begins far from any limit, beside a cliff.
+            best = self._relaxed()
         combinations = self.combinations()
         if best is None:
             # Where not even the most conservative values are enough, those of quantised keys are the only ones worth a
             # search.
             combinations = [{k: float(self.conservative[k]) for k, quantum in enumerate(self.quantum) if quantum}]
         for fixed in combinations:
-            for begin in (
-                self.conservative,
-                self.start,
-                *([] if best is None else [np.array(list(best.values.values()))]),
-            ):
+            so_far = [] if best is None else [np.array(list(best.values.values()))]
+            for begin in (self.conservative, self.start, *so_far):
                 found = self._smooth(fixed, begin)
                 if found is not None and (best is None or found.cost < best.cost):
                     best = found
         return best
+
+    def _relaxed(self) -> Design:
+        """The most conservative values, which meet the limits, each change in turn undone as far as they allow."""
+        x = self.conservative.copy()
+        for k, here in enumerate(self.start):
+
+            def meets(value: float, k: int = k) -> bool:
+                return min(self.margins(np.where(np.arange(x.size) == k, value, x))) >= 0
+
+            x[k] = here if meets(here) else self._edge(float(here), float(x[k]), k, meets)
+        return self.design(x)
 
     def combinations(self) -> list[dict[int, float]]:
         """All combinations of whole steps on the way to the most conservative values; their number is checked."""
