@@ -145,10 +145,11 @@ def measure(browser: Any, kind: str, file: Path, seconds: float) -> None:
     page.wait_for_selector("#root [data-details]", timeout=120_000)
     page.wait_for_timeout(4000)
     page.evaluate(WATCH)
-    box = page.locator("xpath=//label[normalize-space()='speed, mm/s']/ancestor::*[.//input][1]//input").last
-    box.click()
+    below = "following::*[contains(@class, 'mantine-Slider-thumb')][1]"
+    box = page.locator(f"xpath=//label[normalize-space()='speed, mm/s']/{below}")
+    box.focus()
     for press in range(30):
-        page.keyboard.press("ArrowUp" if press % 10 < 5 else "ArrowDown")
+        page.keyboard.press("ArrowRight" if press % 10 < 5 else "ArrowLeft")
         page.wait_for_timeout(400)
     for name, what in (("placed", "new distribution in the page"), ("waits", "frame after it")):
         waits = page.evaluate(f"window.{name}")

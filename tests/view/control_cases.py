@@ -26,7 +26,10 @@ def other_value(control: Control) -> Shown:
     now = control.read(HAND)
     if control.kind == "vector":
         return (0.0, 0.6, -0.8)
-    if control.kind in ("slider", "number"):
+    if control.kind == "number":
+        assert isinstance(now, float)
+        return 1.25 * now or 0.0125
+    if control.kind == "slider":
         assert isinstance(now, float)
         return now + 2 * control.step if now + 2 * control.step <= control.high else now - 2 * control.step
     if control.key in ("contact.kind", "reaction.deceleration"):

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from bumpstop.view.controls import Control, Shown
+from bumpstop.view.field_text import field_text
 from bumpstop.view.page.server import ViewServer
 
 WAIT_MS = 60_000
@@ -95,15 +96,17 @@ class Screen:
             fields.first.click()
             self.page.get_by_role("option", name=str(value), exact=True).locator("visible=true").click()
             return
-        values = value if isinstance(value, tuple) else (value,)
-        for field, each in zip(fields.all()[-len(values) :], values, strict=True):
-            field.fill(f"{each:.12g}" if isinstance(each, float) else each)
-            field.press("Enter")
+        fields.first.fill(field_text(value))
 
     def fields(self, label: str) -> Any:
         """The inputs beside a label."""
         row = f"xpath=//label[normalize-space()='{label}']/ancestor::*[.//input][1]"
         return self.page.locator(f"{row}//input[not(@type='hidden')]")
+
+    def thumb(self, label: str) -> Any:
+        """What is dragged of the slider below a label."""
+        below = "following::*[contains(@class, 'mantine-Slider-thumb')][1]"
+        return self.page.locator(f"xpath=//label[normalize-space()='{label}']/{below}")
 
     def field(self, label: str) -> Any:
         """The input beside a label: a panel's row is label and input."""

@@ -81,7 +81,6 @@ def change(screen: Screen, page: Page, control: Control) -> None:
     screen.until_other_than(before)
     same = pytest.approx(wanted) if isinstance(wanted, float | tuple) else wanted
     until = time.monotonic() + WAIT_MS / 1e3
-    # Three numbers are three changes.
     while control.read(page.document.scenario) != same and time.monotonic() < until:
         screen.page.wait_for_timeout(20)
     assert screen.page.locator("[data-refusal]:visible").all_text_contents() == []

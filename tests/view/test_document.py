@@ -16,10 +16,10 @@ from bumpstop.model import Robot
 from bumpstop.view.answer import Answer
 from bumpstop.view.controls import NOT_GIVEN, Control, controls_of
 from bumpstop.view.document import ViewDocument, scenario_text, taken_out, with_keys
+from bumpstop.view.field_text import spec_of, text_of
 from bumpstop.view.latest import LatestWins
 from bumpstop.view.plots.distribution import exceedance_plot
 from bumpstop.view.plots.risk import body_parts_plot
-from bumpstop.view.uncertainty_text import spec_of, text_of
 from view.control_cases import needed, other_value
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"

@@ -67,7 +67,8 @@ def test_a_report_waits_for_its_verdict() -> None:
 def page_with(document: ViewDocument, answer: Answer | None) -> Any:
     """A page on which nothing is drawn, with what it would show in ``said``."""
     page: Any = Page.__new__(Page)
-    page._lock, page._serial, page._pause, page._moved = threading.RLock(), 0, 0.0, None
+    page._lock, page._serial, page._pause = threading.RLock(), 0, 0.0
+    page._moved = page._typed = None
     page._document = page._computed = document
     page._answer, page._before, page._judged = answer, None, None
     page.said = said = Sent()

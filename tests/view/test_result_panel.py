@@ -130,7 +130,7 @@ def test_what_a_person_moves_meanwhile_is_not_written_over() -> None:
         def __init__(self, label: str, *args: Any, **named: Any) -> None:
             number = named.get("initial_value", args[-1] if args else 0.0)
             super().__init__(label=label, value=number, min=-1e9, max=1e9, options=(), order=0.0)
-            inputs[label] = self
+            inputs[label or f"slider of {list(inputs)[-1]}"] = self
 
         def on_update(self, told: Any) -> None:
             self.told = told
@@ -141,20 +141,24 @@ def test_what_a_person_moves_meanwhile_is_not_written_over() -> None:
     panel = ControlPanel(
         client, LOWER_ARM_SCENARIO, Robot.load("sia5d"), lambda key: changed.append((key, panel.shown(key)))
     )
-    slider = inputs["joint 2, °"]
+    field, slider = inputs["joint 2, °"], inputs["slider of joint 2, °"]
     other = with_keys(LOWER_ARM_SCENARIO, {"contact.area_cm2": 3.0})
     slider.value = 42.0
     panel.show(other)
-    assert (slider.value, inputs["area, cm²"].value) == (42.0, 3.0)
+    assert (slider.value, field.value, inputs["area, cm²"].value) == (42.0, "30", "3")
     assert panel.moving
     slider.told(None)
-    assert changed == [("pose_deg[2]", 42.0)]
+    assert changed == [("pose_deg[2]", "42")]
+    assert field.value == "42"
     assert not panel.moving
     panel.show(other)
-    assert slider.value == 30.0
+    assert (slider.value, field.value, len(changed)) == (30.0, "30", 1)
+    field.value = "0."
+    panel.show(other)
+    assert (slider.value, field.value, panel.moving) == (30.0, "0.", True)
     page: Any = Page.__new__(Page)
     answer = Answer.of(HAND)
-    page._lock, page._moved, page._pause = threading.RLock(), None, 0.0
+    page._lock, page._moved, page._typed, page._pause = threading.RLock(), None, None, 0.0
     page._document, shown = ViewDocument(LOWER_ARM_SCENARIO), ViewDocument(HAND)
     nothing: Any = SimpleNamespace(show=lambda *_, **__: None, show_force=lambda _: None, follow=lambda _: None)
     page._scene = page._program = page._playback = page._points = nothing

@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from bumpstop.collision.scenario.keys import value_of
 from bumpstop.collision.scenario.scenario_tables import DetectorTable, MotionTable, ReactionTable, VerdictTable
 from bumpstop.collision.scenario.uncertainty_table import uncertain_inputs
 from bumpstop.contact import LimitTable
 from bumpstop.contact.limits import builtin_tables
+from bumpstop.errors import InputError
 from bumpstop.study.parameters.region_collisions import keys_of_the_body
-from bumpstop.view.uncertainty_text import OFFERED, PREFIX, spec_of, text_of
+from bumpstop.view.field_text import OFFERED, PREFIX, field_text, numbers_of, spec_of, text_of, value_at
 
 if TYPE_CHECKING:
     from bumpstop.collision import Scenario
@@ -36,9 +36,9 @@ class Control:
             :data:`DIRECTION`, which are the length of the velocity and where it points.
         label: beside the control, with the unit.
         panel: it stands in.
-        kind: a slider, a number, one of ``choices``, three numbers, or text: a TOML value, or numbers with commas
-            between them; empty: the key is left out.
-        low, high, step: of sliders, numbers and vectors.
+        kind: a number with a slider, a number, one of ``choices``, three numbers, or text: a TOML value, or numbers
+            with commas between them; empty: the key is left out.
+        low, high, step: of the slider; the number beside it may be any that the scenario takes.
         choices: names to choose from.
         optional: the key may be left out.
         hint: what it means.
@@ -55,6 +55,10 @@ class Control:
     optional: bool = False
     hint: str = ""
 
+    def text(self, scenario: Scenario) -> str:
+        """What stands in the field of the control."""
+        return field_text(self.read(scenario))
+
     def read(self, scenario: Scenario) -> Shown:
         """What the control shows of a scenario."""
         value = _value(scenario, self.key)
@@ -65,14 +69,18 @@ class Control:
             return float(x), float(y), float(z)
         if self.kind == "choice":
             return NOT_GIVEN if value is None else str(value)
-        return text_of(value) if self.key.startswith(PREFIX) else _as_text(value)
+        return text_of(value) if self.key.startswith(PREFIX) else field_text(value)
 
     def write(self, scenario: Scenario, shown: Shown) -> dict[str, Any]:
         """The keys to change so that the scenario says what the control shows; None takes a key out.
 
+        What is no number where one is wanted becomes the value all the same: the scenario refuses it as a file's.
+
         Raises:
-            InputError: the limit table of the scenario has no such body part.
+            InputError: the limit table of the scenario has no such body part, or no speed or direction is shown.
         """
+        if self.kind in ("slider", "number", "vector") and isinstance(shown, str):
+            shown = numbers_of(shown)
         if self.key in (SPEED, DIRECTION):
             return {"motion.velocity_mm_s": _velocity(scenario, self.key, shown)}
         if self.key.startswith(PREFIX):
@@ -90,7 +98,7 @@ class Control:
         elif self.kind == "choice" and shown == NOT_GIVEN:
             value = None
         elif self.kind == "text":
-            value = _typed(self.key, str(shown))
+            value = value_at(self.key, str(shown))
         changes = {self.key: value}
         if value is not None and self.key in _OF_CHOICE:
             choice, name = _OF_CHOICE[self.key]
@@ -99,31 +107,24 @@ class Control:
         return changes | dict.fromkeys(_instead(self.key, value))
 
 
-# Texts that are lists even of one number, and whose numbers are whole.
-_LISTS = ("motion.held_joints", "contact.normal", "detector.thresholds_Nm")
-_WHOLE = ("motion.held_joints",)
+def _velocity(scenario: Scenario, key: str, shown: Any) -> list[float]:
+    """The velocity with another length, or in another direction [mm/s].
 
-
-def _typed(key: str, text: str) -> Any:
-    """What a text means at a key; None where it is empty."""
-    if not text.strip():
-        return None
-    value = value_of(text)
-    if key in _LISTS and isinstance(value, float | int):
-        value = [value]
-    if key in _WHOLE and isinstance(value, list):
-        value = [int(item) if isinstance(item, float) and item.is_integer() else item for item in value]
-    return value
-
-
-def _velocity(scenario: Scenario, key: str, shown: Shown) -> list[float]:
-    """The velocity with another length, or in another direction [mm/s]."""
+    Raises:
+        InputError: what is shown is no speed, or no direction.
+    """
+    numbers = shown if isinstance(shown, tuple | list) else (shown,)
+    length, valid = (1, "a number of mm/s above 0") if key == SPEED else (3, "three numbers with commas between them")
+    whole = len(numbers) == length and all(isinstance(each, float) for each in numbers)
+    if not whole or (key == SPEED and numbers[0] < 0):
+        said = field_text(shown)
+        raise InputError(
+            "motion.velocity_mm_s", f"the {key.partition('.')[2]} {said!r} cannot be used", f"wanted {valid}"
+        )
     x, y, z = scenario.motion.velocity
     speed = 1e3 * math.hypot(x, y, z)
     if key == SPEED:
-        assert isinstance(shown, float | int)
         return [_rounded(1e3 * part / speed * shown) for part in (x, y, z)]
-    assert isinstance(shown, tuple)
     size = math.hypot(*shown)
     return [_rounded(part / size * speed) if size else 0.0 for part in shown]
 
@@ -193,14 +194,6 @@ def _value(scenario: Scenario, key: str) -> Any:
     return here
 
 
-def _as_text(value: Any) -> str:
-    if value is None:
-        return ""
-    if isinstance(value, list):
-        return ", ".join(_as_text(item) for item in value)
-    return f"{value:.12g}" if isinstance(value, float | int) else str(value)
-
-
 _ARM = {
     "gear_stiffness_Nm_rad": "gear stiffness, Nm/rad",
     "gear_damping": "gear damping",
@@ -266,14 +259,14 @@ def _motion(scenario: Scenario) -> list[Control]:
             high=max(_SPEED_MM_S, 2 * math.ceil(speed / 10) * 10), hint="of the tip, along its direction",
         ),
         Control(
-            key=DIRECTION, label="direction", panel="Motion", kind="vector", low=-1.0, high=1.0, step=0.05,
+            key=DIRECTION, label="direction", panel="Motion", kind="vector",
             hint="of the tip in the base frame; its length does not count",
         ),
-        _number("motion.duration_s", "duration, s", "Motion", 0.01, 1e5, 0.1, "how long the motion is simulated"),
+        _number("motion.duration_s", "duration, s", "Motion", "how long the motion is simulated"),
         _choice("motion.start", "start", "Motion", MotionTable),
         _choice("motion.task", "task", "Motion", MotionTable),
         _text("motion.held_joints", "joints held", "Motion", "numbers of joints that do not move, from 1"),
-        _number("motion.damping", "damping near singularities", "Motion", 0, 10, 0.01, "of the least-norm rates"),
+        _number("motion.damping", "damping near singularities", "Motion", "of the least-norm rates"),
     ]  # fmt: skip
 
 
@@ -304,15 +297,15 @@ def _contact(scenario: Scenario, robot: Robot) -> list[Control]:
             choices=(NOT_GIVEN, *dict.fromkeys(links)), optional=True, hint="or click on the arm; without it the tip",
         ),
         Control(
-            key="contact.point_m", label="point, m", panel="Contact", kind="vector", low=-100, high=100, step=0.01,
+            key="contact.point_m", label="point, m", panel="Contact", kind="vector",
             hint="in the frame of the link",
         ),
         _text("contact.normal", "normal", "Contact", "direction of contact in the base frame; empty: of the motion"),
         _text("contact.stiffness_N_m", "stiffness, N/m", "Contact", "of the body; empty: of the limit table"),
         _text("contact.padding_N_m", "padding, N/m", "Contact", "of the arm, in series with the body"),
         _text("contact.body_mass_kg", "body mass, kg", "Contact", "of free contact; empty: of the limit table"),
-        _number("contact.damping_Ns_m", "damping, Ns/m", "Contact", 0, 1e6, 1.0, "of the body"),
-        _number("contact.peak_factor", "peak factor", "Contact", 1, 1e3, 0.1, "highest over mean pressure"),
+        _number("contact.damping_Ns_m", "damping, Ns/m", "Contact", "of the body"),
+        _number("contact.peak_factor", "peak factor", "Contact", "highest over mean pressure"),
         Control(
             key="contact.arm", label="arm in free contact", panel="Contact", kind="choice",
             choices=get_args(type(contact).model_fields["arm"].annotation),
@@ -322,7 +315,7 @@ def _contact(scenario: Scenario, robot: Robot) -> list[Control]:
         found += [
             _choice("contact.offset_law", "distance law", "Contact", type(contact)),
             _text("contact.offset_mm", "distance, mm", "Contact", "of the fixed law"),
-            _number("contact.offset_sd_s", "distance sd, s", "Contact", 1e-6, 1e4, 0.01, "of the half-normal law"),
+            _number("contact.offset_sd_s", "distance sd, s", "Contact", "of the half-normal law"),
         ]
     return found
 
@@ -336,10 +329,10 @@ def _detector() -> list[Control]:
             key="detector.noise_correlation", label="noise correlation", panel="Detector", kind="slider", low=-0.99,
             high=0.995, step=0.005, hint="from one control cycle to the next",
         ),
-        _number("detector.feedback_period_s", "feedback period, s", "Detector", 1e-5, 1, 0.001, ""),
+        _number("detector.feedback_period_s", "feedback period, s", "Detector", ""),
         _choice("detector.residual", "residual", "Detector", DetectorTable),
-        _number("detector.observer_gain_1_s", "observer gain, 1/s", "Detector", 1e-3, 1e5, 1.0, ""),
-        _number("detector.arming_delay_s", "arming delay, s", "Detector", 0, 1e5, 0.01, ""),
+        _number("detector.observer_gain_1_s", "observer gain, 1/s", "Detector", ""),
+        _number("detector.arming_delay_s", "arming delay, s", "Detector", ""),
     ]  # fmt: skip
 
 
@@ -351,7 +344,7 @@ def _reaction() -> list[Control]:
             key="reaction.latency_s", label="latency, s", panel="Reaction", kind="slider", low=0, high=0.2, step=0.001,
             hint="from detection until the arm begins to slow down",
         ),
-        _number("reaction.dead_time_s", "dead time, s", "Reaction", 0, 10, 0.001, ""),
+        _number("reaction.dead_time_s", "dead time, s", "Reaction", ""),
         _choice("reaction.deceleration", "deceleration", "Reaction", ReactionTable),
         _text("reaction.stopping_time_s", "stopping time, s", "Reaction", "of constant_time"),
         _text("reaction.ramp_time_s", "ramp time, s", "Reaction", "of ramp"),
@@ -380,8 +373,8 @@ def _verdict() -> list[Control]:
     ]
 
 
-def _number(key: str, label: str, panel: str, low: float, high: float, step: float, hint: str) -> Control:
-    return Control(key=key, label=label, panel=panel, kind="number", low=low, high=high, step=step, hint=hint)
+def _number(key: str, label: str, panel: str, hint: str) -> Control:
+    return Control(key=key, label=label, panel=panel, kind="number", hint=hint)
 
 
 def _text(key: str, label: str, panel: str, hint: str) -> Control:

@@ -43,8 +43,14 @@ WebGL2RenderingContext.prototype.drawArrays = function (mode, first, count) {{
   return draw.call(this, mode, first, few ? Math.min(count, {MAX_MOVING_POINTS}) : count);
 }};
 """
-# A slider that moves and its number are drawn by themselves, and not with all of their panel.
-_LAYERS = Html("<style>.mantine-Slider-root,.mantine-Input-wrapper{will-change:transform}</style>")
+# A slider that moves and its number are drawn by themselves, and not with all of their panel. One without a label has
+# its number in the field above it, and stands close below that.
+_UNLABELLED = "div:has(>*>*>label:empty)"
+_LOOKS = Html(
+    "<style>.mantine-Slider-root,.mantine-Input-wrapper{will-change:transform}"
+    f"{_UNLABELLED} .mantine-Slider-root+*{{display:none}}"
+    f"{_UNLABELLED}{{margin-top:-0.4em;padding-bottom:0.75em}}</style>"
+)
 # The result of the page itself takes the place of the one that was sent with it.
 _PLACE = """
 const placed = new MutationObserver(() => {
@@ -68,7 +74,7 @@ def with_first_result(page: bytes, title: str, answer: Answer | None) -> bytes:
     if not found:
         return page
     head = head.replace(b"<title>Viser</title>", f"<title>{escape(title)} - bumpstop</title>".encode())
-    scripts = Html(_LAYERS + _script(_EDGES + _POINTS))
+    scripts = Html(_LOOKS + _script(_EDGES + _POINTS))
     if answer is not None:
         look = f"position:fixed;top:0;right:0;width:{PANEL_WIDTH}px;height:100%;overflow:hidden;background:white"
         first = element(

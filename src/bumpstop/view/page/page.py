@@ -11,6 +11,7 @@ from bumpstop.report.markup import Html, element
 from bumpstop.text_files import toml_value
 from bumpstop.view.answer import Answer
 from bumpstop.view.document import ViewDocument, taken_out
+from bumpstop.view.field_text import PREFIX, text_of
 from bumpstop.view.freed_memory import trim_freed_memory
 from bumpstop.view.latest import LatestWins, SupersededError
 from bumpstop.view.page.control_panel import ControlPanel
@@ -25,7 +26,6 @@ from bumpstop.view.page.tools import Tools
 from bumpstop.view.scene.polytope import force_polytope
 from bumpstop.view.scene.poor_directions import poor_directions
 from bumpstop.view.scene.reaching import reach_for
-from bumpstop.view.uncertainty_text import PREFIX, text_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -67,7 +67,9 @@ class Page:
         # The newest that has its verdict.
         self._judged: tuple[ViewDocument, Answer] | None = None
         self._serial, self._last_edit, self._pause = 0, 0.0, _PAUSE_S
+        # The control at which a refusal of the last change is told, and the one whose field a person is in.
         self._moved: str | None = None
+        self._typed: str | None = None
         self._result = ResultPanel(client)
         self._show_first()
         self._worker: LatestWins[ViewDocument] = LatestWins(self._compute, "bumpstop-view")
@@ -134,7 +136,7 @@ class Page:
     def undo(self, *, again: bool = False) -> None:
         """One step back, or ``again`` forward."""
         with self._lock:
-            self._moved = None
+            self._moved = self._typed = None
             self._document = self._document.redo() if again else self._document.undo()
             self._result.say("")
         self.refresh()
@@ -174,6 +176,11 @@ class Page:
             key: of the control at which a refusal is told.
         """
         with self._lock:
+            self._typed = None
+            self._change(changes, key)
+
+    def _change(self, changes: Mapping[str, Any], key: str) -> None:
+        with self._lock:
             now = time.monotonic()
             same = now - self._last_edit < _ONE_STEP_S
             self._last_edit, self._moved = now, key
@@ -201,7 +208,9 @@ class Page:
         self.change({"contact.link": link, "contact.point_m": rounded}, "contact.link")
 
     def _hit(self, body: str) -> None:
-        self._set("contact.body", body)
+        with self._lock:
+            self._typed = None
+            self._set("contact.body", body)
 
     def _reach(self, X: FloatArray) -> None:
         scenario = self.document.scenario
@@ -211,29 +220,31 @@ class Page:
     def _changed(self, key: str) -> None:
         """A person moved a control. What it shows now counts: calls may overtake each other."""
         with self._lock:
+            self._typed = key
             self._set(key, self._panel.shown(key))
 
     def _set(self, key: str, shown: Shown) -> None:
         """Have the scenario say what a control shows, or would show."""
         with self._lock:
             control, scenario = self._panel.controls[key], self._document.scenario
-            if shown == control.read(scenario):
+            if shown == control.text(scenario):
                 if key == self._moved:
                     self._panel.refuse(key, "")
                 return
+            self._moved = key
             try:
                 changes = control.write(scenario, shown)
             except InputError as error:
                 self._refuse(key, error)
                 return
-            self.change(changes, key)
+            self._change(changes, key)
 
     def _refuse(self, key: str, error: InputError) -> None:
         """What was on screen stays; the reason stands at the control, or beside the verdict where there is none."""
         control = self._panel.controls.get(key)
-        # A text is left as it was typed, so that it can be mended.
-        text = control is not None and control.kind == "text"
-        self._panel.show(self._document.scenario, but=key if text else None)
+        # What is typed is left as it was, so that it can be mended, or is on the way to a number that can be used.
+        typed = control is not None and control.kind != "choice" and key == self._typed
+        self._panel.show(self._document.scenario, but=key if typed else None)
         self._program.follow(self._document.scenario)
         if control is not None:
             self._panel.refuse(key, str(error))
@@ -302,7 +313,7 @@ class Page:
             # A control that shows what was on screen before would put it there again.
             if self._document is not document:
                 return
-            self._panel.show(document.scenario, but=self._moved)
+            self._panel.show(document.scenario, but=self._typed)
         self._draw_forces(answer)
         self._result.show_tail(answer)
         try:

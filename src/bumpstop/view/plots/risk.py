@@ -16,9 +16,9 @@ from bumpstop.terminal import UNBOUNDED, number
 from bumpstop.view.answer import Answer
 from bumpstop.view.controls import NOT_GIVEN, SPEED, body_changes, controls_of
 from bumpstop.view.document import with_keys
+from bumpstop.view.field_text import OFFERED
 from bumpstop.view.latest import SupersededError
 from bumpstop.view.plots.chart import Chart, nothing
-from bumpstop.view.uncertainty_text import OFFERED
 
 if TYPE_CHECKING:
     from collections.abc import Callable

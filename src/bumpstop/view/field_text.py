@@ -1,4 +1,4 @@
-"""How well a number is known, as a person writes it in one line: ``5 %``, ``1.8 to 2.5``, or an inline table."""
+"""What stands in a field and what it means: numbers, and how well one is known as ``5 %`` or ``1.8 to 2.5``."""
 
 from __future__ import annotations
 
@@ -23,9 +23,55 @@ OFFERED = {
     "reaction.joint_acceleration_rad_s2": "deceleration",
     "reaction.latency_s": "latency",
 }
+# Texts that are lists even of one number, and whose numbers are whole.
+_LISTS = ("motion.held_joints", "contact.normal", "detector.thresholds_Nm")
+_WHOLE = ("motion.held_joints",)
 _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
+_ONE = re.compile(rf"\s*({_NUMBER})\s*")
 _SHARE = re.compile(rf"\s*({_NUMBER})\s*%\s*")
 _RANGE = re.compile(rf"\s*({_NUMBER})\s+to\s+({_NUMBER})\s*")
+
+
+def number_of(text: str) -> Any:
+    """What a person means who types a number: more spellings than TOML has, as ``.5`` and ``5.``.
+
+    Anything else is what it is on the command line: a list of numbers, or the text itself.
+    """
+    typed = _ONE.fullmatch(text)
+    value = value_of(text)
+    return float(typed[1]) if typed and isinstance(value, str) else value
+
+
+def numbers_of(text: str) -> Any:
+    """The same with whole numbers as numbers that need not be, also in a list."""
+    value = number_of(text)
+    return [_as_float(item) for item in value] if isinstance(value, list) else _as_float(value)
+
+
+def _as_float(value: Any) -> Any:
+    # Hundreds of digits are no float.
+    return float(str(value)) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+def value_at(key: str, text: str) -> Any:
+    """What a text means at a dotted key; None where it is empty."""
+    if not text.strip():
+        return None
+    value = number_of(text)
+    if key in _LISTS and isinstance(value, float | int):
+        value = [value]
+    if key in _WHOLE and isinstance(value, list):
+        value = [int(item) if isinstance(item, float) and item.is_integer() else item for item in value]
+    return value
+
+
+def field_text(value: Any) -> str:
+    """A value of a scenario as it stands in a field."""
+    if value is None:
+        return ""
+    if isinstance(value, list | tuple):
+        return ", ".join(field_text(item) for item in value)
+    return f"{value:.12g}" if isinstance(value, float | int) else str(value)
 
 
 def spec_of(text: str) -> Any:
