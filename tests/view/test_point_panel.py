@@ -14,6 +14,7 @@ from bumpstop.view.answer import Answer
 from bumpstop.view.document import with_keys
 from bumpstop.view.page import point_panel
 from bumpstop.view.page.point_panel import PointPanel
+from bumpstop.view.page.pose_keys import pose_values
 from bumpstop.view.point_rows import PointRows
 from view.cases import HAND
 from view.panels import Host
@@ -66,6 +67,17 @@ def test_a_point_without_a_safe_speed_is_shown_in_its_own_direction() -> None:
     click(panel, host.opened.points, 1)
     assert host.document.scenario.motion.velocity_mm_s == pytest.approx([60, 0, -80])
     assert said(panel) == "row 2: a value 0, no speed is safe; on screen it is 100 mm/s"
+
+
+def test_a_point_is_gone_to_with_all_its_digits() -> None:
+    """A pose within 0.01 degrees had a p99 above the limit where the row had one below. A hand is there by eye."""
+    rows = points()
+    rows.q[1] += 1 / 3000
+    host: Any = Host(HAND, rows)
+    click(PointPanel(host), rows, 1)
+    assert host.document.scenario.pose_deg == pytest.approx(np.degrees(rows.q[1]), rel=1e-11, abs=1e-12)
+    key, values = pose_values(host.opened, HAND, rows.q[1], dragged=True)
+    assert (key, values[:2]) == ("pose_deg", [10.02, 30.02])
 
 
 def test_points_of_an_earlier_scenario_are_called_so() -> None:

@@ -194,13 +194,13 @@ class Page:
             self._result.say(_taken_out_words(gone) if gone else "")
         self.refresh()
 
-    def set_pose(self, q: FloatArray, velocity: FloatArray | None = None) -> None:
-        """Put the arm into a pose (dof,) [rad or m], and give its tip a velocity (3,) [m/s]."""
+    def set_pose(self, q: FloatArray, velocity: FloatArray | None = None, *, dragged: bool = False) -> None:
+        """Put the arm into a pose (dof,) [rad or m], by eye or not, and give its tip a velocity (3,) [m/s]."""
         scenario = self.document.scenario
-        key, values = pose_values(self.opened, scenario, q)
+        key, values = pose_values(self.opened, scenario, q, dragged=dragged)
         changes: dict[str, Any] = {key: values}
         if velocity is not None:
-            changes["motion.velocity_mm_s"] = [float(f"{1e3 * v:.6g}") for v in velocity]
+            changes["motion.velocity_mm_s"] = [float(f"{1e3 * v:.12g}") for v in velocity]
         self.change(changes, f"{key}[1]")
 
     def _touched(self, link: str, point: FloatArray) -> None:
@@ -215,7 +215,7 @@ class Page:
     def _reach(self, X: FloatArray) -> None:
         scenario = self.document.scenario
         if scenario.motion.kind == "line":
-            self.set_pose(reach_for(self.opened.robot, pose_of(self.opened, scenario), X))
+            self.set_pose(reach_for(self.opened.robot, pose_of(self.opened, scenario), X), dragged=True)
 
     def _changed(self, key: str) -> None:
         """A person moved a control. What it shows now counts: calls may overtake each other."""

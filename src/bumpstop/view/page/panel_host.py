@@ -58,4 +58,4 @@ class PanelHost(Protocol):
         """Change keys of the scenario on screen; a refusal is told at the control of ``key``."""
 
     def set_pose(self, q: FloatArray, velocity: FloatArray | None = None) -> None:
-        """Put the arm into a pose (dof,) [rad or m], with a velocity of the tip (3,) [m/s] if one is given."""
+        """Put the arm into just this pose (dof,) [rad or m], with a velocity of the tip (3,) [m/s] if one is given."""
