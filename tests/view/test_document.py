@@ -196,6 +196,17 @@ def test_another_body_part_has_its_own_data() -> None:
     assert with_keys(finger, body.write(finger, NOT_GIVEN)).contact.stiffness_N_m == 5_000
 
 
+def test_an_emptied_stiffness_is_that_of_the_table() -> None:
+    """Nothing happened where the file gives it in N/mm: the field went on showing it."""
+    given = with_keys(HAND, {"contact.stiffness_N_mm": 20.0})
+    (control,) = (each for each in CONTROLS if each.key == "contact.stiffness_N_m")
+    assert control.read(given) == "20000"
+    emptied = ViewDocument(given).edit(control.write(given, ""))
+    assert control.read(emptied.scenario) == ""
+    assert bs.evaluate(emptied.scenario).problem.stiffness == bs.evaluate(HAND).problem.stiffness != 20_000
+    assert emptied.undo().scenario == given
+
+
 def test_a_mass_stays_where_the_table_has_none() -> None:
     """Free contact needs one."""
     free = with_keys(HAND, {"contact.kind": "free", "contact.body_mass_kg": 2.0})

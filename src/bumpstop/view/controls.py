@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from bumpstop.collision.scenario.scenario_tables import DetectorTable, MotionTable, ReactionTable, VerdictTable
+from bumpstop.collision.scenario.spellings import other_spelling
 from bumpstop.collision.scenario.uncertainty_table import uncertain_inputs
 from bumpstop.contact import LimitTable
 from bumpstop.contact.limits import builtin_tables
@@ -104,7 +105,9 @@ class Control:
             choice, name = _OF_CHOICE[self.key]
             changes[choice] = name
             return changes | dict.fromkeys(_instead(choice, name))
-        return changes | dict.fromkeys(_instead(self.key, value))
+        # Left out is what it says, however it is spelled.
+        spelled = other_spelling(self.key) if value is None else ()
+        return changes | dict.fromkeys((*_instead(self.key, value), *spelled))
 
 
 def _velocity(scenario: Scenario, key: str, shown: Any) -> list[float]:

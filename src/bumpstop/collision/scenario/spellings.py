@@ -35,6 +35,11 @@ def check_one_spelling(given: Iterable[str]) -> None:
             )
 
 
+def other_spelling(key: str) -> tuple[str, ...]:
+    """The dotted keys that say the same as a key in its other spelling; none where it has no other."""
+    return next((other if key in one else one for one, other in SPELLINGS if key in one + other), ())
+
+
 def replace_other_spelling(tables: dict[str, Any], key: str) -> None:
     """Make room for a dotted key: its other spelling goes, and what that said besides stays.
 
