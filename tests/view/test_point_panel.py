@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -67,6 +68,13 @@ def test_a_point_without_a_safe_speed_is_shown_in_its_own_direction() -> None:
     click(panel, host.opened.points, 1)
     assert host.document.scenario.motion.velocity_mm_s == pytest.approx([60, 0, -80])
     assert said(panel) == "row 2: a value 0, no speed is safe; on screen it is 100 mm/s"
+
+
+def test_a_point_says_in_what_it_was_computed_otherwise() -> None:
+    host: Any = Host(HAND, replace(points(), otherwise="computed with joint limits ignored"))
+    panel = PointPanel(host)
+    click(panel, host.opened.points, 1)
+    assert said(panel) == "row 2: a value 60, computed with joint limits ignored"
 
 
 def test_a_point_is_gone_to_with_all_its_digits() -> None:

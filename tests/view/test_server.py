@@ -151,6 +151,28 @@ def test_a_study_opens_with_its_rows(tmp_path: Path, monkeypatch: pytest.MonkeyP
         open_source(str(tmp_path))
 
 
+def test_rows_that_ignore_limits_say_so(tmp_path: Path) -> None:
+    """They were shown as if they were of the scenario on screen, whose joints keep to their limits."""
+    scenario = bs.load_scenario(LOWER_ARM)
+    study = WorkspaceStudy(scenario=scenario, poses=12, joint_limits="ignore", velocity_limits="ignore")
+    study.shard(0).write_parquet(tmp_path / "rows.parquet")
+    for ignored, words in (
+        ("", ""),
+        ('joint_limits = "ignore"', "computed with joint limits ignored"),
+        (
+            'joint_limits = "ignore"\nvelocity_limits = "ignore"',
+            "computed with joint limits and joint velocity limits ignored",
+        ),
+        ('joint_limits = "respect"\nvelocity_limits = "ignore"', "computed with joint velocity limits ignored"),
+    ):
+        made_by = f'[made_by]\nstudy = "workspace"\n{ignored}\n'
+        (tmp_path / "settings.toml").write_text(f"{scenario_text(scenario)}\n{made_by}", encoding="utf-8")
+        opened = open_source(str(tmp_path))
+        assert opened.points is not None
+        assert opened.points.otherwise == opened.points.slice(0, 0.0).otherwise == words
+        assert [words in note for note in opened.notes] == ([True] if words else [])
+
+
 def opened_place(q: np.ndarray) -> np.ndarray:
     return bs.Robot.load("sia5d").pose(q)[:3, 3]
 

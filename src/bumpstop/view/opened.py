@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from bumpstop.view.program_segments import ProgramSegments
     from bumpstop.view.scene.arm_shapes import LinkShape
 
+# What a study of a workspace may leave out, by its key in ``[made_by]``.
+_IGNORED = {"joint_limits": "joint limits", "velocity_limits": "joint velocity limits"}
 PROGRAM_ENDINGS = (".script", ".urscript", ".src", ".mod", ".modx", ".prg", ".sys")
 
 
@@ -157,6 +159,7 @@ def _study_rows(path: Path) -> Path | None:
 
 
 def _study(file: Path) -> Opened:
+    from bumpstop.shards.settings_file import read_made_by
     from bumpstop.view.point_rows import point_rows, read_rows
 
     scenario = load_scenario(file.parent / "settings.toml")
@@ -164,7 +167,13 @@ def _study(file: Path) -> Opened:
         raise InputError("SOURCE", f"{str(file)!r} is a study of a trajectory", "open the scenario of the trajectory")
     robot = robot_of(scenario)
     points = point_rows(read_rows(file), robot.dof, str(file))
-    return Opened(scenario, robot, str(file.parent), points=points)
+    made = read_made_by((file.parent / "settings.toml").read_bytes())
+    ignored = " and ".join(words for key, words in _IGNORED.items() if made.get(key) == "ignore")
+    if not ignored:
+        return Opened(scenario, robot, str(file.parent), points=points)
+    points = replace(points, otherwise=f"computed with {ignored} ignored")
+    note = f"The rows were {points.otherwise}; the arm on screen keeps to them, and its force there may be another."
+    return Opened(scenario, robot, str(file.parent), (note,), points=points)
 
 
 def _program(path: Path, cell: Path | None) -> Opened:

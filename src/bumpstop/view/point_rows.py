@@ -37,6 +37,7 @@ class PointRows:
         value: (N,) by which a point is coloured.
         label: what the value is, with its unit.
         number: (N,) of the row in the file, from 0.
+        otherwise: in what they were computed otherwise than the scenario on screen is; empty: in nothing.
     """
 
     place: FloatArray
@@ -46,6 +47,7 @@ class PointRows:
     value: FloatArray
     label: str
     number: npt.NDArray[np.int64]
+    otherwise: str = ""
 
     def slice(self, axis: int, at: float) -> PointRows:
         """The rows within :data:`SLICE_M` of a plane.
@@ -63,6 +65,7 @@ class PointRows:
             self.value[near],
             self.label,
             self.number[near],
+            self.otherwise,
         )
 
     def velocity_on_screen(self, row: int, speed: float) -> FloatArray | None:

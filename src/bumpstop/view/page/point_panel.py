@@ -146,7 +146,8 @@ class PointPanel:
         name = int(rows.number[row])
         # No motion on screen is as slow as that.
         none = f", no speed is safe; on screen it is {number(1e3 * speed)} mm/s" if rows.none_safe(row) else ""
-        self._tell(f"row {name + 1}: {rows.label} {number(float(rows.value[row]))}{none}", row=name)
+        otherwise = f", {rows.otherwise}" if rows.otherwise else ""
+        self._tell(f"row {name + 1}: {rows.label} {number(float(rows.value[row]))}{otherwise}{none}", row=name)
 
     def _tell(self, text: str, row: int | None = None) -> None:
         """Say something of the points, and whether they are of the scenario on screen."""
