@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -19,7 +20,7 @@ from bumpstop.cli.main import main
 from bumpstop.study import WorkspaceStudy
 from bumpstop.view.document import scenario_text
 from bumpstop.view.opened import open_source
-from bumpstop.view.page.server import ViewServer, is_loopback, may_connect
+from bumpstop.view.page.server import ViewServer, free_port, is_loopback, may_connect
 from bumpstop.view.point_rows import point_rows
 from view.cases import LOWER_ARM, urdf_of_twelve_joints
 
@@ -183,6 +184,11 @@ def opened_place(q: np.ndarray) -> np.ndarray:
         (["nobody"], "cannot be opened"),
         (["ur10ee"], "did you mean"),
         (["ur10e", "--port", "70000"], "--port"),
+        (
+            ["ur10e", "--host", "nosuch.invalid"],
+            "--host: 'nosuch.invalid' is not known to this machine; wanted an address",
+        ),
+        (["ur10e", "--host", "8.8.8.8"], "--host: '8.8.8.8' is no address of this machine; wanted an address"),
         (["ur10e", "--robot", "ur10e"], "has no meaning without a recording"),
         (["absent.parquet", "--robot", "ur10e"], "absent.parquet: there is no such file"),
         (["absent.parquet", "--thresholds", "40,40,40,20,20,20"], "absent.parquet: there is no such file"),
@@ -195,6 +201,23 @@ def test_refusals(arguments: list[str], message: str, capsys: pytest.CaptureFixt
         main(["view", *arguments, "--no-browser"])
     assert ended.value.code == 2
     assert message in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_a_taken_port_has_another_in_its_place_but_for_the_last() -> None:
+    """viser went on to 65536 in a thread of its own, and the command waited for it for ever."""
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen(1)
+        port = taken.getsockname()[1]
+        assert port < free_port("127.0.0.1", port) < port + 100
+    with socket.socket() as last:
+        last.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        last.bind(("127.0.0.1", 65_535))
+        last.listen(1)
+        with pytest.raises(bs.InputError, match=r"^--port: 65535 and the ports after it are taken; wanted one that is"):
+            ViewServer(open_source("ur10e"), port=65_535)
+    assert free_port("127.0.0.1", 65_535) == 65_535
+    assert free_port("localhost", 0) == 0
 
 
 def test_without_viser(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import http
+import os
+import socket
 import threading
 import warnings
 from collections.abc import Awaitable, Callable, Iterator
@@ -26,6 +29,8 @@ if TYPE_CHECKING:
 LOOPBACK = "127.0.0.1"
 _LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
 _MAX_PORT = 65_535
+# So many ports are tried, as by viser.
+_PORTS = 1000
 # How long what is being computed may take to end.
 _WAIT_S = 20.0
 # How long a page waits for the first result, which most scenarios have in a tenth of it.
@@ -44,6 +49,7 @@ class ViewServer:
         if not 0 <= port <= _MAX_PORT:
             raise InputError("--port", f"{port} is no port", f"wanted 0 (any that is free) to {_MAX_PORT}")
         viser = viser_module()
+        port = free_port(host, port)
         self.pages: dict[int, Page] = {}
         self._ended: list[Page] = []
         self._lock = threading.Lock()
@@ -112,6 +118,51 @@ def _first_answer(opened: Opened) -> Answer | None:
         return Answer.of(opened.scenario)
     except InputError:
         return None
+
+
+def free_port(host: str, port: int) -> int:
+    """The first port from one on that can be served on; 0 stays 0.
+
+    viser waits for ever where there is none: it tries in a thread of its own.
+
+    Args:
+        host: name or address to serve on; empty: all addresses.
+        port: to begin with; 0: any that is free.
+
+    Raises:
+        InputError: the host is not this machine, or no port is free.
+    """
+    valid = "wanted an address of this machine, such as 127.0.0.1, or 0.0.0.0 for all of them"
+    try:
+        found = socket.getaddrinfo(host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    except (OSError, ValueError):
+        raise InputError("--host", f"{host!r} is not known to this machine", valid) from None
+    places = list(dict.fromkeys((family, address) for family, _, _, _, address in found))
+    for each in range(port, min(port + _PORTS, _MAX_PORT + 1)):
+        try:
+            for family, address in places:
+                _try_to_serve(family, (address[0], each, *address[2:]))
+        except OSError as error:
+            if error.errno in (errno.EADDRINUSE, errno.EACCES):
+                continue
+            raise InputError("--host", f"{host!r} is no address of this machine", valid) from None
+        return each
+    raise InputError("--port", f"{port} and the ports after it are taken", "wanted one that is free, or 0 for any")
+
+
+def _try_to_serve(family: int, address: tuple[Any, ...]) -> None:
+    """Open a port as asyncio does, and close it.
+
+    Raises:
+        OSError: it cannot be opened.
+    """
+    with socket.socket(family, socket.SOCK_STREAM) as trial:
+        if os.name == "posix":
+            trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if family == socket.AF_INET6:
+            trial.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+        trial.bind(address)
+        trial.listen(1)
 
 
 def is_loopback(host: str) -> bool:
