@@ -130,6 +130,54 @@ def test_meshes_of_a_urdf_stand_where_its_links_are(tmp_path: Path) -> None:
     assert [note for note in opened.notes if "bad.stl" in note]
 
 
+@pytest.mark.parametrize(
+    ("origin", "scale", "words"),
+    [
+        ("", "1 1", "has scale '1 1', which is not three numbers"),
+        ("", "a b c", "has scale 'a b c', which is not three numbers"),
+        ("", "nan 1 1", "has scale 'nan 1 1', which is not three numbers"),
+        ('<origin rpy="0.3 0.2"/>', "1 1 1", "has rpy '0.3 0.2', which is not three numbers"),
+        ('<origin xyz="0 0"/>', "1 1 1", "has xyz '0 0', which is not three numbers"),
+    ],
+)
+def test_a_mesh_that_cannot_be_placed_is_told(origin: str, scale: str, words: str, tmp_path: Path) -> None:
+    """It was an internal fault, or vertices that are no numbers."""
+    opened = open_source(str(urdf_with_box(tmp_path, [(origin, "box.stl", scale)])))
+    assert opened.notes[-1] == f"The mesh box.stl of link l2 {words}: the link is drawn from the kinematics."
+    shapes = {shape.link: shape for shape in opened.shapes}
+    assert shapes[2].vertices.shape == shapes[6].vertices.shape
+
+
+def test_a_mesh_beside_another_is_left_out(tmp_path: Path) -> None:
+    """The link was said to be drawn from the kinematics, and had the other mesh alone."""
+    opened = open_source(str(urdf_with_box(tmp_path, [("", "gone.stl", "1 1 1"), ("", "box.stl", "1 1 1")])))
+    assert opened.notes[-1] == "The mesh gone.stl of link l2 is not there: this mesh is left out."
+
+
+@pytest.mark.parametrize("scale", ["1 1 1", "-1 1 1", "-1 -1 1", "-1 -1 -2"])
+def test_the_faces_of_a_mirrored_mesh_look_outwards(scale: str, tmp_path: Path) -> None:
+    import trimesh
+
+    opened = open_source(str(urdf_with_box(tmp_path, [("", "box.stl", scale)])))
+    (box,) = (shape for shape in opened.shapes if shape.link == 2)
+    assert trimesh.Trimesh(box.vertices, box.faces, process=False).volume > 0.005
+
+
+def urdf_with_box(folder: Path, visuals: list[tuple[str, str, str]]) -> Path:
+    """A URDF whose third link has meshes: origin, file and scale of each. One file is there, of a box."""
+    import trimesh
+
+    trimesh.creation.box((0.1, 0.2, 0.3)).export(folder / "box.stl")
+    link = "".join(
+        f'<visual>{origin}<geometry><mesh filename="{name}" scale="{scale}"/></geometry></visual>'
+        for origin, name, scale in visuals
+    )
+    file = folder / "snake.urdf"
+    text = urdf_of_twelve_joints().replace('<link name="l2"/>', f'<link name="l2">{link}</link>')
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
 def test_a_study_opens_with_its_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scenario = bs.load_scenario(LOWER_ARM)
     study = WorkspaceStudy(scenario=scenario, poses=40)

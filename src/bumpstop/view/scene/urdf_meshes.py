@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 _GREY = (206, 210, 216)
 _BASE = -1
-# A link with more triangles than this slows every browser down; it is drawn from the kinematics.
+# A mesh with more triangles than this slows every browser down.
 _MAX_FACES = 60_000
 
 
@@ -33,7 +33,7 @@ def urdf_meshes(path: Path, robot: Robot) -> tuple[list[LinkShape], tuple[str, .
     import defusedxml.ElementTree
 
     parts: dict[int, list[tuple[FloatArray, Any]]] = {}
-    notes = []
+    left_out: list[tuple[int, str]] = []
     children: set[str] = set()
     root = defusedxml.ElementTree.parse(path).getroot()
     for joint in root.findall("joint"):
@@ -46,16 +46,23 @@ def urdf_meshes(path: Path, robot: Robot) -> tuple[list[LinkShape], tuple[str, .
             if mesh is None:
                 continue
             file = mesh.get("filename", "")
-            found = _read(path.parent, file)
-            if found is None:
-                notes.append(f"The mesh {file} of link {name} cannot be read: the link is drawn from the kinematics.")
-                continue
-            vertices, faces = found
             assert place is not None
             number, X = place
-            X = X @ _origin(visual.find("origin"))
-            scale = np.array([float(s) for s in mesh.get("scale", "1 1 1").split()])
+            try:
+                vertices, faces = _read(path.parent, file)
+                X = X @ _origin(visual.find("origin"))
+                scale = _three(mesh, "scale", "1 1 1")
+            except _UnusableError as error:
+                left_out.append((number, f"The mesh {file} of link {name} {error}"))
+                continue
+            # A mirrored triangle is seen from its back.
+            faces = faces[:, ::-1] if np.prod(scale) < 0 else faces
             parts.setdefault(number, []).append(((vertices * scale) @ X[:3, :3].T + X[:3, 3], faces))
+    # Where a link has another mesh, that alone is drawn.
+    notes = [
+        f"{words}: {'this mesh is left out' if number in parts else 'the link is drawn from the kinematics'}."
+        for number, words in left_out
+    ]
     return [_joined(number, meshes) for number, meshes in parts.items()], tuple(notes)
 
 
@@ -69,17 +76,42 @@ def _place(robot: Robot, name: str, *, is_root: bool) -> tuple[int, FloatArray] 
     return number, np.linalg.inv(robot.pose(q, robot.joints[number].link)) @ robot.pose(q, name)
 
 
+class _UnusableError(Exception):
+    """A mesh cannot be drawn, and why."""
+
+
+def _three(element: Any, name: str, default: str) -> FloatArray:
+    """The three numbers of an attribute.
+
+    Raises:
+        _UnusableError: they are not three, or not finite.
+    """
+    text = element.get(name, default)
+    try:
+        found = np.array([float(part) for part in text.split()])
+    except ValueError:
+        found = np.empty(0)
+    if found.shape != (3,) or not np.isfinite(found).all():
+        raise _UnusableError(f"has {name} {text!r}, which is not three numbers")
+    return found
+
+
 def _origin(element: Any) -> FloatArray:
     from scipy.spatial.transform import Rotation
 
     X = np.eye(4)
     if element is not None:
-        X[:3, 3] = [float(value) for value in element.get("xyz", "0 0 0").split()]
-        X[:3, :3] = Rotation.from_euler("xyz", [float(v) for v in element.get("rpy", "0 0 0").split()]).as_matrix()
+        X[:3, 3] = _three(element, "xyz", "0 0 0")
+        X[:3, :3] = Rotation.from_euler("xyz", _three(element, "rpy", "0 0 0")).as_matrix()
     return X
 
 
-def _read(folder: Path, name: str) -> tuple[FloatArray, Any] | None:
+def _read(folder: Path, name: str) -> tuple[FloatArray, Any]:
+    """Vertices and triangles of a file.
+
+    Raises:
+        _UnusableError: it is not there, is no mesh, or has too many triangles.
+    """
     import trimesh
 
     relative = name.removeprefix("file://")
@@ -90,15 +122,19 @@ def _read(folder: Path, name: str) -> tuple[FloatArray, Any] | None:
         candidates = [base / tail for base in above for tail in (inside, Path(*inside.parts[1:]))]
     file = next((candidate for candidate in candidates if candidate.is_file()), None)
     if file is None:
-        return None
+        raise _UnusableError("is not there")
     try:
         mesh = trimesh.load_mesh(file)
         if isinstance(mesh, trimesh.Scene):
             mesh = mesh.to_geometry()
         vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
     except Exception:  # readers of meshes raise whatever they like at a damaged file
-        return None
-    return (vertices, faces) if 0 < len(faces) <= _MAX_FACES else None
+        raise _UnusableError("cannot be read") from None
+    if not len(faces) or vertices.shape[1:] != (3,) or not np.isfinite(vertices).all():
+        raise _UnusableError("cannot be read")
+    if len(faces) > _MAX_FACES:
+        raise _UnusableError(f"has {len(faces)} triangles, and more than {_MAX_FACES} slow every browser down")
+    return vertices, faces
 
 
 def _joined(number: int, meshes: list[tuple[FloatArray, Any]]) -> LinkShape:
