@@ -16,8 +16,10 @@ from bumpstop.model import Robot
 from bumpstop.view.answer import Answer
 from bumpstop.view.controls import NOT_GIVEN, controls_of
 from bumpstop.view.document import ViewDocument, with_keys
+from bumpstop.view.latest import LatestWins
 from bumpstop.view.page import page as page_module
 from bumpstop.view.page.control_panel import ControlPanel
+from bumpstop.view.page.late_notice import LateNotice
 from bumpstop.view.page.page import Page
 from bumpstop.view.page.result_panel import ResultPanel
 from bumpstop.view.page.tools import Tools
@@ -85,6 +87,7 @@ def page_with(document: ViewDocument, answer: Answer | None) -> Any:
     )
     page._panel.controls = {control.key: control for control in controls_of(HAND, Robot.load("sia5d"))}
     page._further = SimpleNamespace(has_newer=lambda: False, newer_within=lambda _: False, submit=said.submit)
+    page._late = SimpleNamespace(begin=lambda: None, end=lambda **_: None)
     page._draw_forces = lambda _: None
     return page
 
@@ -158,6 +161,65 @@ def test_what_is_said_stands_below_the_verdict_until_it_is_taken_back() -> None:
     assert box.index('data-serial="2"') < box.index("✖ motion.file: is gone")
     panel.say("")
     assert "motion.file" not in client.places[0].content
+
+
+def test_a_verdict_that_is_late_is_called_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It stood beside the new value of a control as if it were of it, for minutes."""
+    client, page, of = Client(), page_with(ViewDocument(HAND), Answer.of(HAND)), Answer.of
+    page._result = ResultPanel(client)  # type: ignore[arg-type]
+    page._result.show(page._answer, serial=1)
+    page._last_edit, page._late = 0.0, LateNotice(page._result.wait)
+    quick = page._document
+    go_on = threading.Event()
+
+    def slow(scenario: bs.Scenario) -> Answer:
+        go_on.wait(20)
+        return of(scenario)
+
+    def late() -> bool:
+        return "is being computed" in client.places[0].content
+
+    page._worker = LatestWins(page._compute, "test")
+    # Quick ones come and go without a word.
+    for area in (2.5, 3.0, 3.5):
+        page.change({"contact.area_cm2": area}, "contact.area_cm2")
+        time.sleep(0.1)
+    assert not late()
+    assert not [sent for sent in client.places[0].sent if "is being computed" in sent]
+    monkeypatch.setattr(Answer, "of", slow)
+    page.change({"contact.area_cm2": 4.0}, "contact.area_cm2")
+    assert not late()
+    for ends, area in (("result", 5.0), ("refusal", 6.0)):
+        until(late)
+        # It is the first that is late, whatever is changed meanwhile.
+        page.change({"contact.area_cm2": area}, "contact.area_cm2")
+        assert late()
+        go_on.set()
+        until(lambda: not late())
+        until(lambda: page._document is page._computed)
+        go_on.clear()
+        if ends == "result":
+            monkeypatch.setattr(Answer, "of", refusing(slow))
+            page.change({"contact.area_cm2": 5.5}, "contact.area_cm2")
+    assert page._document.scenario.contact.area_cm2 == 5.0
+    assert quick.scenario == HAND
+    for part in (page._late, page._worker):
+        part.close()
+
+
+def until(holds: Any) -> None:
+    end = time.monotonic() + 20
+    while not holds() and time.monotonic() < end:
+        time.sleep(0.01)
+    assert holds()
+
+
+def refusing(of: Any) -> Any:
+    def refused(scenario: bs.Scenario) -> Answer:
+        of(scenario)
+        raise bs.InputError("contact", "cannot be computed")
+
+    return refused
 
 
 def test_buttons_wait_for_the_result_of_what_is_on_screen() -> None:

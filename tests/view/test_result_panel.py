@@ -108,7 +108,7 @@ def test_the_plot_is_sent_first_and_the_force_in_the_picture_where_no_key_follow
     page._before = page._answer = page._judged = None
     page._result, page._scene, page._further = Recorder(), Recorder(), Further()
     page._file, page.client = Place(""), Client()
-    page._program = page._points = Sent()
+    page._program = page._points = page._late = Sent()
     page._playback, page._tools = SimpleNamespace(pose=None, expire=lambda _: None), SimpleNamespace(dragging=False)
     page._compute(document)
     assert done == ["show", "submit"]
@@ -179,6 +179,7 @@ def test_what_is_refused_has_the_plots_of_what_stays_on_screen(monkeypatch: pyte
     page._lock, page._moved, answer = threading.RLock(), "motion.speed", Answer.of(HAND)
     page._computed, page._document, page._answer = ViewDocument(HAND), ViewDocument(LOWER_ARM_SCENARIO), answer
     page._worker = page._further = SimpleNamespace(submit=submitted.append)
+    page._late = SimpleNamespace(begin=lambda: None, end=lambda **_: None)
     page._refuse = lambda key, error: submitted.append((key, str(error)))
     page.refresh()
     refused = page._document

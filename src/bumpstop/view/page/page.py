@@ -7,7 +7,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from bumpstop.errors import InputError
-from bumpstop.report.markup import Html, element
+from bumpstop.report.markup import element
 from bumpstop.text_files import toml_value
 from bumpstop.view.answer import Answer
 from bumpstop.view.document import ViewDocument, taken_out
@@ -15,6 +15,7 @@ from bumpstop.view.field_text import PREFIX, text_of
 from bumpstop.view.freed_memory import trim_freed_memory
 from bumpstop.view.latest import LatestWins, SupersededError
 from bumpstop.view.page.control_panel import ControlPanel
+from bumpstop.view.page.late_notice import LateNotice
 from bumpstop.view.page.overlay import Overlay
 from bumpstop.view.page.playback_panel import PlaybackPanel
 from bumpstop.view.page.point_panel import PointPanel
@@ -22,7 +23,7 @@ from bumpstop.view.page.pose_keys import pose_of, pose_values
 from bumpstop.view.page.program_panel import ProgramPanel
 from bumpstop.view.page.result_panel import ResultPanel, details_html
 from bumpstop.view.page.scene_view import Clicks, SceneView
-from bumpstop.view.page.tools import Tools
+from bumpstop.view.page.tools import Tools, file_html
 from bumpstop.view.scene.polytope import force_polytope
 from bumpstop.view.scene.poor_directions import poor_directions
 from bumpstop.view.scene.reaching import reach_for
@@ -71,6 +72,7 @@ class Page:
         self._moved: str | None = None
         self._typed: str | None = None
         self._result = ResultPanel(client)
+        self._late = LateNotice(self._result.wait)
         self._show_first()
         self._worker: LatestWins[ViewDocument] = LatestWins(self._compute, "bumpstop-view")
         self._further = LatestWins(self._compute_details, "bumpstop-view-details")
@@ -86,7 +88,7 @@ class Page:
         self._points = PointPanel(self)
         self._panel = ControlPanel(client, opened.scenario, opened.robot, self._changed)
         with client.gui.add_folder("Scenario file", expand_by_default=False):
-            self._file = client.gui.add_html(str(_file_html(self._document.text)))
+            self._file = client.gui.add_html(str(file_html(self._document.text)))
         client.gui.main_panel.dock_left()
         client.gui.main_panel.set_width(340)
         self.refresh()
@@ -110,7 +112,7 @@ class Page:
 
     def close(self) -> None:
         """Stop computing: the browser is gone."""
-        for part in (self._worker, self._further, self._hand, self._playback, self._points):
+        for part in self._threads:
             part.close()
         with self._lock:
             # Results may have hundreds of megabytes, and what is left of a browser goes when Python looks for circles.
@@ -125,12 +127,17 @@ class Page:
     @property
     def computing(self) -> bool:
         """A thread of this page still runs."""
-        return any(each.alive for each in (self._worker, self._further, self._hand, self._playback, self._points))
+        return any(each.alive for each in self._threads)
+
+    @property
+    def _threads(self) -> tuple[Any, ...]:
+        return self._worker, self._further, self._hand, self._late, self._playback, self._points
 
     def refresh(self) -> None:
         """Compute and draw what is on screen."""
         # Nobody waits for more about the scenario before, which may take many times the work and the memory.
         self._further.submit(None)
+        self._late.begin()
         self._worker.submit(self.document)
 
     def undo(self, *, again: bool = False) -> None:
@@ -272,6 +279,7 @@ class Page:
                     self._refuse(self._moved or "", error)
                     if self._answer is not None:
                         self._further.submit((self._computed, self._answer))
+                self._late.end(more=self._document is not self._computed)
             return
         with self._lock:
             self._computed, self._answer, moved = document, answer, self._moved
@@ -279,7 +287,10 @@ class Page:
                 self._judged = document, answer
             self._pause = max(_PAUSE_S, time.monotonic() - begin)
             self._serial += 1
-        self._draw(answer, document)
+            more = self._document is not document
+        with self.client.atomic():
+            self._late.end(more=more)
+            self._draw(answer, document)
         # At once, and not after the pause: what is of another scenario stands beside this verdict.
         self._playback.expire(document.scenario)
         self._program.follow(document.scenario)
@@ -370,7 +381,7 @@ class Page:
 
     def _draw(self, answer: Answer, document: ViewDocument) -> None:
         """Show a result and the text of its scenario at once: whoever copies the text has what the verdict is of."""
-        text = str(_file_html(document.text))
+        text = str(file_html(document.text))
         with self.client.atomic():
             if self._file.content != text:
                 self._file.content = text
@@ -385,10 +396,3 @@ def _taken_out_words(gone: Mapping[str, Any]) -> str:
         f"{key} = {text_of(value) if key.startswith(PREFIX) else toml_value(value)}" for key, value in gone.items()
     )
     return f"Taken out with this change: {', '.join(given)}. Undo brings it back."
-
-
-def _file_html(text: str) -> Html:
-    copy = "navigator.clipboard.writeText(this.parentNode.querySelector('pre').textContent)"
-    button = element("button", "Copy as TOML", onclick=copy, style="padding:3px 10px;margin-bottom:4px")
-    look = "font-size:11px;max-height:260px;overflow:auto;background:#f6f6f6;padding:6px;user-select:all"
-    return element("div", button, element("pre", text, style=look, data_scenario=""), style="padding:0 8px")

@@ -26,6 +26,9 @@ _LOOKS = {"good": (EVENT, "✔"), "bad": (LIMIT, "✖"), "open": (FAINT, "?")}
 _FONT = f"font:12px/1.35 system-ui, sans-serif;color:{INK}"
 # The page puts every piece of HTML into a box of its own: it is that box which must stay where it is.
 _STICKY = Html("<style>div:has(> div > [data-verdict]){position:sticky;top:0;z-index:5}</style>")
+# A verdict that is not of what the controls show is pale.
+_LATE = "The last change is being computed: what stands here is of the scenario before."
+_PALE = Html("<style>#root [data-serial]{opacity:0.45}</style>")
 PANEL_WIDTH = 420  # of a browser's pixels
 # A layer of its own: without a graphics card a browser draws all of a layer anew for a line of it.
 _LAYER = "will-change:transform"
@@ -155,7 +158,7 @@ class ResultPanel:
         self._client = client
         self._lock = threading.Lock()
         # The verdict and what is said beside it, which are sent together.
-        self._box, self._said = Html("computing ..."), Html("")
+        self._box, self._said, self._late = Html("computing ..."), Html(""), Html("")
         panel = client.gui.add_panel()
         with panel.add_tab("Result"):
             self._verdict = client.gui.add_html(str(self._box))
@@ -194,11 +197,17 @@ class ResultPanel:
         look = f"{_FONT};color:{colour};background:white;margin:0 6px;padding:2px 10px;overflow-wrap:anywhere"
         self._beside(said=element("div", f"{sign}{text}", style=look, data_notice="") if text else Html(""))
 
-    def _beside(self, *, box: Html | None = None, said: Html | None = None) -> None:
+    def wait(self, late: bool) -> None:
+        """Say below the verdict that it is of the scenario before, in sight with it, or take that back."""
+        look = f"{_FONT};font-weight:700;background:white;margin:0 6px;padding:2px 10px"
+        self._beside(late=Html(element("div", _LATE, style=look, data_late="") + _PALE) if late else Html(""))
+
+    def _beside(self, *, box: Html | None = None, said: Html | None = None, late: Html | None = None) -> None:
         with self._lock:
             self._box = self._box if box is None else box
             self._said = self._said if said is None else said
-            _fill(self._verdict, Html(f"{self._box}{self._said}"))
+            self._late = self._late if late is None else late
+            _fill(self._verdict, Html(f"{self._box}{self._late}{self._said}"))
 
     def show_tail(self, answer: Answer) -> None:
         """Show the risk of higher peaks."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bumpstop.errors import BumpstopError
-from bumpstop.report.markup import element
+from bumpstop.report.markup import Html, element
 
 if TYPE_CHECKING:
     from bumpstop.view.answer import Answer
@@ -98,3 +98,11 @@ def _report(answer: Any) -> bytes:
 
     with tempfile.TemporaryDirectory() as folder:
         return write_report(answer.result, Path(folder), uncertain=answer.uncertain).read_bytes()
+
+
+def file_html(text: str) -> Html:
+    """The text of a scenario, and a button that copies it."""
+    copy = "navigator.clipboard.writeText(this.parentNode.querySelector('pre').textContent)"
+    button = element("button", "Copy as TOML", onclick=copy, style="padding:3px 10px;margin-bottom:4px")
+    look = "font-size:11px;max-height:260px;overflow:auto;background:#f6f6f6;padding:6px;user-select:all"
+    return element("div", button, element("pre", text, style=look, data_scenario=""), style="padding:0 8px")
