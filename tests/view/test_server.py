@@ -20,6 +20,7 @@ from bumpstop.cli.main import main
 from bumpstop.study import WorkspaceStudy
 from bumpstop.view.document import scenario_text
 from bumpstop.view.opened import open_source
+from bumpstop.view.page import server as server_module
 from bumpstop.view.page.server import ViewServer, free_port, is_loopback, may_connect
 from bumpstop.view.point_rows import point_rows
 from view.cases import LOWER_ARM, urdf_of_twelve_joints
@@ -46,11 +47,48 @@ def test_only_own_pages_may_connect(headers: dict[str, str], upgrade: bool, allo
     assert may_connect(headers, "127.0.0.1", upgrade=upgrade) is allowed
 
 
-def test_other_hosts_keep_to_their_own_pages() -> None:
-    assert may_connect({"host": "arm:80", "origin": "http://arm:80"}, "0.0.0.0", upgrade=True)
-    assert not may_connect({"host": "arm:80", "origin": "http://evil.example"}, "0.0.0.0", upgrade=True)
+@pytest.mark.parametrize(
+    ("host", "called", "allowed"),
+    [
+        # A name that was bound to an address of this machine.
+        ("0.0.0.0", "evil.example", False),
+        ("0.0.0.0", "arm.evil.example", False),
+        ("0.0.0.0", "", False),
+        ("0.0.0.0", "Arm", True),
+        ("0.0.0.0", "arm.cell.example", True),
+        ("0.0.0.0", "arm.local", True),
+        ("0.0.0.0", "localhost", True),
+        ("0.0.0.0", "192.168.1.7", True),
+        ("0.0.0.0", "[fe80::1]", True),
+        ("robot.cell.example", "robot.cell.example", True),
+        ("robot.cell.example", "evil.example", False),
+        # The address that the command prints.
+        ("127.0.0.2", "127.0.0.2", True),
+        ("127.0.0.2", "localhost", True),
+        ("127.0.0.2", "192.168.1.7", False),
+        ("127.0.0.1", "127.evil.example", False),
+        ("::1", "[::1]", True),
+    ],
+)
+def test_other_hosts_keep_to_their_own_pages(
+    host: str, called: str, allowed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(socket, "gethostname", lambda: "arm")
+    monkeypatch.setattr(socket, "getfqdn", lambda: "arm.cell.example")
+    server_module._own_names.cache_clear()
+    own = f"{called}:8642"
+    assert may_connect({"host": own, "origin": f"http://{own}"}, host, upgrade=True) is allowed
+    assert may_connect({"host": own}, host, upgrade=False) is allowed
+    assert not may_connect({"host": own, "origin": "http://evil.example"}, host, upgrade=True)
+    server_module._own_names.cache_clear()
+
+
+def test_what_is_loopback() -> None:
     assert is_loopback("127.0.0.1")
+    assert is_loopback("127.0.0.2")
+    assert is_loopback("localhost")
     assert not is_loopback("0.0.0.0")
+    assert not is_loopback("127.evil.example")
 
 
 def test_foreign_origins_are_refused_by_the_server() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import http
+import ipaddress
 import os
 import socket
 import threading
@@ -12,7 +13,7 @@ import warnings
 from collections.abc import Awaitable, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from bumpstop.view.opened import Opened
 
 LOOPBACK = "127.0.0.1"
-_LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
+_LOOPBACK_NAME = "localhost"
 _MAX_PORT = 65_535
 # So many ports are tried, as by viser.
 _PORTS = 1000
@@ -72,7 +73,7 @@ class ViewServer:
     @property
     def url(self) -> str:
         """Where the page is."""
-        host = "[::1]" if self._host == "::1" else self._host
+        host = f"[{self._host}]" if ":" in self._host else self._host
         return f"http://{host}:{self._server.get_port()}"
 
     def stop(self) -> None:
@@ -167,14 +168,38 @@ def _try_to_serve(family: int, address: tuple[Any, ...]) -> None:
 
 def is_loopback(host: str) -> bool:
     """Whether nobody but this machine reaches a host of that name."""
-    return host in _LOOPBACK_NAMES or host.startswith("127.")
+    address = _address(host)
+    return host == _LOOPBACK_NAME if address is None else address.is_loopback
+
+
+def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    """The address that a host is given by; None where it is a name."""
+    try:
+        return ipaddress.ip_address(host)
+    except ValueError:
+        return None
+
+
+def _is_own(name: str, host: str) -> bool:
+    """Whether a name is that which is served on, or of this machine."""
+    plain = name.lower().rstrip(".")
+    return bool(plain) and (plain == host.lower().rstrip(".") or plain in _own_names())
+
+
+@cache
+def _own_names() -> frozenset[str]:
+    """Names by which others may call this machine."""
+    name = socket.gethostname()
+    names = (_LOOPBACK_NAME, name, name.partition(".")[0], f"{name.partition('.')[0]}.local", socket.getfqdn())
+    return frozenset(each.lower().rstrip(".") for each in names if each)
 
 
 def may_connect(headers: Any, host: str, *, upgrade: bool) -> bool:
     """Whether a request comes from a page of this server.
 
-    A page of another origin may open a WebSocket to this machine, and one whose name was bound to 127.0.0.1 may read
-    from it: the browser says both, in the headers ``origin`` and ``host``.
+    A page of another origin may open a WebSocket to this machine, and one whose name was bound to an address of it may
+    read from it: the browser says both, in the headers ``origin`` and ``host``. An address cannot be bound to another,
+    and our own names are not.
 
     Args:
         headers: of the request, their names in lower case.
@@ -183,7 +208,8 @@ def may_connect(headers: Any, host: str, *, upgrade: bool) -> bool:
     """
     asked = headers.get("host", "")
     name = urlsplit(f"//{asked}").hostname or ""
-    if is_loopback(host) and name not in _LOOPBACK_NAMES:
+    ours = is_loopback(name) if is_loopback(host) else _address(name) is not None or _is_own(name, host)
+    if not ours:
         return False
     origin = headers.get("origin")
     if origin is None:
