@@ -191,3 +191,29 @@ def test_safe_speeds_are_applied_to_what_they_are_of(
     assert "3.5 s at safe speeds" in panel._times.content
     panel.follow(host.document.undo().scenario)
     assert panel._times.content == ""
+
+
+def test_an_arm_that_is_moved_leaves_its_recording(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The picture kept the recording's pose, and scenario and verdict were of another."""
+    opened = open_source("ur10e")
+    host: Any = Host(opened.scenario)
+    host.opened.recorded = Recorded(recording(), run_without_data(slice(20, 30)))
+    monkeypatch.setattr(playback_panel, "LatestWins", lambda *_: Worker())
+    panel = PlaybackPanel(host)
+    panel._compute(opened.scenario)
+    panel._time.value = 0.75
+    panel._show()
+    assert panel.pose == pytest.approx(recording().q[7], abs=0.01)
+    pose = panel.pose
+    # What does not move the arm leaves it there.
+    other = with_keys(opened.scenario, {"contact.area_cm2": 3.0})
+    panel.expire(other)
+    assert panel.pose is pose
+    key = "pose_deg" if other.pose_deg is not None else "pose_rad"
+    values = list(getattr(other, key))
+    panel.expire(with_keys(other, {key: [values[0] + 0.1, *values[1:]]}))
+    assert panel.pose is None
+    assert said(panel) == "The arm is where the scenario has it; move the time to see where it was."
+    panel._show()
+    assert panel.pose is not None
+    panel.close()

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from bumpstop.view.page.panel_host import PanelHost
 
 _FRAME_S = 0.05
+_ELSEWHERE = "The arm is where the scenario has it; move the time to see where it was."
 
 
 class PlaybackPanel:
@@ -36,6 +37,8 @@ class PlaybackPanel:
     def __init__(self, page: PanelHost) -> None:
         self._page = page
         self.pose: FloatArray | None = None
+        # Where the scenario has the arm.
+        self._at = (page.opened.scenario.pose_deg, page.opened.scenario.pose_rad)
         self._closed = threading.Event()
         self._running = threading.Event()
         self._lock = threading.Lock()
@@ -70,9 +73,14 @@ class PlaybackPanel:
         """Take away what is of another scenario: its safe speeds would be taken for those of this one.
 
         Args:
-            scenario: on screen. A recording stays what it is.
+            scenario: on screen. A recording stays what it is, but the arm goes where its scenario is moved.
         """
         with self._lock:
+            at, self._at = self._at, (scenario.pose_deg, scenario.pose_rad)
+            if self._at != at and self.pose is not None and self._page.opened.recorded is not None:
+                self.pose = None
+                self._running.clear()
+                self._says.content = _line(_ELSEWHERE, times=None)
             recorded = self._page.opened.recorded is not None
             if self._worker is None or scenario == self._wanted or (recorded and self._wanted is not None):
                 return
