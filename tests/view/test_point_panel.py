@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import re
+import threading
+import time
+from collections.abc import Iterator
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -11,6 +14,7 @@ import numpy as np
 import pytest
 
 from bumpstop.model import Robot
+from bumpstop.study import WorkspaceStudy
 from bumpstop.view.answer import Answer
 from bumpstop.view.document import with_keys
 from bumpstop.view.page import point_panel
@@ -37,7 +41,7 @@ def test_points_computed_on_a_page_are_what_it_says_there(monkeypatch: pytest.Mo
     monkeypatch.setattr(point_panel, "_POSES", 250)
     host: Any = Host(HAND)
     panel = PointPanel(host)
-    panel._work()
+    panel._work(threading.Event())
     rows = panel._rows
     assert rows is not None
     assert "250 points" in said(panel)
@@ -68,6 +72,72 @@ def test_a_point_without_a_safe_speed_is_shown_in_its_own_direction() -> None:
     click(panel, host.opened.points, 1)
     assert host.document.scenario.motion.velocity_mm_s == pytest.approx([60, 0, -80])
     assert said(panel) == "row 2: a value 0, no speed is safe; on screen it is 100 mm/s"
+
+
+@pytest.fixture
+def shards(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Semaphore]:
+    """Has every part of a workspace wait until a test lets it go on."""
+    go_on, of = threading.Semaphore(0), WorkspaceStudy.shard_columns
+
+    def slow(study: WorkspaceStudy, _: int) -> Any:
+        assert go_on.acquire(timeout=20)
+        return of(study, 0)
+
+    monkeypatch.setattr(point_panel, "_POSES", 60)
+    monkeypatch.setattr(WorkspaceStudy, "shards", 3)
+    monkeypatch.setattr(WorkspaceStudy, "shard_columns", slow)
+    yield go_on
+    go_on.release(20)
+
+
+def until(panel: PointPanel, words: str) -> None:
+    end = time.monotonic() + 20
+    while words not in said(panel) and time.monotonic() < end:
+        time.sleep(0.01)
+    assert words in said(panel)
+
+
+def ended(panel: PointPanel) -> None:
+    assert panel._thread is not None
+    panel._thread.join(20)
+    assert not panel.alive
+
+
+def test_what_is_computed_is_cancelled_by_its_button_alone(shards: threading.Semaphore) -> None:
+    """ "Compute" cancelled what it had begun, and what was cancelled lost the words beside its points."""
+    host: Any = Host(HAND)
+    panel = PointPanel(host)
+    panel._press("Compute")
+    shards.release()
+    until(panel, "; computing: 33 %")
+    assert "points: p99 of the peak force" in said(panel)
+    panel._press("Compute")
+    shards.release()
+    until(panel, "; computing: 0 %")
+    shards.release(3)
+    ended(panel)
+    assert "computing" not in said(panel)
+    assert "cancelled" not in said(panel)
+    panel._press("Compute")
+    panel._press("Cancel")
+    shards.release()
+    ended(panel)
+    assert re.search(r"^\d+ points: p99 .*; click one to go there; cancelled at 0 %$", said(panel))
+    assert host.drawn
+
+
+def test_what_is_hidden_stays_hidden(shards: threading.Semaphore) -> None:
+    """The part that was being computed drew all points again."""
+    host: Any = Host(HAND)
+    panel = PointPanel(host)
+    panel._press("Compute")
+    shards.release()
+    until(panel, "; computing: 33 %")
+    panel._press("Hide")
+    assert (host.drawn, said(panel)) == ([], "")
+    shards.release(3)
+    ended(panel)
+    assert (host.drawn, said(panel)) == ([], "")
 
 
 def test_a_point_says_in_what_it_was_computed_otherwise() -> None:

@@ -35,7 +35,10 @@ class PointPanel:
         self._rows: PointRows | None = page.opened.points
         # What the points are of, and the text beside them.
         self._scenario, self._text, self._earlier = page.opened.scenario, "", False
+        self._note, self._hidden = "", False
+        # Of the run that was begun last; and for what is drawn and taken away by several threads.
         self._cancelled = threading.Event()
+        self._drawing = threading.RLock()
         self._thread: threading.Thread | None = None
         with page.client.gui.add_folder("Workspace", expand_by_default=self._rows is not None):
             buttons = page.client.gui.add_button_group("points", ("Compute", "Cancel", "Hide"))
@@ -72,37 +75,68 @@ class PointPanel:
         return not own or _without_motion(scenario) != _without_motion(self._scenario)
 
     def _press(self, what: str) -> None:
-        if what == "Compute" and not self.alive:
-            self._cancelled.clear()
-            self._thread = threading.Thread(target=self._work, name="bumpstop-view-workspace", daemon=True)
-            self._thread.start()
-            return
         self._cancelled.set()
+        if what == "Compute":
+            self._cancelled, former, self._hidden = threading.Event(), self._thread, False
+            self._thread = threading.Thread(
+                target=self._work, args=(self._cancelled, former), name="bumpstop-view-workspace", daemon=True
+            )
+            self._thread.start()
         if what == "Hide":
-            self._rows = None
-            self._page.client.scene.remove_by_name("/points")
-            self._say("")
+            with self._drawing:
+                self._rows, self._note, self._hidden = None, "", True
+                self._page.client.scene.remove_by_name("/points")
+                self._say("")
 
-    def _work(self) -> None:
-        """Distributions at random poses, in the direction on screen; what is there already stays until it is done."""
+    def _work(self, cancelled: threading.Event, former: threading.Thread | None = None) -> None:
+        """Distributions at random poses, in the direction on screen; what is there already stays until it is done.
+
+        Args:
+            cancelled: nobody wants more.
+            former: ends first: it still has a part under way.
+        """
         from bumpstop.study import WorkspaceStudy
+
+        if former is not None:
+            former.join()
 
         scenario = self._page.document.scenario.without_uncertainty()
         try:
             study = WorkspaceStudy(scenario=scenario, poses=_POSES, directions="scenario")
             found: list[dict[str, np.ndarray]] = []
             for shard in range(study.shards):
-                if self._cancelled.is_set():
-                    self._say(f"cancelled at {100 * shard / study.shards:.0f} %")
+                share = f"{100 * shard / study.shards:.0f} %"
+                if self._is_over(cancelled, share):
                     return
-                found.append(study.shard_columns(shard))
-                self._say(f"computing: {100 * (shard + 1) / study.shards:.0f} %")
-                columns = {name: np.concatenate([each[name] for each in found]) for name in found[0]}
-                self._scenario = scenario
-                self._rows = point_rows(columns, self._page.opened.robot.dof, "workspace")
-                self._draw()
+                self._remark(f"computing: {share}")
+                columns = study.shard_columns(shard)
+                with self._drawing:
+                    # Points that were taken away meanwhile stay away.
+                    if self._is_over(cancelled, share):
+                        return
+                    found.append(columns)
+                    joined = {name: np.concatenate([each[name] for each in found]) for name in found[0]}
+                    self._scenario = scenario
+                    self._rows = point_rows(joined, self._page.opened.robot.dof, "workspace")
+                    self._draw()
+            self._remark("")
         except BumpstopError as error:
-            self._say(str(error))
+            self._remark(str(error))
+
+    def _is_over(self, cancelled: threading.Event, share: str) -> bool:
+        """Whether a run was cancelled, which is said beside points that stay."""
+        if cancelled.is_set():
+            self._remark("" if self._hidden else f"cancelled at {share}")
+        return cancelled.is_set()
+
+    def _remark(self, note: str) -> None:
+        """Say something of a run, after what is said of the points where there are some."""
+        with self._drawing:
+            self._note = note
+            if self._rows is None:
+                self._say(note)
+            else:
+                self._tell(self._text)
 
     def _sliced(self) -> None:
         self._at.disabled = self._axis.value == _SLICES[0]
@@ -154,7 +188,8 @@ class PointPanel:
         rows = self._rows
         if rows is not None:
             self._text, self._earlier = text, self._is_earlier(rows, self._page.document.scenario)
-            self._say(f"{text}; these points are of an earlier scenario" if self._earlier else text, row)
+            earlier = "these points are of an earlier scenario" if self._earlier else ""
+            self._say("; ".join(each for each in (text, earlier, self._note) if each), row)
 
     def _say(self, text: str, row: int | None = None) -> None:
         marked = None if row is None else str(row)
