@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -84,3 +85,41 @@ def test_the_page_says_what_the_command_says(
         time.sleep(0.05)
     assert not any(page.computing for page in pages)
     assert not server.pages
+
+
+def test_the_verdict_is_in_sight_in_a_narrow_window(browser: Any, server: ViewServer) -> None:
+    """It was folded up below all controls."""
+    page = browser.new_page(viewport={"width": 480, "height": 700})
+    try:
+        page.goto(server.url)
+        page.wait_for_selector("#root [data-verdict]", timeout=WAIT_MS)
+        box = page.locator("#root [data-verdict]").bounding_box()
+        assert box is not None
+        assert 0 <= box["y"] < 100
+        assert box["width"] > 400
+    finally:
+        page.close()
+
+
+def test_the_text_of_the_scenario_is_copied_where_a_browser_has_no_clipboard(browser: Any, server: ViewServer) -> None:
+    """Over plain http it has one on loopback alone: nothing happened."""
+    gone = "Object.defineProperty(navigator, 'clipboard', {value: undefined});"
+    heard = "document.addEventListener('copy', () => window.copied = String(getSelection()));"
+    screen = Screen(browser, server, before=gone + heard)
+    screen.page.get_by_text("Copy as TOML", exact=True).click()
+    screen.page.wait_for_function("window.copied !== undefined", timeout=WAIT_MS)
+    assert screen.page.evaluate("window.copied").strip() == screen.scenario().strip()
+    assert not screen.faults
+    screen.page.close()
+
+
+def test_what_lines_of_poor_sensitivity_are_stands_beside_the_picture(browser: Any, server: ViewServer) -> None:
+    """In it, it lay over the label of the undetectable forces."""
+    screen = Screen(browser, server)
+    says = screen.page.locator("[data-poor]")
+    screen.page.get_by_text("poor sensitivity", exact=True).click()
+    says.wait_for(state="visible", timeout=WAIT_MS)
+    assert re.fullmatch(r"up to [0-9]+ N along a line; orange: any force", says.text_content())
+    screen.page.get_by_text("poor sensitivity", exact=True).click()
+    says.wait_for(state="detached", timeout=WAIT_MS)
+    screen.page.close()

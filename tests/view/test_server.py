@@ -275,6 +275,7 @@ def opened_place(q: np.ndarray) -> np.ndarray:
             "--host: 'nosuch.invalid' is not known to this machine; wanted an address",
         ),
         (["ur10e", "--host", "8.8.8.8"], "--host: '8.8.8.8' is no address of this machine; wanted an address"),
+        (["ur10e", "--record", "/dev/null"], "--record: '/dev/null' cannot be written (Not a directory)"),
         (["ur10e", "--robot", "ur10e"], "has no meaning without a recording"),
         (["absent.parquet", "--robot", "ur10e"], "absent.parquet: there is no such file"),
         (["absent.parquet", "--thresholds", "40,40,40,20,20,20"], "absent.parquet: there is no such file"),

@@ -48,7 +48,7 @@ def command(
     """See the arm and its force distribution in the browser, computed anew while a control moves. Ctrl-C ends it."""
     from bumpstop.view.opened import open_source
 
-    check_folder(record)
+    check_folder(record, "--record")
     read = [source, robot, model, thresholds, scenario]
     check_inputs(record, read, "view.png", "view.gif", option="--record")
     opened = open_source(source, robot=robot, watch=_watch(model, thresholds), cell=scenario)

@@ -43,13 +43,19 @@ WebGL2RenderingContext.prototype.drawArrays = function (mode, first, count) {{
   return draw.call(this, mode, first, few ? Math.min(count, {MAX_MOVING_POINTS}) : count);
 }};
 """
+# In a window so narrow that viser has one panel below the other, the result is folded up at the end of them: its
+# verdict stands at the top of the window all the same.
+_NARROW = (
+    "@media(max-width:36em){[inert]:has([data-verdict]){display:block!important;opacity:1!important}"
+    "div:has(>div>[data-verdict]){position:fixed!important;top:0;left:0;right:0}}"
+)
 # A slider that moves and its number are drawn by themselves, and not with all of their panel. One without a label has
 # its number in the field above it, and stands close below that.
 _UNLABELLED = "div:has(>*>*>label:empty)"
 _LOOKS = Html(
     "<style>.mantine-Slider-root,.mantine-Input-wrapper{will-change:transform}"
     f"{_UNLABELLED} .mantine-Slider-root+*{{display:none}}"
-    f"{_UNLABELLED}{{margin-top:-0.4em;padding-bottom:0.75em}}</style>"
+    f"{_UNLABELLED}{{margin-top:-0.4em;padding-bottom:0.75em}}{_NARROW}</style>"
 )
 # The result of the page itself takes the place of the one that was sent with it.
 _PLACE = """

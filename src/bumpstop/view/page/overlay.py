@@ -69,13 +69,17 @@ class Overlay:
         points = np.array([[start, start - along * max(length, 0.01)]])
         self._scene.add_arrows("/before/force", points, _GHOST, shaft_radius=0.008, head_radius=0.02, head_length=0.05)
 
-    def show_poor(self, found: PoorDirections | None) -> None:
-        """Draw where forces stay undetected, 1 m for 1000 N, or take it away."""
+    def show_poor(self, found: PoorDirections | None) -> str:
+        """Draw where forces stay undetected, 1 m for 1000 N, or take it away.
+
+        Returns:
+            What the lines are, to stand beside the picture: in it, it would cover other labels. Empty: there are none.
+        """
         if found is None:
             if self._poor:
                 self._scene.remove_by_name("/poor")
             self._poor = False
-            return
+            return ""
         self._poor = True
         lines = poor_lines(found)
         unfelt = ~np.isfinite(found.force)
@@ -84,10 +88,8 @@ class Overlay:
             for name, kept, colour in (("none", unfelt, _UNFELT), ("some", ~unfelt, _FELT)):
                 if kept.any():
                     self._scene.add_line_segments(f"/poor/{name}", lines[kept], colour, thickness=0.006)
-            if not unfelt.all():
-                worst = int(np.argmax(np.where(unfelt, -1.0, found.force)))
-                text = f"up to {found.force[worst]:.0f} N along a line; orange: any force"
-                self._scene.add_label("/poor/label", text, position=lines[worst, 1])
+        words = [] if unfelt.all() else [f"up to {found.force[~unfelt].max():.0f} N along a line"]
+        return "; ".join([*words, *(["orange: any force"] if unfelt.any() else [])])
 
 
 def poor_lines(found: PoorDirections) -> FloatArray:

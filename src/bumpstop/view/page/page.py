@@ -374,7 +374,8 @@ class Page:
         problem, contact = answer.result.problem, answer.scenario.contact
         at = problem.robot.pose(problem.q, contact.link, contact.point_m)[:3, 3]
         self._scene.show_polytope(force_polytope(problem, problem.q) if self._tools.polytope else None, at)
-        self._overlay.show_poor(poor_directions(problem, problem.q) if self._tools.poor else None)
+        poor = poor_directions(problem, problem.q) if self._tools.poor else None
+        self._tools.say_of_poor(self._overlay.show_poor(poor))
         with self._lock:
             before = self._before
         self._overlay.show_before(before)

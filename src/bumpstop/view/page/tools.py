@@ -43,6 +43,7 @@ class Tools:
                 hint="lines along the forces that no threshold detects, on every link, 1 m: 1000 N; orange: any force",
             )  # fmt: skip
             self._poor.on_update(lambda _: page.refresh())
+            self._poor_says = gui.add_html("", visible=False)
             for note in page.opened.notes:
                 gui.add_html(str(element("div", note, style="font-size:11px;padding:1px 10px", data_note="")))
 
@@ -55,6 +56,11 @@ class Tools:
     def poor(self) -> bool:
         """The directions of poor sensitivity are to be drawn."""
         return bool(self._poor.value)
+
+    def say_of_poor(self, text: str) -> None:
+        """Say what the lines of poor sensitivity are; empty: there are none."""
+        self._poor_says.content = str(element("div", text, style="font-size:11px;padding:1px 10px", data_poor=""))
+        self._poor_says.visible = bool(text)
 
     def _save(self, what: str) -> None:
         """Hand a file to the browser."""
@@ -102,7 +108,12 @@ def _report(answer: Any) -> bytes:
 
 def file_html(text: str) -> Html:
     """The text of a scenario, and a button that copies it."""
-    copy = "navigator.clipboard.writeText(this.parentNode.querySelector('pre').textContent)"
+    # Over plain http a browser has a clipboard on loopback alone. Elsewhere the text is selected, and copied if it may.
+    copy = (
+        "const text=this.parentNode.querySelector('pre');"
+        "const select=()=>{getSelection().selectAllChildren(text);document.execCommand('copy')};"
+        "navigator.clipboard?navigator.clipboard.writeText(text.textContent).catch(select):select()"
+    )
     button = element("button", "Copy as TOML", onclick=copy, style="padding:3px 10px;margin-bottom:4px")
     look = "font-size:11px;max-height:260px;overflow:auto;background:#f6f6f6;padding:6px;user-select:all"
     return element("div", button, element("pre", text, style=look, data_scenario=""), style="padding:0 8px")
