@@ -70,7 +70,7 @@ def page_with(document: ViewDocument, answer: Answer | None) -> Any:
     """A page on which nothing is drawn, with what it would show in ``said``."""
     page: Any = Page.__new__(Page)
     page._lock, page._serial, page._pause = threading.RLock(), 0, 0.0
-    page._moved = page._typed = None
+    page._moved, page._typed, page._pending = None, None, {}
     page._document = page._computed = document
     page._answer, page._before, page._judged = answer, None, None
     page.said = said = Sent()
@@ -161,6 +161,43 @@ def test_what_is_said_stands_below_the_verdict_until_it_is_taken_back() -> None:
     assert box.index('data-serial="2"') < box.index("✖ motion.file: is gone")
     panel.say("")
     assert "motion.file" not in client.places[0].content
+
+
+def test_of_two_quick_changes_the_one_that_can_be_used_stays() -> None:
+    """Both were lost, and the reason for the first stood at the control of the second."""
+    page = page_with(ViewDocument(HAND), Answer.of(HAND))
+    page._last_edit, page.refresh = 0.0, lambda: page.said.refresh()
+    upward = {"contact.normal": [0.0, 0.0, 1.0]}
+    with pytest.raises(bs.InputError) as by_the_command:
+        bs.evaluate(with_keys(HAND, upward))
+    for first, second in (("contact.normal", "contact.area_cm2"), ("contact.area_cm2", "contact.normal")):
+        page._document = page._computed = ViewDocument(HAND)
+        for key in (first, second):
+            page.change(upward if key == "contact.normal" else {key: 3.0}, key)
+        page.said.sent.clear()
+        page._compute(page._document)
+        assert page._document.scenario == with_keys(HAND, {"contact.area_cm2": 3.0})
+        assert page._document.undo().scenario == HAND
+        told = ("say" if second == "contact.area_cm2" else "refused", str(by_the_command.value))
+        assert told in [(sent[0], sent[-1]) for sent in page.said.sent]
+        assert not [sent for sent in page.said.sent if sent[0] == "refused" and sent[1] == "contact.area_cm2"]
+        assert page.said.sent[-1] == ("refresh",)
+        page._compute(page._document)
+        assert page._computed.scenario.contact.area_cm2 == 3.0
+        assert page._pending == {}
+
+
+def test_what_went_with_the_first_of_two_quick_clicks_is_named(browserless: Any) -> None:
+    """The second took nothing out any more: the notice was gone before anybody could read it."""
+    page = browserless(with_keys(HAND, {"contact.stiffness_N_m": 30_000}))
+    for body in ("chest", "stomach"):
+        page._hit(body)
+        assert "contact.stiffness_N_m = 30000.0" in page.said.sent[-1][1]
+    assert page._document.undo().scenario.contact.stiffness_N_m == 30_000
+    # Nothing of an earlier step.
+    page._last_edit = 0.0
+    page._hit("face")
+    assert page.said.sent[-1] == ("say", "")
 
 
 def test_a_verdict_that_is_late_is_called_so(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -178,6 +178,7 @@ def test_what_is_refused_has_the_plots_of_what_stays_on_screen(monkeypatch: pyte
     page: Any = Page.__new__(Page)
     page._lock, page._moved, answer = threading.RLock(), "motion.speed", Answer.of(HAND)
     page._computed, page._document, page._answer = ViewDocument(HAND), ViewDocument(LOWER_ARM_SCENARIO), answer
+    page._pending = {}
     page._worker = page._further = SimpleNamespace(submit=submitted.append)
     page._late = SimpleNamespace(begin=lambda: None, end=lambda **_: None)
     page._refuse = lambda key, error: submitted.append((key, str(error)))

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 from bumpstop.collision.scenario.keys import set_keys
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.collision.scenario.settings_file import with_absolute_paths
-from bumpstop.text_files import to_toml
+from bumpstop.errors import InputError
+from bumpstop.text_files import to_toml, toml_value
+from bumpstop.view.field_text import PREFIX, text_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
 # Steps back that are kept: a day of clicks must not fill the memory.
 _MAX_STEPS = 500
@@ -48,6 +50,14 @@ def taken_out(scenario: Scenario, changes: Mapping[str, Any]) -> dict[str, Any]:
         if name in table:
             found[key] = table[name]
     return found
+
+
+def taken_out_words(gone: Mapping[str, Any]) -> str:
+    """What is said of keys that went with another one, and of their values."""
+    given = (
+        f"{key} = {text_of(value) if key.startswith(PREFIX) else toml_value(value)}" for key, value in gone.items()
+    )
+    return f"Taken out with this change: {', '.join(given)}. Undo brings it back."
 
 
 def _place(data: dict[str, Any], key: str) -> tuple[dict[str, Any], str]:
@@ -119,3 +129,29 @@ class ViewDocument:
     def text(self) -> str:
         """The scenario on screen as TOML."""
         return scenario_text(self.scenario)
+
+
+def replayed(
+    document: ViewDocument, changes: Iterable[tuple[Mapping[str, Any], str]], check: Callable[[Scenario], object]
+) -> tuple[ViewDocument, dict[str, InputError]]:
+    """A document after changes, one after the other, but for those that cannot be used.
+
+    Args:
+        document: to begin with.
+        changes: as of :meth:`ViewDocument.edit`, each with the key of its control.
+        check: raises an :class:`InputError` where a scenario cannot be used.
+
+    Returns:
+        The document, and why changes were left out, by the keys of their controls.
+    """
+    refused = {}
+    for each, key in changes:
+        try:
+            after = document.edit(each)
+            if after is not document:
+                check(after.scenario)
+        except InputError as error:
+            refused[key] = error
+        else:
+            document = after
+    return document, refused

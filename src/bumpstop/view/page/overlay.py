@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.view.page.scene_view import direction_of_motion, quaternion
+from bumpstop.view.scene.polytope import force_polytope
+from bumpstop.view.scene.poor_directions import poor_directions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,6 +18,8 @@ if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
     from bumpstop.model import Robot
     from bumpstop.view.answer import Answer
+    from bumpstop.view.page.scene_view import SceneView
+    from bumpstop.view.page.tools import Tools
     from bumpstop.view.scene.arm_shapes import LinkShape
     from bumpstop.view.scene.poor_directions import PoorDirections
 
@@ -68,6 +72,19 @@ class Overlay:
         start = point - 0.06 * side
         points = np.array([[start, start - along * max(length, 0.01)]])
         self._scene.add_arrows("/before/force", points, _GHOST, shaft_radius=0.008, head_radius=0.02, head_length=0.05)
+
+    def show_forces(self, answer: Answer, scene: SceneView, tools: Tools) -> None:
+        """Draw forces that no threshold detects, at the contact point and on every link, where they are asked for.
+
+        Args:
+            answer: of the scenario on screen.
+            scene: the picture.
+            tools: that ask for them.
+        """
+        problem, contact = answer.result.problem, answer.scenario.contact
+        at = problem.robot.pose(problem.q, contact.link, contact.point_m)[:3, 3]
+        scene.show_polytope(force_polytope(problem, problem.q) if tools.polytope else None, at)
+        tools.say_of_poor(self.show_poor(poor_directions(problem, problem.q) if tools.poor else None))
 
     def show_poor(self, found: PoorDirections | None) -> str:
         """Draw where forces stay undetected, 1 m for 1000 N, or take it away.

@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from bumpstop.errors import InputError
 from bumpstop.report.markup import element
-from bumpstop.text_files import toml_value
 from bumpstop.view.answer import Answer
-from bumpstop.view.document import ViewDocument, taken_out
-from bumpstop.view.field_text import PREFIX, text_of
+from bumpstop.view.document import ViewDocument, replayed, taken_out, taken_out_words
 from bumpstop.view.freed_memory import trim_freed_memory
 from bumpstop.view.latest import LatestWins, SupersededError
 from bumpstop.view.page.control_panel import ControlPanel
@@ -24,8 +22,6 @@ from bumpstop.view.page.program_panel import ProgramPanel
 from bumpstop.view.page.result_panel import ResultPanel, details_html
 from bumpstop.view.page.scene_view import Clicks, SceneView
 from bumpstop.view.page.tools import Tools, file_html
-from bumpstop.view.scene.polytope import force_polytope
-from bumpstop.view.scene.poor_directions import poor_directions
 from bumpstop.view.scene.reaching import reach_for
 
 if TYPE_CHECKING:
@@ -39,8 +35,6 @@ if TYPE_CHECKING:
 
 # Changes of one control within this time are one step to undo.
 _ONE_STEP_S = 1.0
-# A browser shows the first result before it is sent the controls and the picture, which keep it busy for seconds.
-_FIRST_S = 0.3
 # A browser draws the panel in a frame of its own before the picture, which takes longer.
 _FRAME_S = 0.06
 # A slider that rests for so long has time for further plots, or for as long as its distribution took: a number that is
@@ -71,9 +65,12 @@ class Page:
         # The control at which a refusal of the last change is told, and the one whose field a person is in.
         self._moved: str | None = None
         self._typed: str | None = None
+        # The newest changes of what has a result, in their order, by their keys: what they change, and their controls.
+        self._pending: dict[frozenset[str], tuple[Mapping[str, Any], str]] = {}
         self._result = ResultPanel(client)
         self._late = LateNotice(self._result.wait)
-        self._show_first()
+        if first is not None:
+            self._result.show_first(first)
         self._worker: LatestWins[ViewDocument] = LatestWins(self._compute, "bumpstop-view")
         self._further = LatestWins(self._compute_details, "bumpstop-view-details")
         self._hand = LatestWins(self._reach, "bumpstop-view-hand")
@@ -143,7 +140,7 @@ class Page:
     def undo(self, *, again: bool = False) -> None:
         """One step back, or ``again`` forward."""
         with self._lock:
-            self._moved = self._typed = None
+            self._moved, self._typed, self._pending = None, None, {}
             self._document = self._document.redo() if again else self._document.undo()
             self._result.say("")
         self.refresh()
@@ -197,8 +194,12 @@ class Page:
             except InputError as error:
                 self._refuse(key, error)
                 return
+            self._pending.pop(frozenset(changes), None)
+            self._pending[frozenset(changes)] = changes, key
+            # Of all changes that are one step, the first took it out.
+            before = before if self._document.scenario == before else self._document.past[-1]
             gone = {name: value for name, value in taken_out(before, changes).items() if name != key}
-            self._result.say(_taken_out_words(gone) if gone else "")
+            self._result.say(taken_out_words(gone) if gone else "")
         self.refresh()
 
     def set_pose(self, q: FloatArray, velocity: FloatArray | None = None, *, dragged: bool = False) -> None:
@@ -215,9 +216,8 @@ class Page:
         self.change({"contact.link": link, "contact.point_m": rounded}, "contact.link")
 
     def _hit(self, body: str) -> None:
-        with self._lock:
-            self._typed = None
-            self._set("contact.body", body)
+        self._typed = None
+        self._set("contact.body", body)
 
     def _reach(self, X: FloatArray) -> None:
         scenario = self.document.scenario
@@ -262,27 +262,17 @@ class Page:
         else:
             self._result.say("")
 
-    def _show_first(self) -> None:
-        """Show the result before anything else is built."""
-        if self._answer is not None:
-            self._result.show(self._answer, serial=self._serial)
-            time.sleep(_FIRST_S)
-
     def _compute(self, document: ViewDocument) -> None:
         begin = time.monotonic()
         try:
             answer = Answer.of(document.scenario)
         except InputError as error:
-            with self._lock:
-                if self._document is document:
-                    self._document = self._computed
-                    self._refuse(self._moved or "", error)
-                    if self._answer is not None:
-                        self._further.submit((self._computed, self._answer))
-                self._late.end(more=self._document is not self._computed)
+            self._take_back(document, error)
             return
         with self._lock:
             self._computed, self._answer, moved = document, answer, self._moved
+            if self._document is document:
+                self._pending = {}
             if not answer.pending:
                 self._judged = document, answer
             self._pause = max(_PAUSE_S, time.monotonic() - begin)
@@ -298,6 +288,28 @@ class Page:
         if moved is not None:
             self._panel.refuse(moved, "")
         self._further.submit((document, answer))
+
+    def _take_back(self, document: ViewDocument, error: InputError) -> None:
+        """Go back to what has a result, with those changes since then that can be used, and say why others cannot."""
+        with self._lock:
+            computed, pending, moved = self._computed, [*self._pending.values()], self._moved or ""
+        alone = len(pending) < 2 or self.document is not document
+        kept, refused = (computed, {moved: error}) if alone else replayed(computed, pending, Answer.of)
+        with self._lock:
+            if self._document is not document:
+                return
+            self._document, self._pending = kept, {}
+            if moved in refused:
+                self._refuse(moved, refused.pop(moved))
+            if refused:
+                # Their controls show what is used instead.
+                self._panel.show(kept.scenario, but=self._typed)
+                self._result.say("; ".join(str(why) for why in refused.values()), refused=True)
+            self._late.end(more=kept is not computed)
+            if kept is not computed:
+                self.refresh()
+            elif self._answer is not None:
+                self._further.submit((computed, self._answer))
 
     def _compute_details(self, answered: tuple[ViewDocument, Answer] | None) -> None:
         """What comes after the distribution, and nothing for None."""
@@ -371,11 +383,7 @@ class Page:
 
     def _draw_forces(self, answer: Answer) -> None:
         """Forces that no threshold detects: at the contact point, and all over the arm; and the result kept before."""
-        problem, contact = answer.result.problem, answer.scenario.contact
-        at = problem.robot.pose(problem.q, contact.link, contact.point_m)[:3, 3]
-        self._scene.show_polytope(force_polytope(problem, problem.q) if self._tools.polytope else None, at)
-        poor = poor_directions(problem, problem.q) if self._tools.poor else None
-        self._tools.say_of_poor(self._overlay.show_poor(poor))
+        self._overlay.show_forces(answer, self._scene, self._tools)
         with self._lock:
             before = self._before
         self._overlay.show_before(before)
@@ -389,11 +397,3 @@ class Page:
             self._result.show(answer, serial=self._serial, before=self._before)
         # What stands together is sent when it is whole.
         self.client.flush()
-
-
-def _taken_out_words(gone: Mapping[str, Any]) -> str:
-    """What is said of keys that went with another one, and of their values."""
-    given = (
-        f"{key} = {text_of(value) if key.startswith(PREFIX) else toml_value(value)}" for key, value in gone.items()
-    )
-    return f"Taken out with this change: {', '.join(given)}. Undo brings it back."

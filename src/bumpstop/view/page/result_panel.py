@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from typing import TYPE_CHECKING
 
 from bumpstop.collision.probability_text import percent
@@ -30,6 +31,8 @@ _STICKY = Html("<style>div:has(> div > [data-verdict]){position:sticky;top:0;z-i
 _LATE = "The last change is being computed: what stands here is of the scenario before."
 _PALE = Html("<style>#root [data-serial]{opacity:0.45}</style>")
 PANEL_WIDTH = 420  # of a browser's pixels
+# A browser shows the first result before it is sent the controls and the picture, which keep it busy for seconds.
+_FIRST_S = 0.3
 # A layer of its own: without a graphics card a browser draws all of a layer anew for a line of it.
 _LAYER = "will-change:transform"
 _SHOWN = (("mean", "mean"), ("sd", "sd"), ("p50", "p50"), ("p95", "p95"), ("p99", "p99"), ("p999", "p99.9"))
@@ -181,6 +184,11 @@ class ResultPanel:
             self._beside(box=verdict_box(answer, serial=serial, before=before))
             _fill(self._figures, figures)
         self._client.flush()
+
+    def show_first(self, answer: Answer) -> None:
+        """Show the result that a page begins with, before anything else is built."""
+        self.show(answer, serial=0)
+        time.sleep(_FIRST_S)
 
     def show_none(self, reason: str, *, serial: int) -> None:
         """Say that there is no result, and why: arguments as of :func:`no_verdict_box`."""
