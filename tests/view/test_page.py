@@ -70,7 +70,7 @@ def page_with(document: ViewDocument, answer: Answer | None) -> Any:
     """A page on which nothing is drawn, with what it would show in ``said``."""
     page: Any = Page.__new__(Page)
     page._lock, page._serial, page._pause = threading.RLock(), 0, 0.0
-    page._moved, page._typed, page._pending = None, None, {}
+    page._moved, page._typed, page._refused, page._pending = None, None, None, {}
     page._document = page._computed = document
     page._answer, page._before, page._judged = answer, None, None
     page.said = said = Sent()
@@ -185,6 +185,10 @@ def test_of_two_quick_changes_the_one_that_can_be_used_stays() -> None:
         page._compute(page._document)
         assert page._computed.scenario.contact.area_cm2 == 3.0
         assert page._pending == {}
+        # What is refused in its field still is when the other change is computed.
+        assert [sent[2] for sent in page.said.sent if sent[:2] == ("refused", "contact.normal")] == (
+            [] if second == "contact.area_cm2" else [str(by_the_command.value)]
+        )
 
 
 def test_what_went_with_the_first_of_two_quick_clicks_is_named(browserless: Any) -> None:

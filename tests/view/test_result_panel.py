@@ -104,7 +104,7 @@ def test_the_plot_is_sent_first_and_the_force_in_the_picture_where_no_key_follow
 
     page: Any = Page.__new__(Page)
     document = page._document = ViewDocument(HAND)
-    page._lock, page._serial, page._moved = threading.RLock(), 0, None
+    page._lock, page._serial, page._moved, page._refused = threading.RLock(), 0, None, None
     page._before = page._answer = page._judged = None
     page._result, page._scene, page._further = Recorder(), Recorder(), Further()
     page._file, page.client = Place(""), Client()

@@ -62,9 +62,10 @@ class Page:
         # The newest that has its verdict.
         self._judged: tuple[ViewDocument, Answer] | None = None
         self._serial, self._last_edit, self._pause = 0, 0.0, _PAUSE_S
-        # The control at which a refusal of the last change is told, and the one whose field a person is in.
+        # The control of the last change, the one whose field a person is in, and the one that says a refusal of it.
         self._moved: str | None = None
         self._typed: str | None = None
+        self._refused: str | None = None
         # The newest changes of what has a result, in their order, by their keys: what they change, and their controls.
         self._pending: dict[frozenset[str], tuple[Mapping[str, Any], str]] = {}
         self._result = ResultPanel(client)
@@ -187,7 +188,7 @@ class Page:
         with self._lock:
             now = time.monotonic()
             same = now - self._last_edit < _ONE_STEP_S
-            self._last_edit, self._moved = now, key
+            self._last_edit, self._moved, self._refused = now, key, None
             before = self._document.scenario
             try:
                 self._document = self._document.edit(changes, same_step=same)
@@ -212,8 +213,7 @@ class Page:
         self.change(changes, f"{key}[1]")
 
     def _touched(self, link: str, point: FloatArray) -> None:
-        rounded = [round(float(value), 4) for value in point]
-        self.change({"contact.link": link, "contact.point_m": rounded}, "contact.link")
+        self.change({"contact.link": link, "contact.point_m": [round(float(x), 4) for x in point]}, "contact.link")
 
     def _hit(self, body: str) -> None:
         self._typed = None
@@ -248,7 +248,7 @@ class Page:
 
     def _refuse(self, key: str, error: InputError) -> None:
         """What was on screen stays; the reason stands at the control, or beside the verdict where there is none."""
-        control = self._panel.controls.get(key)
+        self._refused, control = key, self._panel.controls.get(key)
         # What is typed is left as it was, so that it can be mended, or is on the way to a number that can be used.
         typed = control is not None and control.kind != "choice" and key == self._typed
         self._panel.show(self._document.scenario, but=key if typed else None)
@@ -285,7 +285,7 @@ class Page:
         self._playback.expire(document.scenario)
         self._program.follow(document.scenario)
         self._points.follow(document.scenario)
-        if moved is not None:
+        if moved is not None and moved != self._refused:
             self._panel.refuse(moved, "")
         self._further.submit((document, answer))
 
