@@ -96,7 +96,8 @@ class Screen:
             fields.first.click()
             self.page.get_by_role("option", name=str(value), exact=True).locator("visible=true").click()
             return
-        fields.first.fill(field_text(value))
+        # One of the panel of uncertainties has the label of a choice above it.
+        fields.last.fill(field_text(value))
 
     def fields(self, label: str) -> Any:
         """The inputs beside a label."""
