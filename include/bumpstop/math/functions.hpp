@@ -99,7 +99,8 @@ T erfc(T x) {
     const T magnitude = min(abs(x), T(30.0));
     const T twice = 1.0 + 2.0 * magnitude, inverse = 1.0 / ((magnitude + erfc_polynomial::shift) * twice);
     const T t = (magnitude - erfc_polynomial::shift) * twice * inverse;
-    const T scaled = polynomial<Rounding::fused>(erfc_polynomial::coefficients, t) * (magnitude + erfc_polynomial::shift) * inverse;
+    const T scaled =
+        polynomial<Rounding::fused>(erfc_polynomial::coefficients, t) * (magnitude + erfc_polynomial::shift) * inverse;
     // x^2 = brief^2 + (x - brief)(x + brief) with `brief` a multiple of 1/16: brief^2 is exact.
     const T brief = (magnitude + 0x1.8p+48) - 0x1.8p+48;
     const T upper = exp_minus(brief * brief, (magnitude - brief) * (magnitude + brief)) * scaled;

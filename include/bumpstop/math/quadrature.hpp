@@ -66,7 +66,8 @@ void half_legendre_sums(const GaussRule& rule, const double* value, double* seri
     const T sign = load<T>(alternating);
     for (int g = 0; 2 * g < order; ++g) {
         const T pair = 0.5 * value[g] + sign * value[order - 1 - g];
-        for (int r = 0; r * lanes < order; ++r) sum[r] = fused(pair, load<T>(&rule.legendre[g * order + r * lanes]), sum[r]);
+        for (int r = 0; r * lanes < order; ++r)
+            sum[r] = fused(pair, load<T>(&rule.legendre[g * order + r * lanes]), sum[r]);
     }
     for (int r = 0; r * lanes < order; ++r) store(sum[r], series + r * lanes);
 }

@@ -56,7 +56,7 @@ class SurvivalCriterion {
   private:
     const GaussianThresholds* detector_;
     double stiffness_, largest_offset_;
-    T touched_, no_alarm_, residual_[max_joints];  ///< at the times observed; residuals without noise [Nm]
+    T touched_, no_alarm_, residual_[max_joints];     ///< at the times observed; residuals without noise [Nm]
     NoiselessResidual<double> filtered_[max_joints];  ///< after the detector's filter
     int tick_ = 0, unarmed_ticks_ = 0;
     double survival_ = 1;
