@@ -94,6 +94,10 @@ def change(screen: Screen, page: Page, control: Control) -> None:
 def compare(screen: Screen, told: dict[str, Any]) -> None:
     """What stands on the page is what the command says."""
     central = told.get("central", told)
+    if (mean := central["peak_force_N"]["mean"]) is not None:
+        # Text and figures are sent together; a busy browser may draw one before the other.
+        shown = "mean => Number(document.querySelector(\"[data-figure='peak_force_N.mean']\")?.dataset.value) === mean"
+        screen.page.wait_for_function(shown, arg=mean, timeout=WAIT_MS)
     for name in ("peak_force_N", "pressure_N_cm2"):
         for key, value in central[name].items():
             assert figure(screen, f"{name}.{key}") == value, (name, key)
