@@ -30,7 +30,7 @@ inline ContactCourse contact_course(const ContactPropagator& by, std::span<const
             state.reacts = true;
             if (i > 2) state.ramp = (path[i - 1] - 2 * path[i - 2] + path[i - 3]) / by.step;
         }
-        if (i > 0 && (state.reacts || by.leaves_reference() || state.needs_step(path[i], offset)))
+        if (i > 0 && (state.reacts || by.leaves_reference || state.needs_step(path[i], offset)))
             dynamics.step(state, path[i - 1], path[i], offset);
         course.force.push_back(state.force);
         if (by.dof == 0) continue;

@@ -69,7 +69,7 @@ struct ContactPaths {
     }
     void follow_approach(const ContactPropagator& by) {
         approach.clear();
-        if (!by.leaves_reference()) return;
+        if (!by.leaves_reference) return;
         const ContactDynamics dynamics(by);
         ContactState state;
         state.begun = from_rest;

@@ -207,6 +207,7 @@ struct ContactPropagator {
         rows[3] = system.penetration();
         rows[4] = system.rate(rows[3], alone);
         jump = system.jump();
+        leaves_reference = std::any_of(jump.begin(), jump.end(), [](double each) { return each != 0; });
         reaction_jump = system.reaction_jump();
         for (std::size_t m = 0; m < force_by_speed.size(); ++m) {
             force_by_speed[m] = rows[m][std::size_t(states) + 1];
@@ -234,14 +235,12 @@ struct ContactPropagator {
 
     /// The arm has elastic gears; else it is rigid.
     bool elastic() const { return dof > 0; }
-    /// An elastic arm whose controller does not feed all of the acceleration forward: it lags while the motion speeds up.
-    bool leaves_reference() const {
-        return std::any_of(jump.begin(), jump.end(), [](double each) { return each != 0; });
-    }
 
     int states;
-    int dof;                  ///< of an elastic arm; 0: the arm is rigid
-    bool gets_away;           ///< nothing holds the body
+    int dof;         ///< of an elastic arm; 0: the arm is rigid
+    bool gets_away;  ///< nothing holds the body
+    /// The controller of an elastic arm does not feed all of the acceleration forward: it lags while the motion speeds up.
+    bool leaves_reference = false;
     double step;              ///< simulation step [s]
     int pieces;               ///< of a step, each a small part of an oscillation
     double piece;             ///< [s]

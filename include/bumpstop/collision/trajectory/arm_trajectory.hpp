@@ -123,7 +123,7 @@ class ArmTrajectory {
             const bool touched = i * step() > begin;
             append_step(i, touched);
             if (touched) greatest = std::max(greatest, path.s.back());
-            if (dynamics && i > 0 && (touched || by->leaves_reference()))
+            if (dynamics && i > 0 && (touched || by->leaves_reference))
                 dynamics->step(body, path.s[std::size_t(i) - 1], path.s.back(), 0.0);
             if (i < 1 || (i - 1) % setup_.timing.period != 0) continue;
             allow_interruption();
