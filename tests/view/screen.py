@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from bumpstop.view.field_text import field_text
 from bumpstop.view.page.server import ViewServer
 
 WAIT_MS = 60_000
+OPENED_MS = 5_000
 
 
 class Screen:
@@ -29,8 +31,22 @@ class Screen:
         # Not the one that the page is sent with: what a person can use is up when the page shows its own.
         self.page.wait_for_selector("#root [data-serial]", timeout=WAIT_MS)
         # A folder that is closed has no text.
-        self.page.get_by_text("Scenario file", exact=True).click()
+        self.open_folder("Scenario file")
         self.page.wait_for_selector("[data-scenario]", timeout=WAIT_MS)
+
+    def open_folder(self, name: str) -> None:
+        """Open a folder of the panel, and wait until those below it have moved."""
+        from playwright.sync_api import TimeoutError as TooLong
+
+        header = self.page.locator(f"xpath=(//div[normalize-space(text())='{name}'])[1]")
+        inside = header.locator("xpath=./following-sibling::*[1]")
+        header.wait_for(timeout=WAIT_MS)
+        # A click is lost where new figures move the header between its press and its release.
+        while inside.get_attribute("aria-hidden") == "true":
+            header.click(timeout=WAIT_MS)
+            with contextlib.suppress(TooLong):
+                inside.wait_for(timeout=OPENED_MS)
+        self.page.wait_for_function("inside => !inside.style.height", arg=inside.element_handle(), timeout=WAIT_MS)
 
     def number(self, key: str) -> float:
         return float(self.page.get_attribute(f"[data-figure='{key}']", "data-value"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import time
@@ -28,7 +27,6 @@ ALL = controls_of(HAND, Robot.load("sia5d"))
 # One of each kind; `make validate` goes through all of them, which takes minutes.
 CONTROLS = ALL if "BUMPSTOP_ALL_CONTROLS" in os.environ else tuple({each.kind: each for each in ALL}.values())
 _OPEN = ("Motion", "Contact")
-_OPENED_MS = 5_000
 
 
 @pytest.fixture(scope="module")
@@ -36,16 +34,8 @@ def opened(browser: Any) -> Iterator[tuple[Screen, Page]]:
     server = ViewServer(open_source(str(ROOT / "examples" / "01_hand_downward.toml")))
     screen = Screen(browser, server)
     screen.wait_for_the_picture()
-    from playwright.sync_api import TimeoutError as TooLong
-
-    first = {control.panel: screen.fields(control.label).first for control in reversed(ALL)}
     for panel in set(PANELS) - set(_OPEN):
-        # A click on a page that is still being built may be lost.
-        for _ in range(3):
-            screen.page.get_by_text(panel, exact=True).first.click()
-            with contextlib.suppress(TooLong):
-                first[panel].wait_for(timeout=_OPENED_MS)
-                break
+        screen.open_folder(panel)
     yield screen, next(iter(server.pages.values()))
     screen.page.close()
     server.stop()

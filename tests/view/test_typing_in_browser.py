@@ -51,7 +51,7 @@ def test_a_number_typed_by_hand_is_the_number_of_the_scenario(browser: Any, dela
     try:
         page = next(iter(server.pages.values()))
         for panel in ("Detector", "Reaction"):
-            screen.page.get_by_text(panel, exact=True).first.click()
+            screen.open_folder(panel)
         numbers = {key for key, each in page._panel.controls.items() if each.kind in ("slider", "number", "vector")}
         poses = {f"pose_deg[{j}]": f"{j}.1256" for j in range(1, 8)}
         assert numbers == TYPED.keys() | poses.keys()
