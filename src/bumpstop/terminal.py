@@ -8,6 +8,8 @@ import os
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import IO, TYPE_CHECKING, cast
 
+from bumpstop.rounding import rounded
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
@@ -20,11 +22,7 @@ _WIDTH = 120  # of a table in a text: no terminal folds it
 
 def no_more_than(value: float) -> str:
     """Four significant digits of a positive number, rounded down: what is safe up to it is safe up to what is told."""
-    told = float(f"{value:.4g}")
-    # A hair above is a rounding of the value.
-    if told > value * (1 + 1e-12):
-        told -= 10.0 ** (math.floor(math.log10(value)) - 3)
-    return f"{told:.4g}"
+    return f"{rounded(value, 4, up=False):.4g}"
 
 
 def number(value: float) -> str:

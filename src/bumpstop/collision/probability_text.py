@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from bumpstop.rounding import rounded
+
 # The quadrature leaves out what is less probable: an integrated probability below is no more than this.
 MIN_PRINTED_PROBABILITY = 1e-12
 MIN_PERCENT = 1e-6  # a probability that is not spelt out in percent
@@ -82,9 +84,7 @@ def use_percent(use: float) -> str:
 
 def _rounded(p: float, digits: int, up: bool) -> float:
     """Percent of so many digits."""
-    told = float(f"{100 * p:.{digits}g}")
-    # A hair below is a rounding of the factor.
-    return told + 10.0 ** (math.floor(math.log10(told)) + 1 - digits) if up and told < 100 * p * (1 - 1e-12) else told
+    return rounded(100 * p, digits, up=True) if up else float(f"{100 * p:.{digits}g}")
 
 
 def decimal(p: float, *, integrated: bool = False) -> str:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from decimal import Decimal
 from typing import Literal
 
 from bumpstop.program.languages.expression import Expression
 from bumpstop.program.languages.syntax import Edit
+from bumpstop.rounding import rounded
 
 MIN_TIME_S = 0.2  # of a move whose time is given: two ramps of its acceleration leave some
 Measure = Literal["tool", "joint", "axes"]
@@ -66,9 +68,8 @@ def short(value: float, *, up: bool = False) -> str:
     """A number of four digits, never above the value, or never below it."""
     if value <= 0:
         return "0"
-    unit = 10.0 ** (math.floor(math.log10(value)) - 3)
-    steps = math.ceil(value / unit - 1e-9) if up else math.floor(value / unit + 1e-9)
-    return f"{steps * unit:.4g}" if 1e-4 <= value < 1e4 else f"{steps * unit:.0f}" if value >= 1 else f"{value:.9f}"
+    # Not every controller reads powers of ten.
+    return f"{Decimal(f'{rounded(value, 4, up=up):.4g}'):f}"
 
 
 @dataclass(frozen=True)

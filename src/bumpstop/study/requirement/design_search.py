@@ -12,6 +12,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
+from bumpstop.rounding import rounded
 from bumpstop.study.answer_warnings import warnings_of
 from bumpstop.study.range import Range
 from bumpstop.study.requirement.risk import allowed_force
@@ -106,14 +107,6 @@ class Design:
         }
 
 
-def _six_digits(value: float, *, up: bool) -> float:
-    if value == 0:
-        return value
-    unit = 10.0 ** (math.floor(math.log10(abs(value))) - 5)
-    steps = math.ceil(value / unit) if up else math.floor(value / unit)
-    return float(f"{steps * unit:.6g}")
-
-
 class DesignSearch:
     """Distributions about one scenario, kept once computed."""
 
@@ -165,7 +158,7 @@ class DesignSearch:
         x = np.array(list(design.values.values()))
         for away in (self.start, 2 * x - self.conservative):
             # Farther from the present values, or nearer to the most conservative ones.
-            short = np.array([_six_digits(a, up=a > b) for a, b in zip(x, away, strict=True)])
+            short = np.array([rounded(a, 6, up=a > b) for a, b in zip(x, away, strict=True)])
             keep = np.array([bool(quantum) for quantum in self.quantum]) | (x == self.start)
             found = self.design(np.where(keep | (short < self.low) | (short > self.high), x, short))
             if found.meets:

@@ -1,0 +1,40 @@
+"""Numbers of a few digits on the safe side."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from bumpstop.rounding import rounded
+
+
+@pytest.mark.parametrize(
+    ("value", "down", "up"),
+    [
+        (0.0, 0.0, 0.0),
+        (999.96, 999.9, 1000.0),
+        (999.94, 999.9, 1000.0),
+        (-1.23456, -1.235, -1.234),
+        (1.23456e-7, 1.234e-7, 1.235e-7),
+        (math.inf, math.inf, math.inf),
+        # What is a rounding of the value is not a digit of it.
+        (0.1 + 0.2, 0.3, 0.3),
+        (100 * 0.07, 7.0, 7.0),
+        (1000 * (1 - 2e-16), 1000.0, 1000.0),
+    ],
+)
+def test_four_digits_on_either_side(value: float, down: float, up: float) -> None:
+    assert rounded(value, 4, up=False) == down
+    assert rounded(value, 4, up=True) == up
+
+
+def test_any_value_lies_between_its_two_roundings() -> None:
+    random = np.random.default_rng(3)
+    for value in random.choice([-1, 1], 2000) * 10 ** random.uniform(-9, 9, 2000):
+        for digits in (1, 2, 6):
+            low, high = rounded(float(value), digits, up=False), rounded(float(value), digits, up=True)
+            assert low <= value <= high
+            assert high - low == pytest.approx(10.0 ** (math.floor(math.log10(abs(value))) + 1 - digits), rel=1e-5)
+            assert {float(f"{low:.{digits}g}"), float(f"{high:.{digits}g}")} == {low, high}
