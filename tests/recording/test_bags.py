@@ -247,6 +247,9 @@ def test_a_unit_that_would_not_count_is_refused(tmp_path: Path) -> None:
             InputError, match=rf"columns.{other}: says nothing: .* for a {effort}; give effort = .{other}"
         ):
             Recording.load(path, columns={"effort": effort, other: {"unit": unit}})
+    for name, unit in (("time", "ms"), ("reference", "deg"), ("wrench", "SI")):
+        with pytest.raises(InputError, match=rf"columns.{name}: says nothing: joint states .*; leave {name} out"):
+            Recording.load(path, columns={name: {"unit": unit}})
     found = Recording.load(path, columns={"effort": "current", "current": {"unit": "mA"}}).current
     assert found is not None
     np.testing.assert_allclose(found, 3e-3 * Recording.load(path).q)

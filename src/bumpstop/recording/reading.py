@@ -141,6 +141,9 @@ def _check_places(columns: Columns, kind: str) -> None:
         if bag and name in ("torque", "current") and name != columns.effort:
             problem = f"says nothing: the effort of the bag is taken for a {columns.effort}"
             raise InputError(where, problem, f'give effort = "{name}", or leave {name} out')
+        if bag and name in ("time", "reference", "wrench"):
+            problem = "says nothing: joint states have times of their own, and neither reference nor wrench"
+            raise InputError(where, problem, f"leave {name} out")
         if kind == "mat" and quantity.file is not None:
             raise InputError(f"{where}.file", "cannot be used with a MATLAB file", "put all variables into one file")
 
