@@ -39,7 +39,7 @@ def page_data() -> dict[str, Any]:
         "examples": _examples(),
         "quantiles": QUANTILES,
         "at_rest": AT_REST,
-        "law_keys": braking_keys._OF_LAW,
+        "law_keys": braking_keys.OF_LAW,
         "needed_law_keys": braking_keys._NEEDED,
         "numbers": {
             "far": FAR,

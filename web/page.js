@@ -16,8 +16,9 @@ const WORDS = {
     no_limits: "NO LIMITS TO JUDGE BY",
 };
 const NOT_LOOKED_FOR =
-    "Not looked for on this page: values that look like another unit's, how long contact lasts, and the same arm with " +
-    "elastic gears. bumpstop evaluate does. An engineering estimate, not a certified safety function.";
+    "Not looked for on this page: values that look like another unit's, how long contact lasts, whether a reversing arm " +
+    "swings forward again while it presses, and the same arm with elastic gears. bumpstop evaluate does. An engineering " +
+    "estimate, not a certified safety function.";
 // What takes longer is said to be unfinished [ms].
 const UNFINISHED = 300;
 

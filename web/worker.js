@@ -12,7 +12,13 @@ function serve(load) {
             const { robot, limits, scenario } = problem;
             const took = performance.now() - began;
             postMessage({ number, told, curve, took, title: robot.title, limits, contact: scenario.contact });
-            postMessage({ number, coarse: finerStepsWarning(core, text, found), done: true });
+            try {
+                postMessage({ number, coarse: finerStepsWarning(core, text, found), done: true });
+            } catch (error) {
+                // Of memory, mostly: what was found before stands.
+                const coarse = `Whether finer simulation steps hit harder could not be computed here (${error}).`;
+                postMessage({ number, failed: true, coarse, done: true });
+            }
         } catch (error) {
             const failed = !(error instanceof Refusal);
             postMessage({ number, failed, refused: failed ? `The computation failed: ${error}` : error.message, done: true });

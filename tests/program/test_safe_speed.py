@@ -162,7 +162,7 @@ CELLS: dict[str, dict[str, object]] = {
     "elastic": {"arm.model": "elastic"},
     "free": {"contact.kind": "free", "contact.body_mass_kg": 3.0},
     "elastic and free": {"arm.model": "elastic", "contact.kind": "free", "contact.body_mass_kg": 12.0},
-    "gauge": {"contact.gauge_spring_N_m": 75e3, "contact.gauge_mass_kg": 2.0},
+    "gauge": {"contact.stiffness_N_m": 75e3, "contact.gauge_spring_N_m": 75e3, "contact.gauge_mass_kg": 2.0},
     "damping": {"contact.damping_Ns_m": 500.0},
     "observer": {"detector.residual": "observer"},
     "reversing": {"reaction.kind": "reverse"},

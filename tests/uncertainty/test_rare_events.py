@@ -77,7 +77,7 @@ def test_over_the_inputs() -> None:
         ({"contact__kind": "free", "contact__limits": "ts15066"}, {}, "contact.kind: 'free' is not available"),
         ({"contact__damping_Ns_m": 50.0}, {}, "contact.damping_Ns_m: 50.0 is not available: rare collisions are drawn"),
         (
-            {"contact__gauge_spring_N_m": 75e3, "contact__gauge_mass_kg": 0.5},
+            {"contact__stiffness_N_m": 75e3, "contact__gauge_spring_N_m": 75e3, "contact__gauge_mass_kg": 0.5},
             {},
             "contact.gauge_mass_kg: 0.5 is not available: rare collisions are drawn for a rigid arm on a line",
         ),

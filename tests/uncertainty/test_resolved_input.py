@@ -127,9 +127,10 @@ def test_elastic_arms_and_bodies_give_what_the_scenario_does_not() -> None:
 
 @pytest.mark.parametrize("key", ["contact.padding_N_m", "contact.gauge_spring_N_m"])
 def test_an_interval_of_a_key_without_a_value_has_its_middle(key: str) -> None:
-    (found,) = inputs({key: {"interval": [2e4, 4e5]}})
+    contact = {"contact__area_cm2": 2.0, "contact__stiffness_N_m": 75e3}
+    (found,) = inputs({key: {"interval": [2e4, 4e5]}}, **contact)
     assert (found.given, found.central) == ("default", pytest.approx(2.1e5))
-    scenario = control_group(contact__area_cm2=2.0, uncertainty={key: {"interval": [2e4, 4e5]}})
+    scenario = control_group(**contact, uncertainty={key: {"interval": [2e4, 4e5]}})
     assert PointEvaluator(scenario).scenario_at(np.array([2e4])).to_dict()["contact"][key.split(".")[1]] == 2e4
 
 

@@ -207,6 +207,29 @@ def test_an_emptied_stiffness_is_that_of_the_table() -> None:
     assert emptied.undo().scenario == given
 
 
+def test_the_pad_of_a_gauge_is_no_body() -> None:
+    """A body behind a gauge that stood for another one, or as soft as the pad, was judged by too little force."""
+    gauge = with_keys(HAND, {"contact.stiffness_N_m": 10e3, "contact.gauge_spring_N_m": 75e3})
+    body, kind = (next(each for each in CONTROLS if each.key == key) for key in ("contact.body", "contact.kind"))
+    for changed in (body.write(gauge, "chest"), kind.write(gauge, "free") | {"contact.body_mass_kg": 2.0}):
+        contact = ViewDocument(gauge).edit(changed).scenario.contact
+        assert contact.stiffness_N_m is contact.gauge_spring_N_m is None
+
+
+def test_another_law_of_slowing_down_needs_no_table(tmp_path: Path) -> None:
+    columns = ",".join(f"distance_{j}_deg" for j in range(1, 8))
+    rows = (f"{speed}" + f",{0.1 * speed}" * 7 for speed in (5, 90))
+    (tmp_path / "stops.csv").write_text("\n".join([f"speed_deg_s,{columns}", *rows]), encoding="utf-8")
+    table = {"deceleration": "table", "stopping_table": "stops.csv", "kind": "stop"}
+    data = HAND.to_dict()
+    data["reaction"] |= table
+    given = bs.Scenario.from_dict(data, tmp_path)
+    (control,) = (each for each in CONTROLS if each.key == "reaction.deceleration")
+    changed = ViewDocument(given).edit(control.write(given, "constant")).scenario
+    assert changed.reaction.stopping_table is None
+    assert bs.evaluate(changed).verdict.reason
+
+
 def test_a_mass_stays_where_the_table_has_none() -> None:
     """Free contact needs one."""
     free = with_keys(HAND, {"contact.kind": "free", "contact.body_mass_kg": 2.0})

@@ -21,12 +21,11 @@ pytestmark = [
 ]
 
 
-@pytest.fixture(scope="module")
-def page(page_script: Path, tmp_path_factory: pytest.TempPathFactory, browser: Any) -> Iterator[Any]:
-    file = tmp_path_factory.mktemp("page") / "page.html"
+def open_page(browser: Any, script: Path, folder: Path) -> Any:
     style = (ROOT / "web" / "page.css").read_text(encoding="utf-8")
     text = f'<!doctype html><meta charset="utf-8"><style>{style}</style><div id="bumpstop"></div>'
-    file.write_text(f'{text}<script src="{page_script.as_uri()}"></script>', encoding="utf-8")
+    file = folder / "page.html"
+    file.write_text(f'{text}<script src="{script.as_uri()}"></script>', encoding="utf-8")
     opened = browser.new_page(viewport={"width": 1280, "height": 800})
     opened.faults = []
     opened.on("console", lambda message: opened.faults.append(message.text) if message.type == "error" else None)
@@ -34,6 +33,12 @@ def page(page_script: Path, tmp_path_factory: pytest.TempPathFactory, browser: A
     opened.on("request", lambda request: opened.faults.append(request.url) if "://" in request.url[:9] else None)
     opened.faults.clear()
     opened.goto(file.as_uri())
+    return opened
+
+
+@pytest.fixture(scope="module")
+def page(page_script: Path, tmp_path_factory: pytest.TempPathFactory, browser: Any) -> Iterator[Any]:
+    opened = open_page(browser, page_script, tmp_path_factory.mktemp("page"))
     yield opened
     assert [fault for fault in opened.faults if not fault.startswith(("file:", "blob:"))] == []
     opened.close()
@@ -140,6 +145,24 @@ def test_a_core_that_fails_leaves_no_verdict_and_computes_again(page: Any) -> No
     page.select_option("#bumpstop select", label="01_hand_downward.toml")
     settled(page)
     compare_with_command(page)
+
+
+def test_a_verdict_outlives_the_check_for_coarse_steps(browser: Any, page_script: Path, tmp_path: Path) -> None:
+    """Finer steps take more memory than a browser may have: the page said that nothing could be computed."""
+    script, check = page_script.read_text(encoding="utf-8"), "function finerStepsWarning(core, text, coarse) {"
+    assert script.count(check) == 1
+    (tmp_path / "small.js").write_text(
+        script.replace(check, f"{check} throw new Error('Aborted()');"), encoding="utf-8"
+    )
+    page = open_page(browser, tmp_path / "small.js", tmp_path)
+    for name in ("01_hand_downward.toml", "04_hand_lateral.toml"):
+        page.select_option("#bumpstop select", label=name)
+        settled(page)
+        assert page.get_attribute("#bumpstop .verdict", "data-verdict") == "acceptable"
+        words = "Whether finer simulation steps hit harder could not be computed here (Error: Aborted())."
+        assert page.eval_on_selector_all(".warnings li", "all => all.map(one => one.textContent)")[-1] == words
+        assert page.locator("[data-number]").count() == 30
+    page.close()
 
 
 def test_a_link_holds_the_scenario(page: Any) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 from bumpstop.collision.scenario.scenario_tables import DetectorTable, MotionTable, ReactionTable, VerdictTable
 from bumpstop.collision.scenario.spellings import other_spelling
 from bumpstop.collision.scenario.uncertainty_table import uncertain_inputs
+from bumpstop.collision.stopping.braking_keys import OF_LAW
 from bumpstop.contact import LimitTable
 from bumpstop.contact.limits import builtin_tables
 from bumpstop.errors import InputError
@@ -104,10 +105,10 @@ class Control:
         if value is not None and self.key in _OF_CHOICE:
             choice, name = _OF_CHOICE[self.key]
             changes[choice] = name
-            return changes | dict.fromkeys(_instead(choice, name))
+            return changes | dict.fromkeys(_instead(scenario, choice, name))
         # Left out is what it says, however it is spelled.
         spelled = other_spelling(self.key) if value is None else ()
-        return changes | dict.fromkeys((*_instead(self.key, value), *spelled))
+        return changes | dict.fromkeys((*_instead(scenario, self.key, value), *spelled))
 
 
 def _velocity(scenario: Scenario, key: str, shown: Any) -> list[float]:
@@ -146,19 +147,21 @@ _OF_CHOICE = {
 }
 
 
-def _instead(key: str, value: Any) -> tuple[str, ...]:
+def _instead(scenario: Scenario, key: str, value: Any) -> tuple[str, ...]:
     """Keys that lose their meaning with a new value, and would make the scenario none."""
     lost: dict[tuple[str, Any], tuple[str, ...]] = {
         ("contact.kind", "clamped"): ("contact.body_mass_kg", "contact.arm"),
-        ("contact.kind", "free"): ("contact.gauge_spring_N_m", "contact.gauge_mass_kg"),
         ("arm.model", "rigid"): ("arm.file", *(f"arm.{name}" for name in _ARM)),
         ("arm.model", "elastic"): ("contact.arm",),
-        ("reaction.deceleration", "constant"): ("reaction.stopping_time_s", "reaction.ramp_time_s"),
-        ("reaction.deceleration", "constant_time"): ("reaction.ramp_time_s",),
-        ("reaction.deceleration", "ramp"): ("reaction.stopping_time_s",),
     }
     if key == "contact.offset_law" and value != "fixed":
         return ("contact.offset_mm",)
+    if key == "reaction.deceleration":
+        return tuple(f"reaction.{own}" for own, law in OF_LAW.items() if law != value)
+    if (key, value) == ("contact.kind", "free") and scenario.contact.gauge_spring_N_m is not None:
+        # The stiffness is that of its pad, not of the body.
+        pad = ("contact.stiffness_N_m", "contact.stiffness_N_mm") if scenario.contact.body is not None else ()
+        return ("contact.gauge_spring_N_m", "contact.gauge_mass_kg", *pad)
     return lost.get((key, value), ()) if isinstance(value, str) else ()
 
 

@@ -69,6 +69,10 @@ def test_an_elastic_arm_hits_softer_than_a_rigid_one_and_says_on_what_that_rests
         ({"arm": {"servo_bandwidth_hz": 0.0}}, "arm.servo_bandwidth_hz"),
         ({"arm": {"model": "rigid", "gear_damping": 0.1}}, "arm.gear_damping"),
         ({"contact": {"gauge_mass_kg": 0.3}}, "contact.gauge_spring_N_m"),
+        (
+            {"contact": {"body": "lower_arm_wrist", "gauge_spring_N_m": 75e3, "stiffness_N_m": None}},
+            "contact.stiffness_N_m: is missing",
+        ),
         ({"contact": {"kind": "free", "body_mass_kg": 4.0, "arm": "two_mass"}}, "contact.arm"),
         ({"arm": {"file": "nowhere.toml"}}, "nowhere.toml"),
     ],

@@ -27,7 +27,7 @@ LINE = Path(__file__).resolve().parents[3] / "examples/05_ur10e.toml"
 SHARES = [(1 + 1e-9, True), (1 / (1 + 1e-9), False), (1 / 1.04, False)]
 
 
-GAUGE = {"contact.gauge_spring_N_m": 75e3, "contact.gauge_mass_kg": 2.0}
+GAUGE = {"contact.stiffness_N_m": 75e3, "contact.gauge_spring_N_m": 75e3, "contact.gauge_mass_kg": 2.0}
 
 
 def accepting(problem: CollisionProblem, risk: float) -> CollisionProblem:

@@ -63,6 +63,9 @@ class ContactTable(Table):
             raise InputError("contact.body_mass_kg", "is missing", "free contact needs the mass behind the stiffness")
         if self.gauge_mass_kg is not None and self.gauge_spring_N_m is None:
             raise InputError("contact.gauge_spring_N_m", "is missing", "contact.gauge_mass_kg is what moves on it")
+        if self.gauge_spring_N_m is not None and self.stiffness_N_m is None:
+            # The stiffness of the body region would count as the pad: two bodies one behind the other.
+            raise InputError("contact.stiffness_N_m", "is missing", "give that of the pad before the gauge")
         if self.kind == "free" and self.gauge_spring_N_m is not None:
             raise InputError(
                 "contact.gauge_spring_N_m",

@@ -14,7 +14,7 @@ def _between(low: float, high: float) -> Any:
 
 
 # Keys that belong to one law of slowing down alone, and those that it needs.
-_OF_LAW = {
+OF_LAW = {
     "stopping_time_s": "constant_time",
     "ramp_time_s": "ramp",
     "stopping_table": "table",
@@ -41,7 +41,7 @@ class BrakingKeys(BaseModel):
 
     @model_validator(mode="after")
     def _one_law(self) -> BrakingKeys:
-        for key, law in _OF_LAW.items():
+        for key, law in OF_LAW.items():
             given = getattr(self, key) is not None
             if given and law != self.deceleration:
                 problem = f'has no meaning with deceleration = "{self.deceleration}"'

@@ -112,10 +112,8 @@ def gauge_of(scenario: Scenario, device: str | None = None) -> Gauge:
         check_device(device)
         return _device(device, "chosen by the user")
     if contact.body is None or contact.gauge_spring_N_m is not None:
-        assert contact.stiffness_N_m is not None or contact.body is not None
         stiffness = contact.stiffness_N_m
-        if stiffness is None:
-            stiffness = _region_stiffness(scenario)
+        assert stiffness is not None, "a contact without a body region, or with a gauge, gives it"
         spring = contact.gauge_spring_N_m
         note = (
             "No body region is named: the scenario's own contact counts as the gauge." if contact.body is None else ""

@@ -25,9 +25,9 @@ _SCAN = 10
 def keys_of_the_body(region: Region) -> tuple[str, ...]:
     """Keys of ``[contact]`` that say what another body is like, and are left out where this region is hit.
 
-    A mass stays where the table gives none of the region: free contact needs one.
+    A gauge is such a body. A mass stays where the table gives none of the region: free contact needs one.
     """
-    keys = ("stiffness_N_m", "stiffness_N_mm", "pressure_area")
+    keys = ("stiffness_N_m", "stiffness_N_mm", "pressure_area", "gauge_spring_N_m", "gauge_mass_kg")
     return keys if region.effective_mass_kg is None else (*keys, "body_mass_kg")
 
 
