@@ -94,8 +94,8 @@ void bind_contact(nb::module_& module) {
             nb::arg("low"), nb::arg("high"), nb::arg("mass"), nb::arg("node"), nb::arg("node_mass"))
         .def_prop_ro("total", &CellMixture::total)
         .def_prop_ro("infinite", &CellMixture::infinite)
-        .def_prop_ro("mean", &CellMixture::mean)
-        .def_prop_ro("sd", &CellMixture::sd)
+        .def_prop_ro("mean", [](const CellMixture& self) { return self.moments().mean; })
+        .def_prop_ro("sd", [](const CellMixture& self) { return self.moments().sd; })
         .def("above", &CellMixture::above<L>, nb::arg("x"), "P(value > x).")
         .def("upper_quantile", &CellMixture::upper_quantile<L>, nb::arg("allowed"),
              "The smallest x with P(value > x) <= allowed.");

@@ -1,4 +1,4 @@
-// Peak forces by the facade, for all kinds of bodies and for motions that cannot begin.
+// Peak forces by the facade, for all kinds of bodies, without detection, and for motions that cannot begin.
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
@@ -33,6 +33,13 @@ int main(int, char** arguments) {
                                                 {25e3, 0, 4.4}, {75e3, 0, 0.6}};
         print(bumpstop::evaluate(setup, {q, {0, 0.15, -0.2}}, detector, {bodies[i], offset}));
     }
+    // Nothing is detected in half a second: clamped, and a gauge.
+    bumpstop::GaussianThresholds unarmed;
+    for (int j = 0; j < 6; ++j) unarmed.add_joint(1e4, 1, 0);
+    auto brief = setup;
+    brief.timing.steps = 500;
+    for (const bumpstop::ContactBody& body : {bumpstop::ContactBody{1e4}, {75e3, 0, 0.5, 3e4}})
+        print(bumpstop::evaluate(brief, {q, {0, 0.15, -0.2}}, unarmed, {body, offset}));
     // A singular pose, and one beyond a joint's limit.
     const double stretched[] = {0, -90 * degree, 0, -90 * degree, 0, 0}, beyond[] = {7, -1, 1, -1, -1, 0};
     print(bumpstop::evaluate(setup, {stretched, {0, 0.15, -0.2}}, detector, {{1e4}, offset}));

@@ -24,16 +24,15 @@ BODIES: list[dict[str, Any]] = [
 ]
 
 
-def told(contact: dict[str, Any]) -> list[float]:
-    thresholds = [40.0, 40.0, 30.0, 12.0, 12.0, 12.0]
+def told(contact: dict[str, Any], thresholds: tuple[float, ...], sd: float, duration_s: float = 5.0) -> list[float]:
     force = bs.evaluate(
         bs.Scenario.from_dict(
             {
                 "robot": "ur10e",
                 "pose_deg": [10, -80, 110, -120, -90, 20],
-                "motion": {"velocity_mm_s": [0, 150, -200]},
+                "motion": {"velocity_mm_s": [0, 150, -200], "duration_s": duration_s},
                 "contact": contact | {"offset_law": "half_normal", "offset_sd_s": 0.1},
-                "detector": {"thresholds_Nm": thresholds, "noise_sd_Nm": [each / 5.5 for each in thresholds]},
+                "detector": {"thresholds_Nm": list(thresholds), "noise_sd_Nm": [each / sd for each in thresholds]},
                 "reaction": {"kind": "reverse", "joint_acceleration_rad_s2": 6.0},
             }
         )
@@ -52,7 +51,11 @@ def test_of_every_body_and_of_no_motion(tmp_path: Path) -> None:
         [tmp_path / "facade", tmp_path / "arm.robot"], capture_output=True, text=True, check=True, timeout=120
     )
     rows = np.array([[float(value) for value in line.split()] for line in done.stdout.splitlines()])
-    np.testing.assert_allclose(rows[:6], [told(contact) for contact in BODIES], rtol=1e-6, atol=1e-9)
+    alert, unarmed = ((40.0, 40.0, 30.0, 12.0, 12.0, 12.0), 5.5), ((1e4,) * 6, 1e4, 0.5)
+    wanted = [told(contact, *alert) for contact in BODIES] + [told(BODIES[k], *unarmed) for k in (0, 3)]
+    np.testing.assert_allclose(rows[:8], wanted, rtol=1e-6, atol=1e-9)
+    # Where nothing is detected no force is the greatest: a mean of those until the motion ends would be too low.
+    assert [row[0] for row in wanted[6:]] == [np.inf, np.inf]
     # Neither from a singular pose nor from beyond a joint's limit: nothing is known, and nothing is 0.
-    assert np.isnan(rows[6:]).all()
-    assert len(rows) == 8
+    assert np.isnan(rows[8:]).all()
+    assert len(rows) == 10

@@ -145,17 +145,15 @@ struct BatchWorker {
 template <class L>
 void write_distribution(const BatchProblem& problem, std::size_t pose, const CollisionDistribution& found,
                         BatchResult& out) {
-    constexpr double negligible = 1e-12;  // too little to make the mean infinite
     const std::size_t dof = std::size_t(problem.setup.chain.dof);
     const std::vector<double>&probability = problem.settings.probability, &limit = problem.settings.limit;
     const double most = problem.poses.pressed_with != nullptr ? problem.poses.pressed_with[pose] : HUGE_VAL;
     std::optional<CellMixture> cells;
     if (found.nodes.gives_way) cells = peak_force_mixture<L>(found, most);
     const double total = cells ? cells->total() : 1;
-    const Moments force = cells ? Moments{cells->mean(), cells->sd()} : found.moments<L>();
-    const bool bounded = !((cells ? cells->infinite() : found.unbounded()) > negligible * total);
-    out.mean[pose] = bounded ? force.mean : std::numeric_limits<double>::infinity();
-    out.sd[pose] = bounded ? force.sd : std::numeric_limits<double>::quiet_NaN();
+    const Moments force = cells ? cells->moments() : found.moments<L>();
+    out.mean[pose] = force.mean;
+    out.sd[pose] = force.sd;
     for (std::size_t i = 0; i < limit.size(); ++i)
         out.exceedance[pose * limit.size() + i] =
             cells ? std::min(1.0, cells->above<L>(limit[i]) / total) : found.exceedance<L>(limit[i]);

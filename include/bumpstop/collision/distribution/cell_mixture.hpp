@@ -56,22 +56,16 @@ class CellMixture {
     double total() const { return total_; }
     double infinite() const { return infinite_; }
 
-    double mean() const {
-        double sum = 0, mass = 0;
+    Moments moments() const {
+        double mass = 0, sum = 0, square = 0;
         for (std::size_t i = 0; i < node_.size(); ++i) {
+            mass += node_mass_[i];
             sum += node_[i] * node_mass_[i];
-            mass += node_mass_[i];
         }
-        return sum / mass;
-    }
-    double sd() const {
-        const double middle = mean();
-        double sum = 0, mass = 0;
-        for (std::size_t i = 0; i < node_.size(); ++i) {
-            sum += (node_[i] - middle) * (node_[i] - middle) * node_mass_[i];
-            mass += node_mass_[i];
-        }
-        return std::sqrt(std::max(0.0, sum / mass));
+        const double mean = sum / mass;
+        if (!std::isfinite(mean)) return {mean, NAN};
+        for (std::size_t i = 0; i < node_.size(); ++i) square += (node_[i] - mean) * (node_[i] - mean) * node_mass_[i];
+        return {mean, std::sqrt(std::max(0.0, square / mass))};
     }
 
     /// P(value > x).
@@ -269,9 +263,9 @@ CellMixture contact_mixture(const CollisionDistribution& collision, ContactQuant
     }
     if (!of_all) return out;
     if (never && collision.undetected > 0) {
-        constexpr double negligible = 1e-12;  // too little to make the mean infinite
         out.add_cell(*never, *never, collision.undetected);
-        if (std::isfinite(*never) || collision.undetected > negligible) out.add_node(*never, collision.undetected);
+        if (std::isfinite(*never) || collision.undetected > Moments::negligible)
+            out.add_node(*never, collision.undetected);
     }
     const EarlyReactions& early = collision.early_reactions;
     const auto value_of = [&](const ContactReactions::Outcome& one) {
@@ -316,14 +310,9 @@ double CollisionDistribution::upper_quantile(double allowed) const {
 template <class T>
 Moments CollisionDistribution::moments() const {
     if (std::isnan(undetected)) return {NAN, NAN};
-    if (nodes.gives_way) {
-        const CellMixture mixture = peak_force_mixture<T>(*this);
-        return {mixture.mean(), mixture.sd()};
-    }
-    const double bounded = peak_force.total + zero_force;
-    const Moments known = mixture(peak_force.total, peak_force.moments, zero_force, {0, 0});
-    // Where the arm comes to rest undetected collisions are among them.
-    return rests ? known : mixture(bounded, known, end_force.total, end_force.moments);
+    if (nodes.gives_way) return peak_force_mixture<T>(*this).moments();
+    if (unbounded() > Moments::negligible) return {HUGE_VAL, NAN};
+    return mixture(peak_force.total, peak_force.moments, zero_force, {0, 0});
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -43,8 +43,7 @@ struct CollisionDistribution {
     /// The peak force that is exceeded with probability `allowed` [N]; infinite where that much is unbounded.
     template <class T = Lanes<native_lanes>>
     double upper_quantile(double allowed) const;
-    /// Mean and standard deviation. An undetected collision counts with the force of a rigid arm by the end of the
-    /// motion; in dynamic contact with a held body it has no bound.
+    /// Mean and standard deviation; infinite and NaN where a collision may be undetected without a bound.
     template <class T = Lanes<native_lanes>>
     Moments moments() const;
 };

@@ -14,6 +14,7 @@
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
 struct Moments {
+    static constexpr double negligible = 1e-12;  ///< probability of infinite values: too little to count
     double mean, sd;
 };
 
