@@ -253,6 +253,13 @@ NO_BAND = (math.nan, math.nan)
         (shot(90, speed=51), "pass", ""),
         # Planned at another speed, with the band of that.
         (shot(45, speed=20, band=(36.0, 54.0)), "pass", ""),
+        # What it should measure cannot be computed: without a band, and with one that may be that of the motion.
+        (
+            shot(134, speed=0, band=NO_BAND),
+            "inconclusive",
+            "what it should measure cannot be computed at this speed (motion.velocity_mm_s is zero)",
+        ),
+        (shot(100, speed=0, band=(60.0, 120.0)), "inconclusive", "cannot be computed at this speed"),
     ],
 )
 def test_readings_that_show_nothing_or_refute_the_prediction(

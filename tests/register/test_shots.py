@@ -63,6 +63,15 @@ def test_every_bad_cell_is_named(tmp_path: Path) -> None:
     assert "did you mean 'hand on the table'" in told[0]
 
 
+@pytest.mark.parametrize("speed", ["0", "0.0009", "-5"])
+def test_a_shot_of_an_arm_that_stands_is_refused(tmp_path: Path, speed: str) -> None:
+    """Nothing can be computed to compare it with."""
+    (told,) = told_of(write(tmp_path, HEAD, f"hand on the table,1,{speed},,,,134"))
+    assert told == f"row 2, speed_mm_s: '{speed}' cannot be used; wanted a number from 0.001 to 100000"
+    (slow,) = load_shots(write(tmp_path, HEAD, "hand on the table,1,0.001,,,,134"), SITUATIONS)
+    assert slow.speed_mm_s == 0.001
+
+
 def told_of(path: Path) -> list[str]:
     with pytest.raises(RegisterError) as refused:
         load_shots(path, SITUATIONS)

@@ -35,6 +35,7 @@ Finding = Literal[
     "speed",
     "low_reading",
     "above",
+    "not_computed",
     "below",
     "in_band",
     "no_band",
@@ -47,6 +48,7 @@ _WORDS: dict[Finding, str] = {
     "speed": "speed? the band is of another",
     "low_reading": "far below: reading or unit?",
     "above": "above",
+    "not_computed": "cannot be computed",
     "below": "below",
     "in_band": "in the band",
     "no_band": "",
@@ -55,7 +57,7 @@ _WORDS: dict[Finding, str] = {
 # So many shots of one situation that all lie above their predictions are hardly chance.
 _SEVERAL = 3
 # What changes a verdict, the gravest first.
-_GRAVE: tuple[Finding, ...] = ("over_limit", "unusable", "unread", "speed", "low_reading", "above")
+_GRAVE: tuple[Finding, ...] = ("over_limit", "unusable", "unread", "speed", "low_reading", "above", "not_computed")
 
 
 @dataclass(frozen=True)
@@ -82,10 +84,17 @@ class JudgedShot:
 
 @dataclass(frozen=True)
 class _Expected:
-    """Median, and quantile of the accepted probability, of the peak force at the speed of a shot [N]; NaN: unknown."""
+    """The peak force at the speed of a shot.
+
+    Attributes:
+        median: of it [N]; NaN: it cannot be computed.
+        most: quantile of the accepted probability [N]; NaN likewise.
+        problem: why it cannot be computed.
+    """
 
     median: float
     most: float
+    problem: str = ""
 
 
 _Expectation = Callable[["SituationResult", float], _Expected]
@@ -98,9 +107,10 @@ def judge_by_shots(result: RegisterResult, shots: Sequence[Shot]) -> RegisterRes
     much. One that would pass is inconclusive where a shot measured more than the band of its prediction, or without a
     band more than the quantile of the accepted probability at its speed: the prediction is too low. So it is where a
     shot measured less than a third of the band's lower end (without a band, a fifth of the median), where its band is
-    that of the motion and its speed is another, and where it was made and has no peak that can be relied on: such a
-    shot shows nothing. What does not change the verdict stands beside it as a warning, and so does that several shots
-    all lie above their predictions. Shots never make a verdict better.
+    that of the motion and its speed is another, where it was made and has no peak that can be relied on, and where
+    what it should measure cannot be computed: such a shot shows nothing. What does not change the verdict stands
+    beside it as a warning, and so does that several shots all lie above their predictions. Shots never make a verdict
+    better.
     """
     judged: dict[str, list[JudgedShot]] = {}
     for one in judged_shots(result, shots):
@@ -172,8 +182,12 @@ def _judged(shot: Shot, result: SituationResult, expected: _Expectation) -> Judg
         return _judged_without_peak(shot, told)
     if shot.in_band is None or shot.high_N > _WIDEST * shot.low_N:
         return _judged_without_band(shot, result, told, expected(result, shot.speed_mm_s))
+    # Only a band that may be that of another speed is compared with what is computed.
+    here = expected(result, shot.speed_mm_s) if _may_be_band_of_motion(shot, result) else None
+    if here is not None and math.isnan(here.median):
+        return _not_computed(shot, told, here)
     band = f"{shot.low_N:.4g} to {shot.high_N:.4g} N"
-    if _is_band_of_motion(shot, result, expected):
+    if here is not None and not shot.low_N <= here.median <= shot.high_N:
         reason = f"{told}, and its band of {band} is that of {speed:.4g} mm/s, the speed of the motion: speed or row?"
         return JudgedShot(shot, "speed", reason, abs(math.log(max(shot.speed_mm_s, 1e-9) / speed)))
     if measured < _MIN_SHARE * shot.low_N:
@@ -200,6 +214,9 @@ def _judged_without_peak(shot: Shot, told: str) -> JudgedShot:
 
 
 def _judged_without_band(shot: Shot, result: SituationResult, told: str, here: _Expected) -> JudgedShot:
+    # NaN is above nothing and below nothing, and would let any peak pass.
+    if math.isnan(here.median) or math.isnan(here.most):
+        return _not_computed(shot, told, here)
     if shot.measured_N > here.most:
         accepted = accepted_percent(result.verdict.accepted_probability)
         reason = f"{told}, above the {here.most:.4g} N that {accepted} should exceed: the prediction is too low."
@@ -210,18 +227,21 @@ def _judged_without_band(shot: Shot, result: SituationResult, told: str, here: _
     return JudgedShot(shot, "no_band")
 
 
-def _is_band_of_motion(shot: Shot, result: SituationResult, expected: _Expectation) -> bool:
-    """Whether the band is that of the motion's own speed, and not that of the shot's.
+def _not_computed(shot: Shot, told: str, here: _Expected) -> JudgedShot:
+    because = f" ({here.problem})" if here.problem else ""
+    reason = f"{told}, and what it should measure cannot be computed at this speed{because}."
+    return JudgedShot(shot, "not_computed", reason, shot.measured_N)
+
+
+def _may_be_band_of_motion(shot: Shot, result: SituationResult) -> bool:
+    """Whether the band holds what is computed at the motion's own speed, and the shot's is another.
 
     Plans have shots at other speeds than the motion's, each with the band of its speed.
     """
     speed, own = _speed_mm_s(result), result.peak_force["p50"]
     if not math.isfinite(speed) or abs(shot.speed_mm_s - speed) <= _SPEED_TOLERANCE * speed:
         return False
-    if not shot.low_N <= own <= shot.high_N:
-        return False
-    here = expected(result, shot.speed_mm_s).median
-    return not math.isnan(here) and not shot.low_N <= here <= shot.high_N
+    return shot.low_N <= own <= shot.high_N
 
 
 def _expected(result: SituationResult, speed_mm_s: float) -> _Expected:
@@ -233,8 +253,8 @@ def _expected(result: SituationResult, speed_mm_s: float) -> _Expected:
             along = np.array(velocity) / math.hypot(*velocity)
             scenario = scenario.with_values({"motion.velocity_mm_s": (speed_mm_s * along).tolist()})
         force = evaluate(scenario).peak_force
-    except InputError:
-        return _Expected(math.nan, math.nan)
+    except InputError as error:
+        return _Expected(math.nan, math.nan, f"{error.field} {error.problem}")
     return _Expected(force.quantile(0.5), force.quantile(1 - result.verdict.accepted_probability))
 
 

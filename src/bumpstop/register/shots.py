@@ -7,6 +7,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from bumpstop.collision.scenario.scenario_tables import MIN_SPEED_MM_S
 from bumpstop.csv_table import read_csv_table
 from bumpstop.errors import InputError, near_matches
 from bumpstop.register.faults import RegisterError
@@ -129,9 +130,10 @@ class _Row:
         name = self._cells["situation"]
         if name not in known:
             self._fault("situation", f"{name!r} is not in the register", near_matches(name, sorted(known)))
-        speed = self._number("speed_mm_s", _MAX_SPEED_MM_S)
+        # Of an arm that stands nothing can be expected.
+        speed = self._number("speed_mm_s", _MAX_SPEED_MM_S, MIN_SPEED_MM_S)
         if math.isnan(speed) and not self._cells["speed_mm_s"]:
-            self._fault("speed_mm_s", "is missing", f"wanted a number from 0 to {_MAX_SPEED_MM_S:g}")
+            self._fault("speed_mm_s", "is missing", f"wanted a number from {MIN_SPEED_MM_S:g} to {_MAX_SPEED_MM_S:g}")
         low, high = (self._number(f"predicted_{end}_N", _MAX_FORCE_N) for end in ("low", "high"))
         for end, value, other in (("low", low, high), ("high", high, low)):
             # Half a band would judge no peak, and leave the shot without a word.
@@ -156,7 +158,7 @@ class _Row:
             recording=self._cells[RECORDING],
         )
 
-    def _number(self, column: str, most: float) -> float:
+    def _number(self, column: str, most: float, least: float = 0.0) -> float:
         text = self._cells[column]
         if not text:
             return math.nan
@@ -169,8 +171,9 @@ class _Row:
             value = float(text.replace(",", ".") if self._decimal_commas else text)
         except ValueError:
             value = math.nan
-        if not 0 <= value <= most:
-            self._fault(column, f"{text[:40]!r} cannot be used", f"wanted a number from 0 to {most:g}, or nothing")
+        if not least <= value <= most:
+            empty = "" if least > 0 else ", or nothing"
+            self._fault(column, f"{text[:40]!r} cannot be used", f"wanted a number from {least:g} to {most:g}{empty}")
             return math.nan
         return value
 

@@ -27,7 +27,7 @@ Velocity = Annotated[list[Annotated[float, between(-1e5, 1e5)]], Field(min_lengt
 NoiseSd = Annotated[float, between(0, 1e6)]
 NoiseMean = Annotated[float, between(-1e6, 1e6)]
 JointAcceleration = Annotated[float, between(0.1, 1e5)]
-_MIN_SPEED_MM_S = 1e-3
+MIN_SPEED_MM_S = 1e-3
 _MIN_SUBSTEP_S = 1e-6
 _MIN_THRESHOLD_NM, _MAX_THRESHOLD_NM = 1e-6, 1e9
 
@@ -45,7 +45,7 @@ class MotionTable(Table):
 
     kind: Literal["line", "trajectory"] = "line"
     velocity_mm_s: Velocity | None = None
-    speed_mm_s: Annotated[float, between(_MIN_SPEED_MM_S, 1e5)] | None = None
+    speed_mm_s: Annotated[float, between(MIN_SPEED_MM_S, 1e5)] | None = None
     direction: Direction | None = None
     start: Literal["moving", "rest"] = "moving"
     duration_s: Annotated[float, between(1e-5, 1e5)] = 5.0
@@ -96,10 +96,8 @@ class MotionTable(Table):
                 "motion.velocity_mm_s", "is zero", "an arm that does not move hits nothing: give a direction"
             )
         speed = math.hypot(*self.velocity_mm_s)
-        if speed < _MIN_SPEED_MM_S:
-            raise InputError(
-                "motion.velocity_mm_s", f"is {speed:g} mm/s in all", f"wanted at least {_MIN_SPEED_MM_S:g}"
-            )
+        if speed < MIN_SPEED_MM_S:
+            raise InputError("motion.velocity_mm_s", f"is {speed:g} mm/s in all", f"wanted at least {MIN_SPEED_MM_S:g}")
         named: set[int] = set()
         for number in self.held_joints:
             if number in named:

@@ -37,8 +37,11 @@ class MeasurementsPart(Part):
             ]
         made = [shot for shot in shots if shot.measured]
         lost = sum(shot.without_peak for shot in shots)
-        # A band of another speed tells nothing of a shot.
-        judged = [one.shot.in_band and one.finding != "speed" for one in self._judged if one.shot.in_band is not None]
+        # A band that is of another speed, or may be, tells nothing of a shot.
+        unknown = ("speed", "not_computed")
+        judged = [
+            one.shot.in_band and one.finding not in unknown for one in self._judged if one.shot.in_band is not None
+        ]
         missing = [name for name in self._situations if name not in {shot.situation for shot in made}]
         found = [
             paragraph(
