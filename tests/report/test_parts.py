@@ -23,7 +23,8 @@ from bumpstop.report.collision.arm import ArmSection
 from bumpstop.report.collision.chain import _numbers, chain_picture
 from bumpstop.report.collision.detection import DetectionSection
 from bumpstop.report.collision.distribution import DistributionSection, bins
-from bumpstop.report.collision.tables import ProvenanceSection
+from bumpstop.report.collision.force_over_time import ForceOverTimeSection
+from bumpstop.report.collision.tables import FiguresSection, ProvenanceSection
 from bumpstop.report.detection.scoring import DetectionsPart
 from bumpstop.report.formatting import with_error
 from bumpstop.report.identification.recording import recording_picture
@@ -242,6 +243,24 @@ def test_the_body_s_stiffness_is_the_table_s_and_the_padding_the_scenario_s():
     assert "75000 N/m, from the limit table" in rows
     assert "20000 N/m, as the scenario says; 15789 N/m in series with the body" in rows
     assert "padding" not in " ".join(ProvenanceSection(evaluate()).content())
+
+
+def test_damper_and_gauge_of_the_scenario_have_rows():
+    gauge = {"contact.gauge_spring_N_m": 60000.0}
+    for changes, told in (
+        ({"contact.damping_Ns_m": 200.0}, ["200 Ns/m beside the spring"]),
+        (gauge, ["60000 N/m, as the scenario says; 33333 N/m in series with the body"]),
+        (gauge | {"contact.gauge_mass_kg": 0.3}, ["60000 N/m, as the scenario says; 0.3 kg move on it"]),
+    ):
+        rows = " ".join(ProvenanceSection(evaluate({"contact.stiffness_N_m": 75000.0, **changes})).content())
+        assert all(one in rows for one in told), changes
+
+
+def test_a_damped_body_s_deformation_is_that_of_its_spring():
+    damped = evaluate({"contact.damping_Ns_m": 200.0})
+    for section in (FiguresSection, ForceOverTimeSection):
+        assert "alone under" in " ".join(section(damped).content())
+        assert "alone under" not in " ".join(section(evaluate()).content())
 
 
 def test_a_slide_s_axes_are_in_metres_and_newtons():

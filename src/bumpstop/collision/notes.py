@@ -141,13 +141,13 @@ def _elastic_notes(result: CollisionOutcome) -> list[str]:
 def _contact_notes(result: CollisionOutcome) -> list[str]:
     problem = result.problem
     if problem.body_mass is None:
-        body = f"the body is clamped behind a linear spring of {problem.stiffness:g} N/m"
+        body = f"the body is clamped behind {_spring(result)}{_gauge(result)}"
         if problem.elastic:
             return [*_elastic_notes(result), f"{body[0].upper()}{body[1:]}."]
         return [f"The arm is position-driven: contact does not slow it, and {body}."]
     notes = [
-        f"The body can get away: a mass of {problem.body_mass:g} kg behind a linear spring of {problem.stiffness:g} "
-        "N/m, judged by transient limits. Contact ends where body and arm part."
+        f"The body can get away: a mass of {problem.body_mass:g} kg behind {_spring(result)}, judged by transient "
+        "limits. Contact ends where body and arm part."
     ]
     bounds = result.impact_bounds
     assert bounds is not None
@@ -172,6 +172,21 @@ def _contact_notes(result: CollisionOutcome) -> list[str]:
             f"{bounds.arm_mass:.4g} kg (its inertia is {bounds.status})."
         )
     return notes
+
+
+def _spring(result: CollisionOutcome) -> str:
+    """What the arm meets, with its damper where it has one."""
+    damping = result.scenario.contact.damping_Ns_m
+    damper = f" with a damper of {damping:g} Ns/m" if damping > 0 else ""
+    return f"a linear spring of {result.problem.stiffness:g} N/m{damper}"
+
+
+def _gauge(result: CollisionOutcome) -> str:
+    """The gauge behind that spring; one without a mass is in series with it, and has a note of its own."""
+    contact = result.scenario.contact
+    if contact.gauge_mass_kg is None:
+        return ""
+    return f", before a gauge of {contact.gauge_mass_kg:g} kg on a spring of {contact.gauge_spring_N_m:g} N/m"
 
 
 def _noise_notes(result: CollisionOutcome) -> list[str]:

@@ -39,6 +39,37 @@ def test_what_differs_from_the_usual_is_said(changes: dict[str, Any], said: str)
     assert set(usual) <= set(notes)
 
 
+@pytest.mark.parametrize(
+    ("contact", "said"),
+    [
+        ({}, "contact does not slow it, and the body is clamped behind a linear spring of 75000 N/m."),
+        (
+            {"damping_Ns_m": 200.0},
+            "the body is clamped behind a linear spring of 75000 N/m with a damper of 200 Ns/m.",
+        ),
+        (
+            {"gauge_spring_N_m": 60e3, "gauge_mass_kg": 0.3},
+            "is clamped behind a linear spring of 75000 N/m, before a gauge of 0.3 kg on a spring of 60000 N/m.",
+        ),
+        (
+            {"gauge_spring_N_m": 60e3, "gauge_mass_kg": 0.3, "damping_Ns_m": 200.0},
+            "spring of 75000 N/m with a damper of 200 Ns/m, before a gauge of 0.3 kg on a spring of 60000 N/m.",
+        ),
+        # In series, which is told apart.
+        ({"gauge_spring_N_m": 75e3}, "the body is clamped behind a linear spring of 37500 N/m."),
+        (
+            {"kind": "free", "body_mass_kg": 3.0, "damping_Ns_m": 200.0},
+            "a mass of 3 kg behind a linear spring of 75000 N/m with a damper of 200 Ns/m, judged by transient limits.",
+        ),
+    ],
+)
+def test_all_that_the_arm_meets_is_told(contact: dict[str, Any], said: str) -> None:
+    contact = {"stiffness_N_m": 75e3} | contact
+    result = bs.evaluate(control_group(**{f"contact__{key}": value for key, value in contact.items()}))
+    (note,) = [note for note in result.notes if "behind a linear spring" in note]
+    assert said in note
+
+
 def test_a_motion_that_ends_at_a_joint_limit_says_when_and_at_which() -> None:
     """Joint 2 has 0.3 degrees left."""
     result = bs.evaluate(control_group(pose_deg=[0, 109.7, 0, -20, 0, -40, 0], motion__velocity_mm_s=[0, 0, -30]))

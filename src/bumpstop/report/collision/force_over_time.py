@@ -45,16 +45,21 @@ class ForceOverTimeSection(Section):
         """What the panels mean."""
         drawn = "the distribution's own sampled runs" if self.result.kind == "sampled" else "runs drawn with seed 0"
         same = len(self._rollouts) == 1
+        spring = "The body is a linear spring, so the same line read on the right-hand scale is its deformation. "
+        if self.result.scenario.contact.damping_Ns_m > 0:
+            spring = (
+                "The body is a linear spring with a damper: the right-hand scale is the deformation of the spring "
+                "alone under that force. "
+            )
         return [
             paragraph(
                 "Two single collisions out of many: one whose peak force is about the median, and one whose peak force "
                 "99 of 100 collisions stay below. They are chosen from ",
                 drawn,
                 ". Here both are the same. " if same else ". ",
-                "Upper panel: the contact force. The body is a linear spring, so the same line read on the right-hand "
-                "scale is its deformation. Lower panel: the residual of the joint that triggered, which the detector "
-                "compares with its threshold once every feedback period; dotted: the part of it that is contact, "
-                "without noise.",
+                f"Upper panel: the contact force. {spring}Lower panel: the residual of the joint that triggered, which "
+                "the detector compares with its threshold once every feedback period; dotted: the part of it that is "
+                "contact, without noise.",
             )
         ]
 

@@ -50,9 +50,12 @@ class FiguresSection(Section):
         headings = ("", "mean", "sd", *(percentile(name) for name in QUANTILES))
         free = result.problem.body_mass is not None
         given = "until arm and body have separated" if free else "given a reaction that ends the contact"
+        damped = ""
+        if result.scenario.contact.damping_Ns_m > 0:
+            damped = "Deformation is that of the body's spring alone under the peak force, without its damper. "
         text = (
             "A quantile p99 is the value that 99 of 100 collisions stay below. Force at detection and delay are given "
-            f"a detection after contact, contact duration {given}. “unbounded”: the "
+            f"a detection after contact, contact duration {given}. {damped}“unbounded”: the "
             "quantile lies in the share that is never detected; “none”: no collision has one."
         )
         found = [
@@ -93,13 +96,20 @@ class ProvenanceSection(Section):
         if robot.note:
             rows.append(("about it", robot.note))
         rows += self._limits()
-        given = result.scenario.contact.stiffness_N_m is not None
+        contact = result.scenario.contact
+        given = contact.stiffness_N_m is not None
         source = "as the scenario says" if given else "from the limit table"
         rows.append(("stiffness", f"{result.problem.body_stiffness:g} N/m, {source}"))
-        padding = result.scenario.contact.padding_N_m
+        together = f"{result.problem.stiffness:.5g} N/m in series with the body"
+        padding = contact.padding_N_m
         if padding is not None:
-            together = f"{result.problem.stiffness:.5g} N/m in series with the body"
             rows.append(("padding", f"{padding:g} N/m, as the scenario says; {together}"))
+        if (damping := contact.damping_Ns_m) > 0:
+            rows.append(("damping", f"{damping:g} Ns/m beside the spring, as the scenario says"))
+        if (spring := contact.gauge_spring_N_m) is not None:
+            mass = contact.gauge_mass_kg
+            carried = together if mass is None else f"{mass:g} kg move on it"
+            rows.append(("spring of the gauge", f"{spring:g} N/m, as the scenario says; {carried}"))
         return [table(("", ""), rows, caption="Sources and their status")]
 
     def _limits(self) -> list[tuple[str, str]]:
