@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from bumpstop.rounding import rounded
+from bumpstop.rounding import on_its_side, rounded
 
 
 @pytest.mark.parametrize(
@@ -38,3 +38,24 @@ def test_any_value_lies_between_its_two_roundings() -> None:
             assert low <= value <= high
             assert high - low == pytest.approx(10.0 ** (math.floor(math.log10(abs(value))) + 1 - digits), rel=1e-5)
             assert {float(f"{low:.{digits}g}"), float(f"{high:.{digits}g}")} == {low, high}
+
+
+@pytest.mark.parametrize(
+    ("value", "limits", "told"),
+    [
+        (160.03, [160.0], "160.03"),
+        (159.996, [160.0], "159.996"),
+        (160.0, [160.0], "160"),
+        (160.03, [], "160"),
+        (160.03, [160.0, 160.032], "160.03"),
+        (135.04, [135.04], "135.04"),
+        (math.inf, [160.0], "inf"),
+    ],
+)
+def test_a_value_is_told_on_its_side_of_its_limits(value: float, limits: list[float], told: str) -> None:
+    texts = (f"{value:.{digits}g}" for digits in range(4, 18))
+    assert on_its_side(texts, value, *((limit, limit) for limit in limits)) == told
+
+
+def test_what_no_text_tells_is_told_by_the_first() -> None:
+    assert on_its_side(iter(["1 %", "1.0 %"]), 1.2, (1.1, 1.1)) == "1 %"

@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import IO, TYPE_CHECKING, cast
 
-from bumpstop.rounding import rounded
+from bumpstop.rounding import on_its_side, rounded
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -25,10 +25,15 @@ def no_more_than(value: float) -> str:
     return f"{rounded(value, 4, up=False):.4g}"
 
 
-def number(value: float) -> str:
+def number(value: float, *limits: float | None) -> str:
     """Four significant digits, ``"0"`` below a millionth.
 
     Infinity is ``"unbounded"``, a quantity that never exists ``"none"``.
+
+    Args:
+        value: any.
+        limits: that stand beside it :func:`as_written`: as many more digits tell it from them. None, and zero, which
+            permits nothing, are passed over.
     """
     if math.isnan(value):
         return NONE
@@ -36,9 +41,23 @@ def number(value: float) -> str:
         return UNBOUNDED
     if abs(value) < MIN_PRINTED_NUMBER:
         return "0"
-    text = f"{value:.4g}"
+    return beside_limits((_digits(value, digits) for digits in range(4, 18)), value, limits)
+
+
+def _digits(value: float, digits: int) -> str:
+    text = f"{value:.{digits}g}"
     # Newtons by the ten thousand are still newtons: no powers of ten.
     return f"{float(text):.0f}" if "e+" in text and abs(value) < 1e7 else text
+
+
+def beside_limits(texts: Iterable[str], value: float, limits: Iterable[float | None]) -> str:
+    """The first of more and more exact texts that tells a value from its limits, as of :func:`number`."""
+    return on_its_side(texts, value, *((limit, float(as_written(limit))) for limit in limits if limit))
+
+
+def as_written(value: float) -> str:
+    """A number with all of the digits that somebody wrote, as of a measured peak or a limit."""
+    return f"{value:.15g}"
 
 
 def correlation(value: float) -> str:

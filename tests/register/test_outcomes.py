@@ -231,6 +231,35 @@ def test_measured_peaks_never_make_an_outcome_better(tmp_path: Path) -> None:
     assert judge_by_shots(failing, [shot(60)]).results == failing.results
 
 
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        (shot(135.04), "measured 135.04 N, above the limit of 135 N."),
+        (shot(120.02, band=(80.0, 120.0)), "measured 120.02 N, above the predicted 80 to 120 N:"),
+        (shot(120.0004, band=(80.0, 120.0002)), "measured 120.0004 N, above the predicted 80 to 120.0002 N:"),
+        (
+            replace(shot(math.nan), lower_bound_N=135.04),
+            "measured at least 135.04 N, above the limit of 135 N.",
+        ),
+    ],
+)
+def test_measured_peaks_are_told_with_all_of_their_digits(made: Shot, said: str, tmp_path: Path) -> None:
+    result = bs.evaluate_register(bs.load_register(write_register(tmp_path, {"name": "a", "speed_mm_s": 50})))
+    assert result.results[0].verdict.limits is not None
+    assert result.results[0].verdict.limits.force_N == 135
+    assert said in judge_by_shots(result, [made]).results[0].reason
+
+
+def test_what_a_peak_without_a_band_is_above_is_told_from_it(tmp_path: Path) -> None:
+    result = bs.evaluate_register(bs.load_register(write_register(tmp_path, {"name": "a", "speed_mm_s": 50})))
+    most = bs.evaluate(result.results[0].situation.scenario).peak_force.quantile(0.999)
+    measured = round(most, 6) + 1e-4
+    (found,) = judge_by_shots(result, [shot(measured, band=NO_BAND)]).results
+    words = found.reason.split()
+    assert words[words.index("measured") + 1] == f"{measured:.15g}"
+    assert float(words[words.index("above") + 2]) < measured
+
+
 NO_BAND = (math.nan, math.nan)
 
 

@@ -203,6 +203,27 @@ def test_figures_are_not_torn_apart(tmp_path: Path, result: RegisterResult) -> N
     assert ".numbers td { white-space: nowrap; }" in style
 
 
+def test_what_is_just_above_a_limit_is_told_so(tmp_path: Path, result: RegisterResult) -> None:
+    (first,) = [one for one in result.results if one.situation.name == "hand between flange and table"]
+    limits = first.verdict.transient or first.verdict.limits
+    assert limits is not None
+    above = limits.force_N + 0.01
+    verdict = replace(first.verdict, p_over_force=0.00102, p_over_pressure=0.0)
+    close = replace(first, verdict=verdict, peak_force=dict.fromkeys(first.peak_force, above))
+    shot = Shot(situation=first.situation.name, shot="1", speed_mm_s=30, predicted_N=66, low_N=60, high_N=120,
+                measured_N=120.02)  # fmt: skip
+    shots = [shot, replace(shot, shot="2", measured_N=math.nan, lower_bound_N=above)]
+    page = write_dossier(replace(result, results=(close,)), tmp_path, HEAD, shots).read_text(encoding="utf-8")
+    rows = [row for row in Text(page).rows if row and row[0] == first.situation.name]
+    assert first.verdict.accepted_probability == 0.001
+    assert [row[3] for row in rows if len(row) == 5] == ["0.102 %"]
+    assert [row[1:4] for row in rows if len(row) == 10] == [[f"{above:.15g}"] * 3]
+    assert [row[4:6] for row in rows if len(row) == 7 and row[1] in "12"] == [
+        ["60 to 120", "120.02"],
+        ["60 to 120", f"at least {above:.15g}"],
+    ]
+
+
 def test_one_shot_is_one(tmp_path: Path, result: RegisterResult) -> None:
     _, shots = shots_of(tmp_path, result)
     for some, words in (

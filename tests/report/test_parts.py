@@ -25,6 +25,7 @@ from bumpstop.report.collision.detection import DetectionSection
 from bumpstop.report.collision.distribution import DistributionSection, bins
 from bumpstop.report.collision.force_over_time import ForceOverTimeSection
 from bumpstop.report.collision.tables import FiguresSection, ProvenanceSection
+from bumpstop.report.collision.verdict import VerdictSection
 from bumpstop.report.detection.scoring import DetectionsPart
 from bumpstop.report.formatting import with_error
 from bumpstop.report.identification.recording import recording_picture
@@ -34,7 +35,7 @@ from bumpstop.report.picture import WIDTH, Picture, axes, spread
 from bumpstop.terminal import number
 from bumpstop.view.answer import Answer
 from bumpstop.view.plots.distribution import distribution_plot
-from report.cases import evaluate
+from report.cases import Outline, evaluate, with_limits
 
 
 @pytest.fixture(scope="module")
@@ -202,6 +203,38 @@ def test_parameters_have_their_standard_error_where_there_is_one(value, text):
 )
 def test_numbers(value, text):
     assert number(value) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "limits", "text"),
+    [
+        (160.03, (160.0,), "160.03"),
+        (159.996, (320.0, 160.0), "159.996"),
+        (160.03, (None, 0.0), "160"),
+        (123456.7, (123500.0,), "123460"),
+        (1234.9, (1235.0,), "1234.9"),
+        (math.inf, (160.0,), "unbounded"),
+    ],
+)
+def test_numbers_beside_limits_are_told_from_them(value, limits, text):
+    assert number(value, *limits) == text
+
+
+def test_a_quantile_is_told_from_the_limit_beside_it():
+    """On the page and on the terminal: with four digits both would be the same."""
+    result = evaluate()
+    peak = result.peak_force.quantile(0.999)
+    limit = float(f"{peak:.4g}")
+    close = with_limits(result, replace(result.problem.limits, force_N=limit))
+    told, word = number(peak, limit), "above" if peak > limit else "below"
+    assert (float(told) > limit) == (peak > limit)
+    assert float(told) != limit
+    row = Outline("".join(VerdictSection(close).content())).text
+    assert f"(p99.9) {told} N {limit:g} N {word} Peak" in row
+    assert re.search(rf"peak force, N .* {told} +{limit:g} ", str(close))
+    # A limit of more digits has all of them.
+    close = with_limits(result, replace(result.problem.limits, force_N=limit + 0.0125))
+    assert f" N {limit + 0.0125:.15g} N below Peak" in Outline("".join(VerdictSection(close).content())).text
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from bumpstop.rounding import rounded
+from bumpstop.rounding import on_its_side, rounded
 
 # The quadrature leaves out what is less probable: an integrated probability below is no more than this.
 MIN_PRINTED_PROBABILITY = 1e-12
@@ -67,19 +67,15 @@ def apart(p: float, accepted: float, text: Callable[[float], str], *, up: bool =
         return accepted_percent(accepted)
     beside = float(accepted_percent(accepted).split()[0])
 
-    def tells(one: str) -> bool:
-        shown = float(one.split()[0])
-        return shown > beside if p > accepted else shown < beside
-
     more = (f"{_rounded(p, digits, up):.{digits}g} %" for digits in range(3, 18))
-    return next((one for one in (told, *more) if tells(one)), told)
+    return on_its_side((told, *more), p, (accepted, beside))
 
 
 def use_percent(use: float) -> str:
     """A finite share of a limit in percent: three digits or whole, and as many more as tell it from all of it."""
     told = f"{100 * use:.3g}" if use < 9.99 else f"{100 * use:.0f}"
     more = (f"{100 * use:.{digits}g}" for digits in range(4, 18))
-    return f"{next((one for one in (told, *more) if (float(one) == 100) == (use == 1)), told)} %"
+    return f"{on_its_side((told, *more), use, (1, 100))} %"
 
 
 def _rounded(p: float, digits: int, up: bool) -> float:

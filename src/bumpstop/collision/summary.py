@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from bumpstop.collision.distribution.distribution import finite_mean
 from bumpstop.collision.probability_text import decimal
 from bumpstop.collision.verdict.alarm_rate import alarm_rate
+from bumpstop.terminal import MIN_PRINTED_NUMBER, as_written, beside_limits
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -64,21 +65,25 @@ def print_figures(result: CollisionOutcome, verdict: Verdict, console: Console) 
         table.add_column(heading, justify="right")
     contact_duration = result.contact_duration
     first = verdict.transient
-    rows: list[tuple[str, Distribution | None, float, str, float | None]] = [
+    rows: list[tuple[str, Distribution | None, float, list[float], float | None]] = [
         ("peak force, N", result.peak_force, 1, _limits(first, limits, "force_N"), verdict.p_over_force),
         ("pressure, N/cm²", result.pressure, 1, _limits(first, limits, "pressure_N_cm2"), verdict.p_over_pressure),
-        ("deformation, mm", result.compression, 1, "", None),
-        ("force at detection, N", result.force_at_detection, 1, "", None),
-        ("detection delay, ms", result.detection_delay, 1e3, "", None),
-        ("contact duration, ms", contact_duration, 1e3, "", None),
+        ("deformation, mm", result.compression, 1, [], None),
+        ("force at detection, N", result.force_at_detection, 1, [], None),
+        ("detection delay, ms", result.detection_delay, 1e3, [], None),
+        ("contact duration, ms", contact_duration, 1e3, [], None),
     ]
-    for name, quantity, factor, limit, over in rows:
+    for name, quantity, factor, allowed, over in rows:
         if quantity is None:
             continue
         figures = quantity.scaled(factor).to_json()
         # Short, or the table does not fit into 80 columns.
         nothing = "none" if math.isnan(quantity.mean) else "inf"
-        cells = [nothing if value is None else _figure(value) for value in figures.values()]
+        cells = [
+            nothing if value is None else _figure(value, *(allowed if key.startswith("p") else ()))
+            for key, value in figures.items()
+        ]
+        limit = "/".join(as_written(one) for one in allowed)
         table.add_row(name, *cells, limit, "" if over is None else decimal(over, integrated=integrated))
     # Small figures are long: rather columns that are closer than names in two lines.
     table.collapse_padding = console.measure(table, options=console.options.update(width=1000)).maximum > console.width
@@ -114,12 +119,17 @@ def print_probabilities(result: CollisionOutcome, console: Console) -> None:
     console.print(alarm_rate(result.problem).words)
 
 
-def _limits(first: ContactLimits | None, later: ContactLimits | None, name: str) -> str:
+def _limits(first: ContactLimits | None, later: ContactLimits | None, name: str) -> list[float]:
     """A limit by the name of its field; of two phases both, that of the first before the other."""
     figures = [getattr(limits, name) for limits in (first, later) if limits is not None]
-    return "/".join(f"{figure:g}" for figure in figures if figure is not None)
+    return [figure for figure in figures if figure is not None]
 
 
-def _figure(value: float) -> str:
-    """Four significant digits; what is below a millionth in units of the table is rounding, and zero."""
-    return "0" if abs(value) < 1e-6 else f"{value:.4g}"
+def _figure(value: float, *limits: float) -> str:
+    """Four significant digits and as many more as tell it from its limits.
+
+    What is below a millionth in units of the table is rounding, and zero.
+    """
+    if abs(value) < MIN_PRINTED_NUMBER:
+        return "0"
+    return beside_limits((f"{value:.{digits}g}" for digits in range(4, 18)), value, limits)

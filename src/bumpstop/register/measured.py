@@ -14,6 +14,7 @@ from bumpstop.collision.probability_text import accepted_percent
 from bumpstop.errors import InputError
 from bumpstop.register.evaluation import RegisterResult, worst_first
 from bumpstop.register.shots import Shot
+from bumpstop.terminal import as_written, number
 
 if TYPE_CHECKING:
     from bumpstop.register.evaluation import SituationResult
@@ -171,13 +172,13 @@ def _judged(shot: Shot, result: SituationResult, expected: _Expectation) -> Judg
     told = f"Shot {shot.shot} at {shot.speed_mm_s:g} mm/s"
     if shot.without_peak:
         measured = shot.lower_bound_N
-        told += "" if math.isnan(measured) else f" measured at least {measured:.4g} N"
+        told += "" if math.isnan(measured) else f" measured at least {as_written(measured)} N"
     elif not shot.measured:
         return JudgedShot(shot, "not_measured")
     else:
-        told += f" measured {measured:.4g} N"
+        told += f" measured {as_written(measured)} N"
     if measured > limit and shot.speed_mm_s <= speed * _SAME_SPEED:
-        return JudgedShot(shot, "over_limit", f"{told}, above the limit of {limit:g} N.", measured)
+        return JudgedShot(shot, "over_limit", f"{told}, above the limit of {as_written(limit)} N.", measured)
     if shot.without_peak:
         return _judged_without_peak(shot, told)
     if shot.in_band is None or shot.high_N > _WIDEST * shot.low_N:
@@ -186,7 +187,7 @@ def _judged(shot: Shot, result: SituationResult, expected: _Expectation) -> Judg
     here = expected(result, shot.speed_mm_s) if _may_be_band_of_motion(shot, result) else None
     if here is not None and math.isnan(here.median):
         return _not_computed(shot, told, here)
-    band = f"{shot.low_N:.4g} to {shot.high_N:.4g} N"
+    band = f"{as_written(shot.low_N)} to {as_written(shot.high_N)} N"
     if here is not None and not shot.low_N <= here.median <= shot.high_N:
         reason = f"{told}, and its band of {band} is that of {speed:.4g} mm/s, the speed of the motion: speed or row?"
         return JudgedShot(shot, "speed", reason, abs(math.log(max(shot.speed_mm_s, 1e-9) / speed)))
@@ -219,10 +220,11 @@ def _judged_without_band(shot: Shot, result: SituationResult, told: str, here: _
         return _not_computed(shot, told, here)
     if shot.measured_N > here.most:
         accepted = accepted_percent(result.verdict.accepted_probability)
-        reason = f"{told}, above the {here.most:.4g} N that {accepted} should exceed: the prediction is too low."
+        most = number(here.most, shot.measured_N)
+        reason = f"{told}, above the {most} N that {accepted} should exceed: the prediction is too low."
         return JudgedShot(shot, "above", reason, shot.measured_N / max(here.most, 1e-9))
     if shot.measured_N < _MIN_SHARE_OF_MEDIAN * here.median < math.inf:
-        reason = f"{told}, below a fifth of the computed median of {here.median:.4g} N: reading or unit?"
+        reason = f"{told}, below a fifth of the computed median of {number(here.median)} N: reading or unit?"
         return JudgedShot(shot, "low_reading", reason, here.median - shot.measured_N)
     return JudgedShot(shot, "no_band")
 

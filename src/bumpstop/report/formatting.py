@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from bumpstop.terminal import number
+from bumpstop.terminal import as_written, number
 
 if TYPE_CHECKING:
     from bumpstop.collision import CollisionResult
     from bumpstop.joint.parameters import Parameter
 
 
-def quantity(value: float, unit: str) -> str:
-    """A number with its unit, where it is a number."""
-    return f"{number(value)} {unit}" if math.isfinite(value) else number(value)
+def quantity(value: float, unit: str, *limits: float | None) -> str:
+    """A number with its unit, where it is a number; ``limits`` are those of :func:`bumpstop.terminal.number`."""
+    return f"{number(value, *limits)} {unit}" if math.isfinite(value) else number(value)
 
 
-def in_phases(first: float, later: float, unit: str) -> str:
-    """The two limits of contact that is judged in two phases, or the one that they share."""
+def in_phases(first: float, later: float, unit: str, text: Callable[[float], str] = as_written) -> str:
+    """The two limits of contact that is judged in two phases, or the one that they share; ``text`` of a number."""
     if first == later > 0:
-        return quantity(later, unit)
-    return f"{quantity(first, unit) if first > 0 else 'none'} at first, {quantity(later, unit)} later"
+        return f"{text(later)} {unit}"
+    return f"{f'{text(first)} {unit}' if first > 0 else 'none'} at first, {text(later)} {unit} later"
 
 
 def with_error(value: Parameter | None) -> str:

@@ -15,7 +15,7 @@ from bumpstop.contact import LimitTable, builtin_tables
 from bumpstop.report.formatting import in_phases, method_words, percentile, quantity
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.section import Section
-from bumpstop.terminal import number
+from bumpstop.terminal import as_written, number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -126,7 +126,7 @@ class ProvenanceSection(Section):
             rows[0] = ("limit table", f"{document.name}: {document.title}")
             if document.note:
                 rows.append(("about the table", document.note))
-        allowed = quantity(limits.force_N, "N") if limits.permitted else f"none. {limits.reason}"
+        allowed = f"{as_written(limits.force_N)} N" if limits.permitted else f"none. {limits.reason}"
         if first is not None:
             allowed = in_phases(first.force_N, limits.force_N, "N")
         rows.append(("force limit", f"{allowed}; {_attested(limits.force_source, limits.force_status)}"))
@@ -134,7 +134,7 @@ class ProvenanceSection(Section):
             rows.append(("pressure limit", "none in this table"))
         else:
             source, status = limits.pressure_source or "not stated", limits.pressure_status or "not stated"
-            figure = quantity(limits.pressure_N_cm2, "N/cm²")
+            figure = f"{as_written(limits.pressure_N_cm2)} N/cm²"
             if first is not None and first.pressure_N_cm2 is not None:
                 figure = in_phases(first.pressure_N_cm2, limits.pressure_N_cm2, "N/cm²")
             figure += f" ({limits.pressure_area})"

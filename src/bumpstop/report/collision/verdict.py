@@ -14,7 +14,7 @@ from bumpstop.report.banner import Sign, banner
 from bumpstop.report.formatting import in_phases, quantity
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.section import Section
-from bumpstop.terminal import number
+from bumpstop.terminal import as_written, number
 
 if TYPE_CHECKING:
     from bumpstop.collision import CollisionResult
@@ -157,7 +157,7 @@ class VerdictSection(Section):
             return meaning
         if first is not None:
             at_first, later = (p.allowed_force_N(contact.area_cm2, contact.peak_factor) for p in (first, limits))
-            return f"{meaning} On {contact.area_cm2:g} cm² that is {in_phases(at_first, later, 'N')}."
+            return f"{meaning} On {contact.area_cm2:g} cm² that is {in_phases(at_first, later, 'N', number)}."
         allowed = limits.allowed_force_N(contact.area_cm2, contact.peak_factor)
         governing = limits.governing(contact.area_cm2, contact.peak_factor)
         return (
@@ -172,6 +172,6 @@ def _below(what: str, value: float, unit: str, limit: float | None, first: float
     if first is not None:
         # Between the two the peak alone does not tell.
         judged = "below" if value <= min(limit, first) else element("strong", "above") if value > first else ""
-        return what, quantity(value, unit), in_phases(first, limit, unit), judged
-    allowed = quantity(limit, unit) if limit > 0 else "none permitted"
-    return what, quantity(value, unit), allowed, "below" if value <= limit else element("strong", "above")
+        return what, quantity(value, unit, first, limit), in_phases(first, limit, unit), judged
+    allowed = f"{as_written(limit)} {unit}" if limit > 0 else "none permitted"
+    return what, quantity(value, unit, limit), allowed, "below" if value <= limit else element("strong", "above")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from bumpstop.report.markup import Html, element, paragraph, table, whole
 from bumpstop.report.section import Part
-from bumpstop.terminal import number
+from bumpstop.terminal import as_written, number
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -61,7 +61,11 @@ class MeasurementsPart(Part):
 
 def _row(judged: JudgedShot) -> tuple[str, ...]:
     shot, word = judged.shot, judged.words
-    band = "" if math.isnan(shot.low_N) or math.isnan(shot.high_N) else f"{number(shot.low_N)} to {number(shot.high_N)}"
+    band = (
+        ""
+        if math.isnan(shot.low_N) or math.isnan(shot.high_N)
+        else f"{as_written(shot.low_N)} to {as_written(shot.high_N)}"
+    )
     return (
         shot.situation,
         shot.shot,
@@ -75,5 +79,5 @@ def _row(judged: JudgedShot) -> tuple[str, ...]:
 
 def _measured(shot: Shot) -> str:
     if shot.measured:
-        return number(shot.measured_N)
-    return f"at least {number(shot.lower_bound_N)}" if math.isfinite(shot.lower_bound_N) else ""
+        return as_written(shot.measured_N)
+    return f"at least {as_written(shot.lower_bound_N)}" if math.isfinite(shot.lower_bound_N) else ""

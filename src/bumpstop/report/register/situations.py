@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING
 
-from bumpstop.collision.probability_text import decimal, percent
+from bumpstop.collision.probability_text import apart, decimal, percent
 from bumpstop.register.outcome import OUTCOME_WORDS
 from bumpstop.report.banner import Sign, banner
 from bumpstop.report.markup import Html, element, paragraph, table, whole, whole_figures
 from bumpstop.report.picture import AREA, FAINT, INK, LAW, LIMIT, PAPER, Picture, axes
 from bumpstop.report.section import Part
-from bumpstop.terminal import number
+from bumpstop.terminal import as_written, number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -149,7 +150,10 @@ def _count(count: int) -> str:
 
 
 def _p_over(result: SituationResult) -> str:
-    return "none" if math.isnan(result.p_over) else percent(result.p_over, integrated=result.method == "exact")
+    if math.isnan(result.p_over):
+        return "none"
+    text = partial(percent, integrated=result.method == "exact")
+    return apart(result.p_over, result.verdict.accepted_probability, text)
 
 
 def _where(result: SituationResult) -> tuple[str, ...]:
@@ -176,9 +180,9 @@ def _figures(result: SituationResult) -> list[str]:
     limits, first = result.verdict.limits, result.verdict.transient
     cells = [result.situation.name]
     for values, name in ((result.peak_force, "force_N"), (result.pressure, "pressure_N_cm2")):
-        cells += [number(values[q]) for q in ("p50", "p99", "p999")]
         allowed = [getattr(one, name) for one in (first, limits) if one is not None]
-        cells.append(" / ".join("none" if not limit else f"{limit:g}" for limit in allowed) or "none")
+        cells += [number(values[q], *allowed) for q in ("p50", "p99", "p999")]
+        cells.append(" / ".join("none" if not limit else as_written(limit) for limit in allowed) or "none")
     return [*cells, decimal(result.verdict.false_alarm_probability, integrated=result.method == "exact")]
 
 
