@@ -133,7 +133,7 @@ def test_tables_are_written_and_read_under_names_that_are_no_text(tmp_path: Path
     assert (folder / "rows.csv").read_text().startswith("t,q_1\n0.0,0.0\n")
     write_parquet(folder / "rows.parquet", rows, {"robot": "mine"})
     table = read_parquet(folder / "rows.parquet")
-    assert (table.names, table.robot, table.rows_read) == (("t", "q_1"), "mine", 4)
+    assert (table.names, table.robot, table.filled.size) == (("t", "q_1"), "mine", 4)
     assert table.fetch([1])[:, 0].tolist() == [0.0, 0.1, 0.0, 0.1]
     assert read_rows(folder / "rows.parquet")["q_1"].tolist() == [0.0, 0.1, 0.0, 0.1]
     storage = LocalStorage(folder)

@@ -13,7 +13,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError, near_matches
 from bumpstop.recording.column_draft import MissingColumnsError, as_list, draft_of_names, draft_of_numbers
 from bumpstop.recording.columns import UNITS, Columns, Quantity
-from bumpstop.recording.formats.table import RawRecording, Table
+from bumpstop.recording.formats.table import RawRecording, RowNumbers, Table
 from bumpstop.recording.read_report import payload_note
 
 _OWN = {"position": "q", "reference": "q_ref", "velocity": "qd", "current": "current", "torque": "tau"}
@@ -58,11 +58,11 @@ def choose(table: Table, columns: Columns, path: Path, open_table: Callable[[Pat
     values = _fetched(table, {name: own for name, own in quantities.items() if own.file is None}, path)
     if not time.columns:
         assert time.rate_hz is not None
-        values["t"] = ((table.rows - table.first_row) / time.rate_hz)[:, None]
+        values["t"] = (np.searchsorted(table.filled, table.rows) / time.rate_hz)[:, None]
     raw = RawRecording(
         values=values,
         rows=table.rows,
-        rows_read=table.rows_read,
+        rows_read=table.filled.size,
         numbered=table.numbered,
         faults=table.faults,
         joint_names=names,
@@ -72,9 +72,7 @@ def choose(table: Table, columns: Columns, path: Path, open_table: Callable[[Pat
     for name, quantity in quantities.items():
         if quantity.file is not None:
             beside = open_table(quantity.file)
-            raw = _beside(
-                raw, table.first_row, beside, _fetched(beside, {name: quantity}, quantity.file), quantity.file
-            )
+            raw = _beside(raw, table, beside, _fetched(beside, {name: quantity}, quantity.file), quantity.file)
     return raw
 
 
@@ -227,14 +225,18 @@ def _numbered(names: set[str], stem: str, first: int) -> tuple[str, ...]:
     return tuple(f"{stem}_{number}" for number in numbers)
 
 
-def _beside(raw: RawRecording, first_row: int, other: Table, more: dict[str, FloatArray], path: Path) -> RawRecording:
-    """Join the rows of another file by their place; a row bad in either is bad."""
-    if other.rows_read != raw.rows_read:
-        raise InputError(str(path), f"has {other.rows_read} rows, the positions have {raw.rows_read}")
-    shift = first_row - other.first_row
-    both, here, there = np.intersect1d(raw.rows, other.rows + shift, assume_unique=True, return_indices=True)
+def _beside(raw: RawRecording, table: Table, other: Table, more: dict[str, FloatArray], path: Path) -> RawRecording:
+    """Join the rows of another file to those of ``table`` by their place; a row bad in either is bad."""
+    if other.filled.size != table.filled.size:
+        raise InputError(str(path), f"has {other.filled.size} rows, the positions have {table.filled.size}")
+
+    def row_here(rows: RowNumbers | int) -> RowNumbers:
+        return table.filled[np.searchsorted(other.filled, rows)]
+
+    both, here, there = np.intersect1d(raw.rows, row_here(other.rows), assume_unique=True, return_indices=True)
     values = {name: value[here] for name, value in raw.values.items()}
     values |= {name: value[there] for name, value in more.items()}
     known = {row for row, _ in raw.faults}
-    faults = [*raw.faults, *((row + shift, why) for row, why in other.faults if row + shift not in known)]
+    others = [(int(row_here(row)), why) for row, why in other.faults]
+    faults = [*raw.faults, *((row, why) for row, why in others if row not in known)]
     return replace(raw, values=values, rows=both, faults=tuple(sorted(faults)))

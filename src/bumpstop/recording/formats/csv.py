@@ -124,11 +124,9 @@ def _split(
     if names and usual != width:
         raise InputError(str(path), f"the header names {width} columns, most rows have {usual}")
     good = filled & (counts == width)
-    numbers = np.arange(1, ends.size + 1) + skipped
-    lines = numbers
+    lines = np.arange(1, ends.size + 1) + skipped
     if not good.all():
         body, start = data[np.repeat(good, np.diff(ends, prepend=-1))].tobytes(), 0
-        numbers = numbers[good]
     bad = np.flatnonzero(filled & ~good)
     top = _fields(_first_good(data, ends, good), separator)
 
@@ -138,9 +136,8 @@ def _split(
     return Table(
         names=names,
         width=width,
-        rows=numbers,
-        first_row=skipped + 1,
-        rows_read=int(filled.sum()),
+        rows=lines[good],
+        filled=lines[filled],
         numbered="line",
         fetch=fetch,
         faults=tuple((int(lines[i]), f"{WRONG_COUNT}: {counts[i]}, not {width}") for i in bad),

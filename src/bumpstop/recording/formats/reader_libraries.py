@@ -96,7 +96,6 @@ def excel(path: Path, shown: str, header: bool | None) -> Answer:
         "names": fields,
         "named": named,
         "problems": kinds,
-        "first_row": begin + 1,
         "text_row": top if are_text(top) else [],
     }
     return answer, [*arrays, rows.astype(np.int64)]

@@ -25,9 +25,9 @@ class Table:
         names: of the columns; empty for a file without a header.
         width: number of columns.
         rows: (N,) number of each readable row in its file.
-        first_row: number the first row of data has or would have.
+        filled: (M,) those of all rows that hold anything, unreadable ones, too. The place of a row in here is the place
+            of its sample: an empty line is no sample.
         faults: rows that could not be taken apart, with the reason.
-        rows_read: readable and unreadable ones.
         numbered: what the numbers count.
         fetch: columns by index, (N, k) in the file's units; NaN where no number stands.
         joint_names, robot: what the file says of itself.
@@ -38,8 +38,7 @@ class Table:
     names: tuple[str, ...]
     width: int
     rows: RowNumbers
-    first_row: int
-    rows_read: int
+    filled: RowNumbers
     numbered: str
     fetch: Callable[[list[int]], FloatArray]
     faults: tuple[tuple[int, str], ...] = ()
@@ -55,7 +54,8 @@ class RawRecording:
 
     Attributes:
         values: ``t`` (N, 1), ``position`` and what else was recorded (N, k); NaN where no number stands.
-        rows, faults, rows_read, numbered, joint_names, robot, notes: as in ``Table``.
+        rows, faults, numbered, joint_names, robot, notes: as in ``Table``.
+        rows_read: readable and unreadable ones.
         base_motion, other_joints: as in ``ReadReport``.
     """
 
