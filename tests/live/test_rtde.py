@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ import pytest
 from bumpstop.errors import InputError
 from bumpstop.live import JointSample, SourceEvent, SourceEventKind
 from bumpstop.live.rtde import RtdeServer, RtdeSource
-from bumpstop.live.rtde.connection import RtdeConnection
+from bumpstop.live.rtde.connection import LostConnectionError, RtdeConnection
 from bumpstop.live.rtde.fields import ProtocolError, Recipe, Value
 from bumpstop.live.rtde.messages import (
     Data,
@@ -237,6 +238,61 @@ def test_packages_that_begin_elsewhere_than_it_seems() -> None:
             assert any(words in event.text and "connecting again" in event.text for event in found)
             bench.publish(served(zero, zero, 1.0))
             assert isinstance(source.read(1.0), JointSample)
+
+
+def test_a_connection_that_never_lasts_is_asked_for_ever_more_seldom(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was made anew ten times a second, with two events each: a good negotiation made the pause short again."""
+    fields = output_fields(6, "current")
+    recipe = Recipe(1, tuple(fields), tuple(fields.values()))
+    values = served(np.zeros(6), np.zeros(6), 0.0)
+    body = recipe.pack(tuple(values[name] for name in fields))
+    now = 0.0
+    made: list[float] = []
+
+    def sleep(seconds: float) -> None:
+        nonlocal now
+        now += seconds
+
+    class Brief:
+        """Gives ten packages a second and breaks when its time is over."""
+
+        controller, texts, received_s = None, (), 0.0
+        lasting_s, number = 0.0, 1
+
+        def __init__(self, *_: object) -> None:
+            made.append(now)
+
+        def negotiate(self, *_: object) -> tuple[Recipe, Recipe]:
+            return recipe, Recipe(0, (), ())
+
+        def package(self, _: float) -> tuple[int, bytes]:
+            if now - made[-1] > self.lasting_s:
+                raise LostConnectionError("gone")
+            sleep(0.1)
+            self.received_s = now
+            package = encode(Data(self.number, body))
+            return package[2], package[3:]
+
+        def close(self) -> None:
+            pass
+
+        pause = close
+
+    monkeypatch.setattr("bumpstop.live.rtde.source.RtdeConnection", Brief)
+    monkeypatch.setattr("bumpstop.live.rtde.source.time", SimpleNamespace(monotonic=lambda: now, sleep=sleep))
+    longer = [0.1, 0.2, 0.4, 0.8, 1.6, 2.0, 2.0, 2.0]
+    # Package by package, such as nobody asked for, and one that holds for a while.
+    for Brief.lasting_s, Brief.number, pauses in ((0.05, 1, longer), (9.0, 9, longer), (2.5, 1, [0.1] * 8)):
+        now, made, found = 0.0, [], []
+        with RtdeSource("a") as source:
+            while len(made) < 9:
+                item = source.read(1.0)
+                if isinstance(item, SourceEvent):
+                    found.append((item, now))
+        lost = [when for event, when in found if "connecting again" in event.text]
+        np.testing.assert_allclose(np.subtract(made[1:], lost), pauses, atol=1e-9)
+        # Each is told at once.
+        assert [when for event, when in found if event.kind is SourceEventKind.RESTARTED] == made[1:]
 
 
 def test_a_client_that_does_not_read_costs_the_others_nothing() -> None:

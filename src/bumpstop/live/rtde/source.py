@@ -33,6 +33,8 @@ MAX_FREQUENCY_HZ = 500.0
 _OPEN_TIMEOUT_S = 2.0
 _AGAIN_TIMEOUT_S = 0.5
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.1, 2.0
+# A connection that gives samples so long after it was made is a good one: the next trial comes soon again.
+_GOOD_AFTER_S = 2.0
 # So many bad packages in a row mean that packages begin elsewhere than it seems.
 _MAX_BAD = 3
 
@@ -52,7 +54,8 @@ def output_fields(joints: int, signal: Signal) -> dict[str, str]:
 class RtdeSource(Source):
     """Samples of a Universal Robots controller over its Real-Time Data Exchange.
 
-    The connection is made anew, with pauses from 0.1 s to 2 s between trials, whenever it ends.
+    The connection is made anew whenever it ends. Pauses between trials grow from 0.1 s to 2 s, and are short again once
+    samples have come for 2 s.
 
     Args:
         host, port: of the controller.
@@ -91,7 +94,7 @@ class RtdeSource(Source):
         self._queue: deque[JointSample | SourceEvent] = deque()
         self._limiter = EventLimiter()
         self._bad = 0
-        self._pause, self._next_trial = _FIRST_PAUSE_S, 0.0
+        self._pause, self._next_trial, self._connected_s = _FIRST_PAUSE_S, 0.0, 0.0
         self._answered = 0, 0
 
     @property
@@ -133,6 +136,7 @@ class RtdeSource(Source):
             raise
         for text in connection.texts:
             self._said(text)
+        self._connected_s = time.monotonic()
         return connection
 
     def read(self, timeout_s: float) -> JointSample | SourceEvent | None:
@@ -177,6 +181,8 @@ class RtdeSource(Source):
         else:
             self._queue.append(self._sample(self._outputs.unpack(message.values), received_s))
             self._bad = 0
+            if received_s - self._connected_s >= _GOOD_AFTER_S:
+                self._pause = _FIRST_PAUSE_S
 
     def _bad_package(self, kind: SourceEventKind, text: str) -> None:
         self._tell(kind, text)
@@ -214,14 +220,20 @@ class RtdeSource(Source):
             self._queue.append(event)
 
     def _tell_at_once(self, kind: SourceEventKind, text: str) -> None:
+        """Of connections: none may be missed, and the pauses between them keep these few."""
         self._queue.append(SourceEvent(kind, f"{self.name}: {text}"))
 
     def _lose(self, kind: SourceEventKind, text: str) -> None:
         assert self._connection is not None
         self._connection.close()
         self._connection, self._bad = None, 0
-        self._pause, self._next_trial = _FIRST_PAUSE_S, time.monotonic() + _FIRST_PAUSE_S
+        self._wait()
         self._tell_at_once(kind, text)
+
+    def _wait(self) -> None:
+        """Put off the next trial, and the one after it longer: what connects may break at once, again and again."""
+        self._next_trial = time.monotonic() + self._pause
+        self._pause = min(2 * self._pause, _LONGEST_PAUSE_S)
 
     def _try_again(self, timeout_s: float) -> None:
         """Wait until the next trial is due, or the time is over; then try."""
@@ -235,8 +247,7 @@ class RtdeSource(Source):
         except (LostConnectionError, ProtocolError, InputError) as error:
             if not isinstance(error, LostConnectionError):
                 self._tell(SourceEventKind.DAMAGED, f"cannot go on: {error}; connecting again")
-            self._pause = min(2 * self._pause, _LONGEST_PAUSE_S)
-            self._next_trial = time.monotonic() + self._pause
+            self._wait()
             return
         self._tell_at_once(SourceEventKind.RESTARTED, "connected again")
 
