@@ -126,6 +126,8 @@ def test_a_full_disk_is_named_and_monitoring_goes_on(tmp_path: Path) -> None:
         (["plant:"], "error: SOURCE: 'plant:' names no experiment"),
         (["log.parquet", "--speed", "0"], "error: --speed: is '0'; wanted a number above zero, or max"),
         (["log.parquet", "--shell"], "error: --shell: has no meaning without --on-collision"),
+        (["log.parquet", "--command-timeout-s", "5"], "error: --command-timeout-s: has no meaning without --on-coll"),
+        (["log.parquet", "--rotate-s", "0"], "error: --rotate-s: has no meaning without --mcap; leave it out"),
         (["log.parquet", "--duration-s", "-1"], "error: --duration-s: is -1; wanted more than zero"),
         (["panda.parquet"], "error: SOURCE: 'panda.parquet' has 7 joints; the detector's ur5e has 6"),
         (["currents.parquet"], "error: SOURCE: 'currents.parquet' has no torque; the detector takes torques"),

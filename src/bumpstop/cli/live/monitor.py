@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 # A thread that writes or draws gives way to the next sample after so long [s].
 _SWITCH_S = 0.0005
+_ROTATE_S, _COMMAND_TIMEOUT_S = 600.0, 5.0
 
 
 def monitor(
@@ -61,7 +62,10 @@ def monitor(
     ] = 0.5,
     jsonl: Annotated[Path | None, typer.Option(help="Append states, alarms and events as JSON lines.")] = None,
     mcap: Annotated[Path | None, typer.Option(help="Record into NAME_0001.mcap, NAME_0002.mcap, ...")] = None,
-    rotate_s: Annotated[float, typer.Option("--rotate-s", help="Begin another MCAP file after so long [s].")] = 600.0,
+    rotate_s: Annotated[
+        float | None,
+        typer.Option("--rotate-s", help="Begin another MCAP file after so long [s].", show_default=f"{_ROTATE_S}"),
+    ] = None,
     answer: Annotated[
         str | None, typer.Option(help="Tell the robot at every alarm, where its samples come from: stop or reverse.")
     ] = None,
@@ -73,8 +77,11 @@ def monitor(
         str | None, typer.Option("--on-collision", metavar="COMMAND", help="Start this at every alarm.")
     ] = None,
     command_timeout_s: Annotated[
-        float, typer.Option("--command-timeout-s", help="Kill that command after so long [s].")
-    ] = 5.0,
+        float | None,
+        typer.Option(
+            "--command-timeout-s", help="Kill that command after so long [s].", show_default=f"{_COMMAND_TIMEOUT_S}"
+        ),
+    ] = None,
     shell: Annotated[bool, typer.Option("--shell", help="Let /bin/sh read that command.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object at the end and nothing else.")] = False,
 ) -> int:
@@ -93,8 +100,13 @@ def monitor(
         rearm_s=_above_zero(rearm_s, "--rearm-s", finite=False),
         speed=1.0 if pace is None else pace,
     )
-    if on_collision is None and shell:
-        raise InputError("--shell", "has no meaning without --on-collision", "leave it out")
+    for option, useless, needed in (
+        ("--shell", shell and on_collision is None, "--on-collision"),
+        ("--command-timeout-s", command_timeout_s is not None and on_collision is None, "--on-collision"),
+        ("--rotate-s", rotate_s is not None and mcap is None, "--mcap"),
+    ):
+        if useless:
+            raise InputError(option, f"has no meaning without {needed}", "leave it out")
     read = [*recording_files([Path(source.removeprefix("plant:"))], columns), detector]
     check_inputs(jsonl, read, option="--jsonl")
     made = LoadedDetector.load(detector)
@@ -112,13 +124,14 @@ def monitor(
         if on_collision is not None:
             from bumpstop.live.outputs.command import CollisionCommand
 
-            outputs.append(CollisionCommand(on_collision, made, timeout_s=command_timeout_s, shell=shell))
+            limit_s = _COMMAND_TIMEOUT_S if command_timeout_s is None else command_timeout_s
+            outputs.append(CollisionCommand(on_collision, made, timeout_s=limit_s, shell=shell))
         if publish is not None:
             from bumpstop.live.dds.output import DdsOutput
 
             with as_options({"topic": "--publish"}):
                 outputs.append(DdsOutput(made.joints, prefix=publish))
-        outputs += _files(jsonl, mcap, rotate_s, made)
+        outputs += _files(jsonl, mcap, _ROTATE_S if rotate_s is None else rotate_s, made)
         for output in outputs:
             stack.callback(output.close)
         watching = Monitor(made, stream, [*outputs, view] if view is not None else outputs, settings)
