@@ -39,6 +39,19 @@ def pushed(tmp_path: Path) -> Path:
     return path
 
 
+def test_a_doubt_that_is_a_question_has_no_full_stop(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    robot, t = Robot.load("ur5e"), 0.004 * np.arange(2000)
+    phase = t[:, None] + np.arange(6)
+    q, qd, qdd = 0.3 * np.sin(phase), 0.3 * np.cos(phase), -0.3 * np.sin(phase)
+    log, labels = tmp_path / "log.parquet", tmp_path / "labels.csv"
+    Recording(t=t, q=q, qd=qd / 2, tau=inverse_dynamics(robot, q, qd, qdd)).save(log)
+    labels.write_text("start_s,end_s\n1,2\n")
+    for command in (("detect",), ("score", "--labels", labels)):
+        _, out, _ = run(capsys, *command, log, "--robot", "ur5e", "--thresholds", "20,20,20,9,9,9")
+        (note,) = [line for line in out.splitlines() if "times as fast as" in line]
+        assert note.endswith("does time run so much too slow or too fast?")
+
+
 @pytest.mark.parametrize(
     "command",
     [

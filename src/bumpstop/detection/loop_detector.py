@@ -265,9 +265,9 @@ class LoopDetector:
     def _note(self) -> None:
         notes = []
         if self.model is not None:  # else fits need not be loaded, which takes its time
-            from bumpstop.identification.fit_verdict import fit_faults
+            from bumpstop.identification.fit_verdict import as_sentences, fit_faults
 
-            notes += [f"{fault}." for fault in fit_faults(self.model)]
+            notes += as_sentences(fit_faults(self.model))
             its = self.model.robot if isinstance(self.model.robot, str) else self.model.robot.name
             if other_robot(its, self.robot.name):
                 notes.append(f"The model is of robot {its!r}, and the detector's is {self.robot.name!r}.")

@@ -66,7 +66,7 @@ def detect(
     """
     # Fits are a tenth of the time that laws take to start, and these need none.
     from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
-    from bumpstop.identification.fit_verdict import fit_faults
+    from bumpstop.identification.fit_verdict import as_sentences, fit_faults
     from bumpstop.identification.segments.torque_samples import near_ends, near_gaps
 
     if not isinstance(model, DynamicsModel) or (settings is not None and settings.causal):
@@ -175,7 +175,7 @@ def detect(
         events=events,
         notes=(
             *recording.report.notes,
-            *(f"{fault}." for fault in fit_faults(model)),
+            *as_sentences(fit_faults(model)),
             *([doubt] if doubt else []),
             *notes,
             *detector.notes,

@@ -82,6 +82,11 @@ def named(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
+def as_sentences(faults: Sequence[str]) -> list[str]:
+    """Each with an end: a question has one."""
+    return [fault if fault.endswith("?") else f"{fault}." for fault in faults]
+
+
 def fit_faults(model: JointTorqueModel | DynamicsModel | None) -> list[str]:
     """What the file of a model says against the fit that gave it: nothing where it says nothing, as of no model."""
     if model is None or model.verdict != NOT_USABLE:

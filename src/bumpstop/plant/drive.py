@@ -168,9 +168,9 @@ class Drives:
     @property
     def notes(self) -> tuple[str, ...]:
         """What the joint model's file says against it, and what could not be modelled, a sentence each."""
-        from bumpstop.identification.fit_verdict import fit_faults
+        from bumpstop.identification.fit_verdict import as_sentences, fit_faults
 
-        notes = [f"{fault}." for fault in fit_faults(self._model)]
+        notes = as_sentences(fit_faults(self._model))
         if self.unmodelled:
             notes.append(
                 f"No joint model of {', '.join(self.unmodelled)}: the current is the torque, without friction."

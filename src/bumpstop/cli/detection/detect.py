@@ -80,7 +80,7 @@ def detect(
     from bumpstop.detection import detect as run_detector
     from bumpstop.detection import undetectable_stretches
     from bumpstop.detection.standing import hidden_torques
-    from bumpstop.identification.fit_verdict import reading_faults
+    from bumpstop.identification.fit_verdict import as_sentences, reading_faults
 
     check_folder(out)
     read = [*residual_source.files_with(recording), thresholds]
@@ -93,7 +93,7 @@ def detect(
     log = residual_source.recording(recording)
     with as_options(DETECTOR_OPTIONS), progress("running the detector"):
         run = run_detector(log, arm, given, law, settings, rearm_s=rearm)
-    run = replace(run, notes=(*run.notes, *(f"{fault}." for fault in reading_faults([log]))))
+    run = replace(run, notes=(*run.notes, *as_sentences(reading_faults([log]))))
     stretches = None
     if undetectable_force is not None:
         if not 0 < undetectable_force < math.inf:

@@ -115,11 +115,11 @@ def load_run(
 
 def reading_notes(log: Recording, path: Path) -> list[str]:
     """Notes of the rows that a reader dropped, if it did, and of what the recording contradicts."""
-    from bumpstop.identification.fit_verdict import reading_faults
+    from bumpstop.identification.fit_verdict import as_sentences, reading_faults
 
     report = log.report
     rows = [f"{shown(path)}: {report.rows_dropped} of {report.rows_read} rows dropped while reading."]
-    return [*rows * (report.rows_dropped > 0), *(f"{fault}." for fault in reading_faults([log]))]
+    return [*rows * (report.rows_dropped > 0), *as_sentences(reading_faults([log]))]
 
 
 def holds_residuals(path: Path) -> bool:

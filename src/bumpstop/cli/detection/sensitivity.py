@@ -121,7 +121,7 @@ def _hidden(arm: Robot, model: str | None, stiction: str | None) -> tuple[FloatA
     from bumpstop.cli.identification.arm_recordings import is_dynamics
     from bumpstop.detection.standing import hidden_torques
     from bumpstop.identification import DynamicsFit, DynamicsModel
-    from bumpstop.identification.fit_verdict import fit_faults
+    from bumpstop.identification.fit_verdict import as_sentences, fit_faults
     from bumpstop.joint import JointTorqueModel
 
     share = 1.0
@@ -141,7 +141,7 @@ def _hidden(arm: Robot, model: str | None, stiction: str | None) -> tuple[FloatA
     known = DynamicsFit.load(model).model if is_dynamics(model) else JointTorqueModel.load(model)
     if isinstance(known, DynamicsModel):
         check_arm_of_fit(known, arm, "robot")
-    hidden, told = share * hidden_torques(arm, known), [f"{fault}." for fault in fit_faults(known)]
+    hidden, told = share * hidden_torques(arm, known), as_sentences(fit_faults(known))
     unknown = [joint.name for joint, held in zip(arm.joints, hidden, strict=True) if math.isnan(held)]
     if unknown:
         told.append(f"{', '.join(unknown)}: what friction holds is not known: standing still it counts for nothing.")
