@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import socket
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +24,7 @@ from bumpstop.live.summary import MonitorSummary
 from bumpstop.live.view import alarm_line
 from bumpstop.recording import Recording
 from detection.moving_arms import UR5E
-from live.cases import DT, NAMES, Heard, ScriptedSource, at, loaded, motion, samples
+from live.cases import DT, NAMES, Heard, ScriptedSource, at, detector_file, loaded, motion, samples
 
 LOG = motion(500, push_Nm=25.0, at=250, until=300)
 
@@ -157,6 +158,20 @@ def test_files_are_rotated_and_numbered_on(tmp_path: Path) -> None:
         names += [path.name for path in output.files]
     assert names == [f"watch_{number + 1:04d}.mcap" for number in range(len(names))]
     assert sorted(path.name for path in tmp_path.glob("watch*")) == names
+
+
+def test_a_source_that_cannot_be_opened_leaves_no_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from bumpstop.cli.main import main
+
+    detector = detector_file(tmp_path)
+    before = sorted(tmp_path.iterdir())
+    with socket.create_server(("127.0.0.1", 0)) as one:
+        free = one.getsockname()[1]
+    with pytest.raises(SystemExit) as ended:
+        main(["monitor", f"rtde://127.0.0.1:{free}", "--detector", str(detector), "--mcap", str(tmp_path / "a.mcap")])
+    assert ended.value.code == 2
+    assert "Connection refused" in capsys.readouterr().err
+    assert sorted(tmp_path.iterdir()) == before
 
 
 def test_a_command_gets_the_alarm_and_is_ended_in_time(tmp_path: Path) -> None:

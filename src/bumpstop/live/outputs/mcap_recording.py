@@ -136,7 +136,8 @@ class McapRecording(BackgroundOutput):
         assert self._file is not None
         file, self._file = self._file, None
         file.complete()
-        self.files.append(file.path)
+        if file.messages:
+            self.files.append(file.path)
 
     def _nanoseconds(self, received_s: float) -> int:
         return round((self._wall + received_s) * 1e9)

@@ -44,6 +44,9 @@ class McapFile:
         path: of the complete file.
         messages: whose definitions it holds.
 
+    Attributes:
+        messages: number of those added.
+
     Raises:
         OSError: the file cannot be written.
     """
@@ -56,6 +59,7 @@ class McapFile:
         self._writer = module.Writer(self._file, chunk_size=_CHUNK_BYTES)
         self._writer.start(profile="ros2", library="bumpstop")
         self.channels: dict[str, int] = {}
+        self.messages = 0
         known: dict[str, int] = {}
         for topic, kind in TOPICS.items():
             if kind not in known:
@@ -68,6 +72,7 @@ class McapFile:
     def add(self, topic: str, time_ns: int, data: bytes) -> None:
         """A message of one of the channels; ``time_ns``: since 1970."""
         self._writer.add_message(self.channels[topic], log_time=time_ns, publish_time=time_ns, data=data)
+        self.messages += 1
 
     def end_chunk(self) -> None:
         """Put what was added into the file."""
@@ -76,7 +81,10 @@ class McapFile:
         self._file.flush()
 
     def complete(self) -> None:
-        """End the file and give it its name."""
+        """End the file and give it its name; one without a message is removed."""
+        if not self.messages:
+            self.abandon()
+            return
         self.end_chunk()
         self._writer.finish()
         self._file.flush()
