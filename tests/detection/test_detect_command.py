@@ -201,6 +201,10 @@ def test_the_force_where_and_along_what_is_asked_for(pushed: Path, capsys: pytes
         (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--out", "/dev/null/x"], "--out: '/dev/null/x' cannot be"),
         (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--direction", "0,0,0"], "--direction: has no length"),
         (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--point-m", "0,0"], "--point-m: '0,0' cannot be used"),
+        (
+            ["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--point-m", "1e300,0,0"],
+            "--point-m: is 1e+300,0,0; wanted from -100 to 100 m along each axis",
+        ),
         (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--link", "hand"], "--link: ur5e has no link 'hand'"),
         (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--max-bad", "2"], "--max-bad"),
         (["--robot", "ur5e", "--thresholds", "9,9,9,9,9,9", "--rearm", "nan"], "--rearm: is nan; wanted zero or more"),

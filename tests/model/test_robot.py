@@ -170,6 +170,13 @@ def test_unknown_robot(name: str, message: str) -> None:
         Robot.load(name)
 
 
+def test_a_point_beyond_any_arm_is_refused() -> None:
+    robot = Robot.load("sia5d")
+    assert robot.pose(np.zeros(7), "link_t", [100, 0, 0]).shape == (4, 4)
+    with pytest.raises(InputError, match=r"^point: is 0,1e\+300,0; wanted from -100 to 100 m along each axis$"):
+        robot.jacobian(np.zeros(7), point=(0, 1e300, 0))
+
+
 def test_links_are_found_by_name() -> None:
     arm = Robot.load("sia5d")
     assert arm.frame("link_u", (0.1, 0.2, 0.3))[0] == 3

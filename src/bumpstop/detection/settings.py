@@ -11,6 +11,7 @@ from bumpstop import _native
 from bumpstop.arrays import as_float_array, as_number
 from bumpstop.errors import InputError, near_matches
 from bumpstop.model.inertia import vector3
+from bumpstop.model.serial_chain import checked_point
 
 ResidualKind = Literal["direct", "observer"]
 Vector = tuple[float, float, float]
@@ -127,6 +128,7 @@ class DetectorSettings:
             if getattr(self, name) is not None:
                 given = as_float_array(getattr(self, name), name, (3,))
                 object.__setattr__(self, name, vector3(given))
+        checked_point(self.point)
         if abs(math.hypot(*self.direction) - 1) > 1e-9:
             raise InputError("direction", f"has length {math.hypot(*self.direction):.6g}", "wanted a unit vector")
 

@@ -21,7 +21,23 @@ from bumpstop.model.joint import IDENTITY, Frame, Joint, check_name, check_rotat
 from bumpstop.model.length_doubts import length_doubts
 from bumpstop.model.reach import reach
 
+# Of a point from the frame of its link, along each axis: farther than any arm, near enough that no product overflows.
+MAX_POINT_M = 100.0
+
 InertiaStatus = Literal["published", "unverified", "assumed", "unknown"]
+
+
+def checked_point(point: Any, field: str = "point") -> FloatArray:
+    """A point in the frame of a link, shape (3,) [m].
+
+    Raises:
+        InputError: it is none, or too far away for any arm.
+    """
+    given = as_float_array(point, field, (3,))
+    if (np.abs(given) > MAX_POINT_M).any():
+        said = ",".join(f"{x:.6g}" for x in given)
+        raise InputError(field, f"is {said}", f"wanted from -{MAX_POINT_M:g} to {MAX_POINT_M:g} m along each axis")
+    return given
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -213,7 +229,7 @@ class SerialChain:
 
     def _place(self, link: str | None, point: Any) -> tuple[int, FloatArray, FloatArray | None]:
         """Link number, point in the link's frame, and how the named frame is turned there (None: it is not)."""
-        offset = as_float_array(point, "point", (3,))
+        offset = checked_point(point)
         names = [joint.link for joint in self.joints]
         if link is not None and not isinstance(link, str):
             # An array compares item by item.

@@ -103,6 +103,10 @@ def test_sensitivity_is_what_linear_programmes_and_levers_say(
             ("ur5e", "--pose-deg", "0,0,0,0,0,0", "--thresholds", "9,9,9,9,9,9", "--direction", "0,0,0"),
             "--direction: has no length",
         ),
+        (
+            ("ur5e", "--pose-deg", "0,0,0,0,0,0", "--thresholds", "9,9,9,9,9,9", "--point-m", "0,-101,0"),
+            "--point-m: is 0,-101,0; wanted from -100 to 100 m along each axis",
+        ),
         *(
             (("ur5e", "--pose-deg", "0,0,0,0,0,0", "--thresholds", "9,9,9,9,9,9", option, "2"), words)
             for option, words in (

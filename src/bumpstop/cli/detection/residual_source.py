@@ -138,6 +138,7 @@ DETECTOR_OPTIONS = {
     "period_s": "--period",
     "rearm_s": "--rearm",
     "link": "--link",
+    "point": "--point-m",
 }
 
 

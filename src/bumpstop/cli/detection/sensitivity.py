@@ -62,6 +62,7 @@ def command(
     import numpy as np
 
     from bumpstop.model.pose_limits import check_pose
+    from bumpstop.model.serial_chain import checked_point
     from bumpstop.study import to_jsonable
 
     arm = load_robot(robot, base, tip)
@@ -84,7 +85,7 @@ def command(
         along,
         about := {
             "link": link,
-            "point": numbers(point_m, "--point-m", 3),
+            "point": checked_point(numbers(point_m, "--point-m", 3), "--point-m"),
             "noise_sd": _one_or_all(noise_sd, "--noise-sd", arm.dof),
             "noise_mean": _one_or_all(noise_mean, "--noise-mean", arm.dof),
             "z": z,

@@ -11,8 +11,9 @@ from bumpstop.collision.scenario.scenario_words import as_written
 from bumpstop.collision.scenario.spellings import check_one_spelling
 from bumpstop.collision.scenario.table import Table, between
 from bumpstop.errors import InputError
+from bumpstop.model.serial_chain import MAX_POINT_M
 
-Point = Annotated[list[Annotated[float, between(-100, 100)]], Field(min_length=3, max_length=3)]
+Point = Annotated[list[Annotated[float, between(-MAX_POINT_M, MAX_POINT_M)]], Field(min_length=3, max_length=3)]
 Direction = Annotated[list[Annotated[float, between(-1e6, 1e6)]], Field(min_length=3, max_length=3)]
 
 
