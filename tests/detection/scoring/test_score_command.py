@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -142,6 +143,28 @@ def test_an_inactive_detector_is_said_before_anything_else(tmp_path: Path) -> No
     watching = pushed(tmp_path / "seen.parquet")
     active = run("score", watching, *ARM, "--labels", labels)
     assert (active.status, "INACTIVE" in active.out) == (0, False)
+
+
+@pytest.mark.parametrize(
+    ("times", "active"),
+    [
+        ({"no_data": [[0, 9]]}, False),
+        ({"no_data": [[-1, 4], [3, 10]]}, False),
+        ({"no_data": [[0, 4]], "arming": [[4, 9]]}, False),
+        ({"no_data": [[0, 4], [5, 9]]}, True),
+        ({"no_data": []}, True),
+    ],
+)
+def test_events_without_data_all_the_time_are_no_clean_score(
+    tmp_path: Path, times: dict[str, list[list[float]]], active: bool
+) -> None:
+    labels, events = tmp_path / "labels.csv", tmp_path / "events.json"
+    labels.write_text("start_s,end_s\n1.5,1.6\n")
+    events.write_text(json.dumps({"events": [], "start_s": 0, "end_s": 9, **times}))
+    told = run("score", events, "--labels", labels)
+    assert told.status == (0 if active else 3)
+    assert told.out.startswith("INACTIVE all the time (as the file of events says)") is not active
+    assert strict_json(run("score", events, "--labels", labels, "--json").out)["active"] is active
 
 
 def test_thresholds_that_monitor_no_joint_are_no_clean_score(tmp_path: Path) -> None:

@@ -128,6 +128,7 @@ def command(
 def _of_events(file: Path, labels: tuple[Label, ...], tolerance: Tolerance) -> tuple[Score, str]:
     """Score, and why the detector was inactive all the time; empty: it was not, or the file does not say."""
     from bumpstop.detection import score
+    from bumpstop.detection.scoring.scoring import cover
 
     wanted = "wanted what bumpstop detect --json prints: events, start_s, end_s, no_data"
     text = read_text(file, wanted, max_bytes=_MAX_BYTES)
@@ -142,8 +143,10 @@ def _of_events(file: Path, labels: tuple[Label, ...], tolerance: Tolerance) -> t
         raise InputError(str(file), f"has no {error.args[0]!r}", wanted) from None
     except (ValueError, TypeError, OverflowError, RecursionError):
         raise InputError(str(file), "holds no events", wanted) from None
-    inactive = "as the file of events says" if data.get("active") is False else ""
-    return score(events, labels, monitored, no_data=no_data, arming=arming, tolerance=tolerance), inactive
+    found = score(events, labels, monitored, no_data=no_data, arming=arming, tolerance=tolerance)
+    # Files of other programs need not say it, but for these times.
+    inactive = data.get("active") is False or cover([*no_data, *arming], monitored)
+    return found, "as the file of events says" if inactive else ""
 
 
 def _print(found: Score, roc: Roc | None) -> None:

@@ -268,6 +268,12 @@ def _owner(time: float, labels: Sequence[Label], edges: Tolerance) -> int:
     return best
 
 
+def cover(intervals: Sequence[Interval], monitored: Interval) -> bool:
+    """Whether intervals [s] leave nothing of the time monitored."""
+    begin, end = monitored
+    return _merged(intervals, begin, end) == [(begin, end)]
+
+
 def _merged(intervals: Sequence[Interval], begin: float, end: float) -> list[Interval]:
     """Parts of begin..end that any interval covers, without overlap."""
     merged: list[Interval] = []
