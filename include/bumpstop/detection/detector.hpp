@@ -163,13 +163,13 @@ class Detector {
         last_tick_ = -std::numeric_limits<double>::infinity();
         out_ = {};
     }
-    /// Declares the payload from now on.
+    /// Declares the payload from now on. An observer keeps its residual in the next tick, as nothing is known of that.
     void set_payload(const Payload& payload) noexcept {
         inertias_ = inertias_with_payload(chain_, links_, payload);
         payload_point_ = link_point(chain_, chain_.dof - 1, payload.center);
         if (fitted_) fitted_->prepare(chain_, payload);
         payload_monitor_.reset();
-        observer_.reset();  // its momentum is that of the other payload
+        observer_.rebase();
     }
 
     const DetectorOutput& output() const noexcept { return out_; }

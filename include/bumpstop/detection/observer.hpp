@@ -46,25 +46,28 @@ class MomentumObserver {
 
     /// Takes momentum and b of a sample `dt` after the last one. False for the first sample, which gives no estimate.
     bool update(double dt, const double* momentum, const double* force) noexcept {
-        const bool known = known_;
+        const bool any = has_estimate_, known = any && !rebased_;
         const double share = known ? 1 - decay_.over(dt) : 0, rate = known ? 1 / dt : 0;
         for (int j = 0; j < joints_; ++j) {
             const double mean = (momentum[j] - momentum_[j]) * rate - 0.5 * (force[j] + force_[j]);
-            estimate_[j] = known ? estimate_[j] + share * (mean - estimate_[j]) : 0.0;
+            estimate_[j] = known ? estimate_[j] + share * (mean - estimate_[j]) : any ? estimate_[j] : 0.0;
             momentum_[j] = momentum[j];
             force_[j] = force[j];
         }
-        known_ = true;
-        return known;
+        has_estimate_ = true;
+        rebased_ = false;
+        return any;
     }
-    void reset() noexcept { known_ = false; }
+    void reset() noexcept { has_estimate_ = false; }
+    /// Momentum and b of the next sample are those of another arm than before: the estimate stays as it is until then.
+    void rebase() noexcept { rebased_ = true; }
     /// tau_ext by joint [Nm or N]; minus the residual.
     const double* estimate() const noexcept { return estimate_.data(); }
 
   private:
     Decay decay_;
     int joints_;
-    bool known_ = false;
+    bool has_estimate_ = false, rebased_ = false;
     std::array<double, max_joints> momentum_{}, force_{}, estimate_{};
 };
 

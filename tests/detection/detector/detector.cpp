@@ -152,6 +152,39 @@ void a_changed_payload_is_recognised() {
     }
 }
 
+// A load that is declared as it is grasped is no torque from outside, and leaves no tick without data.
+void a_declared_load_stops_nothing() {
+    for (int k = 0; k < 20; ++k) {
+        Arm arm(7);
+        arm.settings.residual = k % 2 ? ResidualKind::observer : ResidualKind::direct;
+        arm.settings.source = TorqueSource::torque;
+        Detector detector = arm.detector();
+        const Payload grasped{checks::uniform(0.5, 5), {0.01, -0.02, 0.1}};
+        DetectorSample sample;
+        for (int j = 0; j < 7; ++j) sample.q[j] = checks::uniform(-2, 2);
+        const double rest[max_joints] = {};
+        JointAngles<double> angle;
+        angle.set(arm.made.chain, sample.q.data());
+        double held[2][max_joints];
+        std::vector<LinkInertia> links = arm.links;
+        for (double(&torque)[max_joints] : held) {
+            inverse_dynamics(arm.made.chain, Inertias(arm.made.chain, links), {sample.q.data(), angle, rest, rest},
+                             arm.settings.gravity, torque);
+            links[6] = with_payload(links[6], grasped);
+        }
+        for (int i = 0; i < 200; ++i) {
+            sample.t = 0.001 * i;
+            if (i == 100) detector.set_payload(grasped);
+            // Feedback that never changes would be frozen.
+            for (int j = 0; j < 7; ++j) sample.signal[j] = held[i >= 100][j] + 1e-9 * std::sin(i);
+            const DetectorOutput& out = detector.update(sample);
+            if (i < 90) continue;
+            CHECK(out.state == DetectorState::monitoring && !out.stop);
+            for (int j = 0; j < 7; ++j) CHECK_NEAR(out.residual[j], 0, 1e-6);
+        }
+    }
+}
+
 // A lost sample: no spike, and said.
 void a_lost_sample_makes_no_spike() {
     Arm arm(7);
@@ -314,6 +347,7 @@ int main() {
     payload_adds_its_torque();
     a_contact_is_where_it_was();
     a_changed_payload_is_recognised();
+    a_declared_load_stops_nothing();
     a_lost_sample_makes_no_spike();
     rotors_count_alike_in_observer_and_direct_residual();
     an_event_ends_and_another_begins();
