@@ -202,11 +202,13 @@ def test_a_seed_names_its_runs() -> None:
 
 def test_too_few_runs_to_judge_by_say_so() -> None:
     """Accepted is 0.1 %: of 9999 runs fewer than ten."""
-    (note,) = [note for note in check(evaluate(options=("--sampled", 2000)))["notes"] if "too few" in note]
+    found = check(evaluate(options=("--sampled", 2000)))
+    (note,) = [note for note in found["notes"] if "too few" in note]
+    assert note in found["verdict"]["warnings"]
     assert note == (
         "2000 sampled collisions are too few to judge by: a probability of the accepted 0.1 % is some 2 of them."
     )
-    assert f"note: {note}" in run("evaluate", EXAMPLE, "--sampled", 2000).out.replace("\n", " ").replace("  ", " ")
+    assert f"warning: {note}" in " ".join(run("evaluate", EXAMPLE, "--sampled", 2000).out.split())
     for samples, risk in ((10_000, "1e-3"), (1000, "0.01")):
         options = (
             "--sampled",

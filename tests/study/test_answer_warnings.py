@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
+from bumpstop.detection.tuning.residual_record import write_residuals
 from bumpstop.report.studies.effectiveness import SafeSpeedsPart
 from bumpstop.study import ParameterStudy, TrajectorySpeedLimits, WorkspaceSpeedLimits, WorkspaceStudy, run
 from bumpstop.study.answer_warnings import AnswerWarnings, line_through, told_once, warnings_of
@@ -79,6 +81,18 @@ def test_safe_speeds_that_finer_steps_break_are_no_plain_answers(tmp_path: Path)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
     assert summary["fails_with_finer_steps"]
     assert all(each["fails_with_finer_steps"] for each in summary["safe_speeds"])
+
+
+def test_safe_speeds_of_too_few_sampled_collisions_say_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bumpstop.collision.evaluation.RESAMPLED_RUNS", 2000)
+    write_residuals(tmp_path / "free.parquet", 0.004 * np.arange(400), np.zeros((400, 7)))
+    given = HAND.read_text(encoding="utf-8")
+    (tmp_path / "m.toml").write_text(re.sub("noise_sd_Nm = .*", 'residuals = "free.parquet"', given), encoding="utf-8")
+    study = EffectivenessStudy.of(bs.load_scenario(tmp_path / "m.toml"), ["hand_finger"], ["down"], areas_cm2=[2.0])
+    summary = run(study).summary
+    few = "2000 sampled collisions are too few to judge by"
+    assert all(each["warnings"][0].startswith(few) for each in summary["safe_speeds"])
+    assert sum(few in note for note in summary["notes"]) == 1
 
 
 def test_warnings_are_those_of_the_area_that_is_judged() -> None:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.collision.curve import states_at_reactions
-from bumpstop.collision.probability_text import percent
 from bumpstop.collision.scenario.unused_keys import unused_notes
 from bumpstop.collision.verdict.alarm_rate import alarm_rate
 from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
@@ -15,8 +14,6 @@ from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
 if TYPE_CHECKING:
     from bumpstop.collision.outcome import CollisionOutcome
 
-# Of so many runs the standard error is a third.
-_MIN_EXPECTED_RUNS = 10
 # Of the extension of a pose that was made for a level [%].
 _ROUNDING = 1e-4
 
@@ -27,7 +24,7 @@ def notes_of(result: CollisionOutcome, warnings: tuple[str, ...]) -> list[str]:
     scenario, limits = problem.scenario, problem.limits
     # What a robot's file is doubted for may stand beside the verdict, too.
     unused = unused_notes(scenario, problem.deceleration)
-    notes = [*dict.fromkeys((*warnings, *problem.notes)), *unused, *sample_notes(result)]
+    notes = [*dict.fromkeys((*warnings, *problem.notes)), *unused]
     contact, detector = scenario.contact, scenario.detector
     notes.extend(_extension_notes(result))
     notes.extend(_contact_notes(result))
@@ -55,22 +52,6 @@ def notes_of(result: CollisionOutcome, warnings: tuple[str, ...]) -> list[str]:
         notes.append(f"The detector is not armed for the first {detector.arming_delay_s:g} s.")
     notes.append("This is an engineering estimate, not a certified safety function.")
     return notes
-
-
-def sample_notes(result: CollisionOutcome) -> list[str]:
-    """Whether a sampled distribution is too small to be judged by the accepted probabilities."""
-    settings = result.scenario.verdict
-    risk = (
-        settings.max_false_alarm
-        if result.problem.limits is None
-        else min(settings.accepted_probability, settings.max_false_alarm)
-    )
-    if result.samples is None or result.samples * risk >= _MIN_EXPECTED_RUNS:
-        return []
-    return [
-        f"{result.samples} sampled collisions are too few to judge by: a probability of the accepted "
-        f"{percent(risk)} is some {result.samples * risk:.2g} of them."
-    ]
 
 
 def line_end_notes(result: CollisionOutcome) -> list[str]:

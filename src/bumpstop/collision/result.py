@@ -12,7 +12,7 @@ import numpy as np
 from bumpstop.arrays import finite_or_none
 from bumpstop.collision.arm.other_arm import other_arm
 from bumpstop.collision.distribution.distribution import NEGLIGIBLE
-from bumpstop.collision.notes import line_end_notes, notes_of, sample_notes
+from bumpstop.collision.notes import line_end_notes, notes_of
 from bumpstop.collision.outcome import CollisionOutcome
 from bumpstop.collision.scenario.unused_keys import unused_notes
 from bumpstop.collision.summary import print_figures, print_other_arm, print_probabilities, print_verdict
@@ -117,7 +117,7 @@ class CollisionResult(CollisionOutcome, Displayed):
         print_probabilities(self, console)
         # What the figures above are not about; what was assumed otherwise is in the report.
         ends = (*self.end_notes(), *line_end_notes(self))
-        for note in (*unused_notes(self.scenario, self.problem.deceleration), *sample_notes(self), *ends):
+        for note in (*unused_notes(self.scenario, self.problem.deceleration), *ends):
             console.print(f"note: {note}")
         integrated = self.kind == "exact"
         kind = (

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 from bumpstop.arrays import as_whole_number
 from bumpstop.collision import evaluate
-from bumpstop.collision.notes import sample_notes
 from bumpstop.collision.probability_text import use_percent
 from bumpstop.collision.summary import arm_title, what_is_hit
 from bumpstop.collision.verdict.two_phase_use import TwoPhaseUse
@@ -239,8 +238,7 @@ def _evaluate(situation: Situation, judgement: Judgement | None, samples: int | 
         hit=what_is_hit(result),
         motion=result.problem.motion_in_words,
         arm=arm_title(result),
-        # A register passes: what one collision only notes stands beside its verdict here.
-        warnings=(*result.warnings, *sample_notes(result), *_payload_warnings(situation, result)),
+        warnings=(*result.warnings, *_payload_warnings(situation, result)),
         notes=(*result.notes, *_payload_notes(situation, result)),
         inputs=inputs_of(situation, result),
         method=result.kind,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal
 
-from bumpstop.collision.notes import sample_notes
+from bumpstop.collision.verdict.verdict_notes import sample_notes
 from bumpstop.register.statements import OPEN_STATUSES
 
 if TYPE_CHECKING:

@@ -222,6 +222,30 @@ def test_false_alarms_an_hour_are_those_of_the_noise() -> None:
     )
 
 
+def test_too_few_collisions_of_measured_residuals_stand_beside_the_verdict(tmp_path: Path) -> None:
+    """None of 100 000 collisions is over a limit, of which one in ten million may be."""
+    write_residuals(
+        tmp_path / "free.parquet", 0.004 * np.arange(9000), np.random.default_rng(0).normal(0, 1, (9000, 7))
+    )
+    data = control_group().to_dict()
+    for key in ("noise_sd_Nm", "noise_mean_Nm", "noise_correlation"):
+        del data["detector"][key]
+    data["detector"]["residuals"] = "free.parquet"
+    data["motion"]["velocity_mm_s"] = [0, 0, -10]
+    data["contact"] |= {"body": "lower_arm_wrist", "limits": "ts15066"}
+    case = bs.Scenario.from_dict(data, tmp_path)
+    few = bs.evaluate(case.with_values({"verdict.accepted_probability": 1e-7}))
+    assert few.verdict.acceptable
+    (said,) = few.warnings
+    assert said == (
+        "100000 sampled collisions are too few to judge by: a probability of the accepted 1e-05 % is some 0.01 of them."
+    )
+    assert few.to_json()["verdict"]["warnings"] == [said]
+    assert few.notes.count(said) == 1
+    assert f"within the accepted 1e-05 %. warning: {said}" in " ".join(str(few).split())
+    assert bs.evaluate(case).warnings == ()
+
+
 def test_false_alarms_an_hour_of_measured_residuals_are_counted(tmp_path: Path) -> None:
     rows = np.zeros((9000, 7))
     rows[100:103, 2] = 25.0  # one that lasts

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 MAX_UNTOUCHED = 0.5
 # A smaller share is worth no word, unless it hides a risk.
 _MUCH_UNTOUCHED = 0.1
+# Of so many runs the standard error is a third.
+_MIN_EXPECTED_RUNS = 10
 # A normal farther from the motion than this is approached at less than half the speed.
 _MIN_COSINE = 0.5
 # An arm that starts from rest is as good as at full speed from this share on.
@@ -39,6 +41,7 @@ def verdict_notes(result: CollisionOutcome, verdict: Verdict, evaluate: Callable
     """All of them, in the order in which they are read; ``evaluate`` gives the result of another scenario."""
     return [
         *as_given(result.scenario),
+        *sample_notes(result),
         *_nothing_hit_note(result, verdict),
         *_head_note(result),
         *_pressure_note(result),
@@ -52,6 +55,22 @@ def verdict_notes(result: CollisionOutcome, verdict: Verdict, evaluate: Callable
         *_swing_note(result),
         *finer_steps(result, verdict, evaluate),
         *unit_slips(result),
+    ]
+
+
+def sample_notes(result: CollisionOutcome) -> list[str]:
+    """Whether a sampled distribution is too small to be judged by the accepted probabilities."""
+    settings = result.scenario.verdict
+    risk = (
+        settings.max_false_alarm
+        if result.problem.limits is None
+        else min(settings.accepted_probability, settings.max_false_alarm)
+    )
+    if result.samples is None or result.samples * risk >= _MIN_EXPECTED_RUNS:
+        return []
+    return [
+        f"{result.samples} sampled collisions are too few to judge by: a probability of the accepted "
+        f"{accepted_percent(risk)} is some {result.samples * risk:.2g} of them."
     ]
 
 
