@@ -124,8 +124,8 @@ def _print(result: ProgramResult) -> None:
         )
     console.print(table)
     for one in result.segments:
-        if one.present.verdict is None:
-            console.print(f"lines {_lines(one)}, {one.segment.name}: {one.present.why}")
+        for question in one.open_questions:
+            console.print(f"lines {_lines(one)}, {one.segment.name}: {question}")
     for line, text in result.source.not_understood:
         console.print(f"line {line} is not understood and left as it is: {text[:80]}")
     for note in result.notes:
@@ -162,6 +162,4 @@ def _number(value: float, form: str = ".4g") -> str:
 
 
 def _safe(one: SegmentResult) -> str:
-    if one.safe_factor == 0:
-        return "none"
-    return "-" if math.isnan(one.safe_factor) else _number(1e3 * one.written.tool_speed)
+    return "none" if one.safe_speed_mm_s == 0 else _number(one.safe_speed_mm_s)

@@ -15,6 +15,8 @@ from bumpstop.collision import CollisionProblem, evaluate
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.collision.trajectory.trajectory import Trajectory, checked_motion, point_motion, point_places
 from bumpstop.collision.trajectory.trajectory_file import Rows
+from bumpstop.collision.verdict.finer_steps import STEPS_DECIDE, fails_with_finer_steps
+from bumpstop.collision.verdict.verdict_notes import verdict_notes
 from bumpstop.errors import InputError
 from bumpstop.program.worst_onset import worst_onset
 from bumpstop.study.requirement.risk import allowed_force
@@ -49,6 +51,8 @@ class Judgement:
         worst_m: where the contact point is then, base frame (3,) [m].
         tool_speed: greatest of the tip [m/s].
         cell: whose body is hit; None without a verdict.
+        warnings: what ``bumpstop evaluate`` says beside the verdict, of every body; of a verdict that is not acceptable
+            without finer steps.
     """
 
     verdict: Verdict | None
@@ -59,11 +63,24 @@ class Judgement:
     worst_m: tuple[float, ...] = ()
     tool_speed: float = math.nan
     cell: Cell | None = None
+    warnings: tuple[str, ...] = ()
 
     @property
     def conclusion(self) -> str:
-        """``"acceptable"``, ``"not_acceptable"`` or ``"inconclusive"``."""
-        return "inconclusive" if self.verdict is None else self.verdict.conclusion
+        """``"acceptable"``, ``"not_acceptable"`` or ``"inconclusive"``, as in a register where the steps decide."""
+        return "inconclusive" if self.verdict is None or self.fails_with_finer_steps else self.verdict.conclusion
+
+    @property
+    def fails_with_finer_steps(self) -> bool:
+        """The verdict is acceptable, but not with finer simulation steps."""
+        return self.verdict is not None and self.verdict.acceptable is True and fails_with_finer_steps(self.warnings)
+
+    @property
+    def reason(self) -> str:
+        """Of the conclusion, in a sentence."""
+        if self.verdict is None:
+            return self.why
+        return STEPS_DECIDE if self.fails_with_finer_steps else self.verdict.reason
 
     @property
     def over(self) -> float:
@@ -215,7 +232,11 @@ class Cell:
         known = [None] * len(self.bodies) if hardest is None else hardest
         judged = [body._judge(trajectory, worst) for body, worst in zip(self.bodies, known, strict=True)]
         worst = max(judged, key=lambda one: (_RANK[one.conclusion] if one.share != 0 else 0, one.share))
-        return replace(worst, share=max((one.share for one in judged if one.share > 0), default=worst.share))
+        return replace(
+            worst,
+            share=max((one.share for one in judged if one.share > 0), default=worst.share),
+            warnings=tuple(dict.fromkeys(warning for one in judged for warning in one.warnings)),
+        )
 
     def _judge(self, trajectory: Trajectory, known: WorstOnset | None) -> Judgement:
         """Of this body alone, by the function that ``bumpstop evaluate`` uses, from the file it reads."""
@@ -229,12 +250,14 @@ class Cell:
                 file = Path(folder) / _PLACEHOLDER
                 write_trajectory(file, trajectory)
                 result = evaluate(self.of(file, worst))
+                verdict = result.verdict
+                # What is not acceptable stays so: finer steps, which take another distribution, are of what is.
+                warnings = result.warnings if verdict.acceptable else tuple(verdict_notes(result, verdict, None))
         except InputError as error:
             return Judgement(None, error.problem.replace(f"{_PLACEHOLDER}: ", ""), tool_speed=speed)
-        verdict = result.verdict
         where = point_places(trajectory, self.robot, problem.contact_point, np.array([worst]))[0]
         force = float(result.peak_force.quantile(1 - verdict.accepted_probability))
-        return Judgement(verdict, "", force, share, worst, tuple(float(x) for x in where), speed, self)
+        return Judgement(verdict, "", force, share, worst, tuple(float(x) for x in where), speed, self, warnings)
 
     def to_json(self) -> dict[str, Any]:
         """Of this body alone, as ``--json`` prints it."""

@@ -14,6 +14,7 @@ from bumpstop.program.cell import Cell, Judgement
 from bumpstop.program.motion.timing import import_ruckig
 from bumpstop.program.safe_speed import greatest_factor, highest_safe
 from bumpstop.program.source import Source, read_source
+from bumpstop.study.answer_warnings import AnswerWarnings, told_once
 
 if TYPE_CHECKING:
     from bumpstop.collision import Scenario
@@ -35,10 +36,12 @@ class SegmentResult:
         present: the verdict of the motion as the program has it; without one where it cannot be judged.
         present_s: its duration [s]; NaN where it is not known.
         factor: what its speed is multiplied by in the program that is written; 1 where it stays.
-        safe_factor: the highest safe one; 0: none is; NaN where it cannot be judged.
+        safe_factor: the highest safe one; 0: none is; NaN where it cannot be judged. Where the motion fails with finer
+            simulation steps it is safe by those of the cell only.
         limited_by: what limits it.
         written: the verdict of the motion as it is written.
         written_s: its duration [s]; NaN where it is not known.
+        refused: the verdict of a faster motion that is not written, as it fails with finer simulation steps; or None.
     """
 
     segment: Segment
@@ -49,11 +52,28 @@ class SegmentResult:
     limited_by: str = ""
     written: Judgement = field(default_factory=lambda: Judgement(None))
     written_s: float = math.nan
+    refused: Judgement | None = None
 
     @property
     def won_s(self) -> float:
         """Time that is won, negative where it is lost [s]."""
         return self.present_s - self.written_s
+
+    @property
+    def safe_speed_mm_s(self) -> float:
+        """Of the tool at the factor that is written; 0: none is safe; NaN where that is not known."""
+        if self.safe_factor == 0:
+            return 0.0
+        known = not math.isnan(self.safe_factor) and not self.written.fails_with_finer_steps
+        return 1e3 * self.written.tool_speed if known else math.nan
+
+    @property
+    def open_questions(self) -> tuple[str, ...]:
+        """Why the segment is inconclusive, as given and as written."""
+        told = [self.present.reason] if self.present.conclusion == "inconclusive" else []
+        if self.written.conclusion == "inconclusive" and self.written.reason not in told:
+            told.append(f"as written: {self.written.reason}")
+        return tuple(told)
 
     def to_json(self) -> dict[str, Any]:
         """As ``--json`` prints it."""
@@ -62,7 +82,7 @@ class SegmentResult:
             "name": self.segment.name,
             "lines": [first, last],
             "present": _judgement_json(self.present, self.segment, 1.0, self.present_s),
-            "safe_factor": _finite(self.safe_factor),
+            "safe_factor": None if self.written.fails_with_finer_steps else _finite(self.safe_factor),
             "limited_by": self.limited_by or None,
             "factor": self.factor,
             "written": _judgement_json(self.written, self.segment, self.factor, self.written_s),
@@ -100,9 +120,31 @@ class ProgramResult:
         return {one.segment: one.factor for one in self.segments if one.safe_factor > 0}
 
     @property
-    def notes(self) -> tuple[str, ...]:
+    def assumptions(self) -> tuple[str, ...]:
         """What was assumed of the program, and what is doubted of the robot."""
         return (*self.cell.robot.length_doubts, *self.source.notes)
+
+    @property
+    def beside(self) -> tuple[str, ...]:
+        """What ``bumpstop evaluate`` says beside the verdicts, each sentence once."""
+        found = []
+        for number, one in enumerate(self.segments, start=1):
+            found.append(AnswerWarnings(f"segment {number} as given", one.present.warnings))
+            if one.written is not one.present:
+                found.append(AnswerWarnings(f"segment {number} as written", one.written.warnings))
+            if one.refused is not None:
+                found.append(AnswerWarnings(f"segment {number} faster, which is not written", one.refused.warnings))
+        return tuple(told_once(found, self.assumptions))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is to be read beside the verdicts, then what was assumed."""
+        return (*self.beside, *self.assumptions)
+
+    @property
+    def fails_with_finer_steps(self) -> bool:
+        """Some segment, as given or as written, is acceptable but for finer simulation steps."""
+        return any(each.fails_with_finer_steps for one in self.segments for each in (one.present, one.written))
 
     def to_json(self) -> dict[str, Any]:
         """As ``--json`` prints it."""
@@ -115,6 +157,7 @@ class ProgramResult:
             "won_s": sum(one.won_s for one in known),
             "segments": [one.to_json() for one in self.segments],
             "not_understood": [{"line": line, "text": text} for line, text in self.source.not_understood],
+            "fails_with_finer_steps": self.fails_with_finer_steps,
             "notes": list(self.notes),
         }
 
@@ -178,6 +221,10 @@ def _found(source: Source, segment: Segment, cell: Cell, max_speed: float, *, fa
     found = SegmentResult(segment, present, duration, safe.factor, safe.factor, limited_by)
     if present.conclusion == "acceptable" and 1.0 <= safe.factor < _WORTH_IT:
         return replace(found, factor=1.0, written=present, written_s=duration)
+    if present.verdict is not None and safe.factor > 1.0 and safe.judged and safe.judged.fails_with_finer_steps:
+        # What the steps decide is no reason to go faster.
+        kept = replace(found, factor=1.0, safe_factor=1.0, limited_by="simulation_steps")
+        return replace(kept, written=present, written_s=duration, refused=safe.judged)
     return replace(found, written=safe.judged or present, written_s=safe.duration)
 
 
@@ -233,7 +280,8 @@ def worst_line(judgement: Judgement, segment: Segment, factor: float) -> int | N
 def _judgement_json(judgement: Judgement, segment: Segment, factor: float, duration: float) -> dict[str, Any]:
     return {
         "outcome": outcome_word(judgement),
-        "reason": judgement.verdict.reason if judgement.verdict is not None else judgement.why,
+        "reason": judgement.reason,
+        "warnings": list(judgement.warnings),
         "body": None if judgement.cell is None else judgement.cell.scenario.contact.body,
         "force_N": _finite(judgement.force),
         "worst_line": worst_line(judgement, segment, factor),

@@ -117,7 +117,9 @@ def highest_safe(segment: Segment, cell: Cell, most: float, present: Judgement) 
     limited_by = "max_speed" if factor >= most * (1 - 1e-12) else "limits"
     for _ in range(_EASINGS):
         motion = segment.at(factor)
-        judged = cell.judge(motion, known.get(factor))
+        # At the program's own speed the judgement is known.
+        same = factor == 1.0 and present.verdict is not None
+        judged = present if same else cell.judge(motion, known.get(factor))
         if judged.verdict is None or judged.over <= judged.verdict.accepted_probability:
             break
         factor *= _EASE

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal
 
+from bumpstop.collision.verdict.finer_steps import STEPS_DECIDE, fails_with_finer_steps
 from bumpstop.collision.verdict.verdict_notes import sample_notes
 from bumpstop.register.statements import OPEN_STATUSES
 
@@ -60,8 +61,8 @@ def _open_question(situation: Situation, result: CollisionResult) -> str:
         return doubts[0]
     if "area_cm2" not in scenario.contact.model_fields_set:
         return "contact.area_cm2 is not given: the pressure rests on an assumed 1 cm²."
-    if any("the verdict is NOT ACCEPTABLE" in warning for warning in result.warnings):
-        return "Finer simulation steps exceed the limits: the steps decide, not the arm."
+    if fails_with_finer_steps(result.warnings):
+        return STEPS_DECIDE
     question = _arm_question(result)
     if question:
         return question

@@ -24,6 +24,8 @@ _MAX_STEPS = 100_000
 _MIN_STEP_S, _MIN_SUBSTEP_S, _MAX_SUBSTEPS = 1e-5, 1e-6, 1000
 # A force that finer steps raise by less than this share is told well enough.
 _RISE = 0.02
+STEPS_DECIDE = "Finer simulation steps exceed the limits: the steps decide, not the arm."
+"""Why an acceptable verdict that they turn settles nothing."""
 _SWAPPED = ", and the verdict is NOT ACCEPTABLE"
 
 

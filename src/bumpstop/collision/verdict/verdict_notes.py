@@ -37,8 +37,16 @@ _FULL_SPEED = 0.9
 _REACTIONS, _FARTHER = 64, 0.02
 
 
-def verdict_notes(result: CollisionOutcome, verdict: Verdict, evaluate: Callable[[Scenario], JudgedForce]) -> list[str]:
-    """All of them, in the order in which they are read; ``evaluate`` gives the result of another scenario."""
+def verdict_notes(
+    result: CollisionOutcome, verdict: Verdict, evaluate: Callable[[Scenario], JudgedForce] | None
+) -> list[str]:
+    """All of them, in the order in which they are read.
+
+    Args:
+        result: of the collision.
+        verdict: of it.
+        evaluate: gives the result of another scenario; None: finer steps, which take another one, are not looked at.
+    """
     return [
         *as_given(result.scenario),
         *sample_notes(result),
@@ -53,7 +61,7 @@ def verdict_notes(result: CollisionOutcome, verdict: Verdict, evaluate: Callable
         *_unlisted_joints_note(result),
         *_sooner_note(result),
         *_swing_note(result),
-        *finer_steps(result, verdict, evaluate),
+        *(finer_steps(result, verdict, evaluate) if evaluate is not None else ()),
         *unit_slips(result),
     ]
 

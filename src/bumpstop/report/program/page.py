@@ -14,6 +14,7 @@ from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.picture import LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
+from bumpstop.report.studies.study import StudyNotesPart
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -27,6 +28,7 @@ _LIMITED_BY = {
     "max_speed": "joints, language or highest speed looked at",
     "slower_only": "only lowered",
     "nothing_safe": "no speed is safe",
+    "simulation_steps": "coarse simulation steps",
 }
 _CLAIMS = (
     "bumpstop is an engineering tool, not a certified safety function. A risk assessment and a validation on the real "
@@ -59,7 +61,7 @@ class SegmentsPart(Part):
                 "-" if one.present.cell is None else str(one.present.cell.scenario.contact.body),
                 _number(one.present.force),
                 _number(1e3 * one.present.tool_speed),
-                "none" if one.safe_factor == 0 else _number(1e3 * one.written.tool_speed),
+                "none" if one.safe_speed_mm_s == 0 else _number(one.safe_speed_mm_s),
                 outcome_word(one.written),
                 _number(one.won_s, "+.2f"),
                 _LIMITED_BY.get(one.limited_by, "-"),
@@ -80,7 +82,7 @@ class SegmentsPart(Part):
                 "segments",
                 "Peak force at the worst place of every segment, as given and as written.",
                 "Bars of the force that is exceeded with the accepted probability, and the force that is allowed. A "
-                "segment without bars is inconclusive.",
+                "segment without bars could not be judged.",
                 self._draw,
             )
         ]
@@ -113,15 +115,15 @@ class LeftAsItIsPart(Part):
         """Lists; the claims that are not made."""
         result = self._result
         unjudged = [
-            f"segment {number}, line {_lines(one)}: {one.present.why}"
+            f"segment {number}, line {_lines(one)}: {question}"
             for number, one in enumerate(result.segments, start=1)
-            if one.present.verdict is None
+            for question in one.open_questions
         ]
         found: list[Html] = []
         for heading, items in (
             ("Not understood", [f"line {line}: {text[:200]}" for line, text in result.source.not_understood]),
             ("Inconclusive", unjudged),
-            ("What was assumed", list(result.notes)),
+            ("What was assumed", list(result.assumptions)),
             ("What is not claimed", list(_CLAIMS)),
         ):
             if items:
@@ -154,7 +156,7 @@ def write_program_report(result: ProgramResult, name: str, folder: Path) -> Path
     Raises:
         InputError: the folder cannot be written.
     """
-    parts = [SegmentsPart(result), LeftAsItIsPart(result), CellPart(result)]
+    parts = [StudyNotesPart(result.beside), SegmentsPart(result), LeftAsItIsPart(result), CellPart(result)]
     robot = result.cell.robot
     about = f"{result.source.language}, {robot.title or robot.name}"
     return write_document(Document(name, "bumpstop program", "program", parts, about), folder)
