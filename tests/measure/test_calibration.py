@@ -340,6 +340,12 @@ def test_plan_filled_by_forces_and_recordings(tmp_path: Path) -> None:
     rows = [row.split(",") for row in shots_text(load_plan(tmp_path).shots, made.readings).splitlines()]
     assert rows[0] == [*COLUMNS[:7], "lower_bound_N", "unusable_recording"]
     assert [row[6] != "" for row in rows[1:]] == [True, True, False]
+    # Rounded down it could fall to a limit that it is above.
+    (peak,) = (reading.peak_N for reading in made.readings.values() if reading.usable)
+    for force in (peak, 135.001, 135.009, 135.0):
+        readings = {row: replace(reading, peak_N=force) for row, reading in made.readings.items()}
+        written = shots_text(load_plan(tmp_path).shots, readings).splitlines()[2].split(",")[6]
+        assert 0 <= float(written) - force < 0.01
     # A peak that was cut off at 50 N is none, and no less than that.
     assert [row[7:] for row in rows[1:]] == [["", ""], ["", ""], [rows[3][7], "bad.csv"]]
     assert float(rows[3][7]) == pytest.approx(50, abs=0.1)

@@ -327,10 +327,15 @@ def shots_text(shots: Sequence[FilledShot], readings: Mapping[int, GaugeReading]
                 measured = reading.peak_N
             else:
                 bound, unusable = reading.lower_bound_N, shot.recording
-        figures = (shot.predicted_N, shot.low_N, shot.high_N, measured, bound)
+        figures = (shot.predicted_N, shot.low_N, shot.high_N, _hundredths_up(measured), _hundredths_up(bound))
         cells = ["" if math.isnan(figure) else f"{figure:.2f}" for figure in figures]
         writer.writerow((shot.situation, shot.shot or shot.row, f"{shot.speed_mm_s:.10g}", *cells, unusable))
     return text.getvalue()
+
+
+def _hundredths_up(force: float) -> float:
+    """What is a hair above its limit stays above it."""
+    return math.ceil(1e2 * force - 1e-7) / 1e2 if math.isfinite(force) else force
 
 
 def _positive(
