@@ -17,6 +17,7 @@ from bumpstop.program.safe_speed import greatest_factor, highest_safe
 from bumpstop.program.segment import MoveSegment
 from bumpstop.program.trajectories.trajectory_segment import TrajectorySegment
 from bumpstop.program.worst_onset import worst_onset
+from bumpstop.study.requirement.sampling_ripple import SLOWER_MAY_FAIL
 from bumpstop.study.speed.onset_shares import onset_shares
 from program.corpora import EXAMPLES, bell, cell, segments
 
@@ -72,6 +73,13 @@ def test_what_is_written_is_acceptable_and_a_little_more_is_not(
         assert again.cell.judge(one.segment.at(1.05)).conclusion == "not_acceptable"
         # What was written once stays.
         assert one.factor == 1.0
+
+
+@pytest.mark.parametrize(("model", "told"), [("rigid", False), ("elastic", True)])
+def test_a_note_says_where_slower_motions_may_fail(model: str, told: bool, tmp_path: Path) -> None:
+    (tmp_path / "p.script").write_text(f"movej({SHORT}, v=0.2)")
+    scenario = bs.load_scenario(EXAMPLES / "cell.toml", {"arm.model": model})
+    assert (SLOWER_MAY_FAIL in evaluate_program(tmp_path / "p.script", scenario, faster=False).notes) is told
 
 
 def test_no_place_is_worse_than_the_worst(tmp_path: Path) -> None:

@@ -9,9 +9,13 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.study import run
+from bumpstop.study.parameters import region_collisions
 from bumpstop.study.parameters.effectiveness import EffectivenessStudy
+from bumpstop.study.parameters.region_collisions import RegionCollisions
 from bumpstop.study.requirement.requirement import solve_requirement
+from bumpstop.study.requirement.sampling_ripple import SLOWER_MAY_FAIL
 from collision.cases import control_group, ur10e
+from study.requirement_cases import swinging
 
 BODIES = ["hand_finger", "lower_arm_wrist", "upper_arm_elbow"]
 
@@ -244,3 +248,30 @@ def test_a_risk_no_quantile_can_hold_is_refused() -> None:
     with pytest.raises(bs.InputError) as refused:
         EffectivenessStudy.of(control_group(verdict__accepted_probability=1e-14))
     assert refused.value.field == "verdict.accepted_probability"
+
+
+def test_no_slower_elastic_arm_fails() -> None:
+    """A scan by tens of per cent steps over the speeds that fail, from 116 to 138 mm/s."""
+    study = EffectivenessStudy.of(swinging(), ["upper_arm_elbow"], ["down"], [10.0], [0.17], 155.0)
+    table = [row for row in run(study).summary["safe_speeds"] if row["table"] == "ts15066"]
+    required = solve_requirement(swinging(), "motion.speed", low=30.0, high=155.0).value
+    assert required is not None
+    assert [(row["safe_speed_mm_s"], row["binding"]) for row in table] == [
+        (pytest.approx(required, abs=0.101), "pressure")
+    ]
+
+
+@pytest.mark.parametrize(("model", "noise", "warned"), [
+    ("rigid", "residuals", False), ("elastic", "residuals", True), ("elastic", "noise_sd_Nm", False),
+])  # fmt: skip
+def test_measured_residuals_say_that_slower_speeds_may_fail(
+    model: str, noise: str, warned: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """There is no requirement of sampled collisions: few speeds are looked at, each of which takes long."""
+    case = ur10e(arm__model=model)
+    if noise == "residuals":
+        case = case.with_values({"detector.noise_sd_Nm": None, "detector.residuals": "free.parquet"})
+    monkeypatch.setattr(region_collisions, "warnings_of", lambda scenario_of: ())
+    collisions = RegionCollisions(case, lambda speed, area: case, 20.0)
+    monkeypatch.setattr(collisions, "_safe_speed", lambda area: {"safe_speed_mm_s": 20.0})
+    assert collisions.safe_speed(2.0)["warnings"] == ([SLOWER_MAY_FAIL] if warned else [])

@@ -12,9 +12,10 @@ import bumpstop as bs
 from bumpstop.study.requirement.requirement import HIGHER_IS_WORSE, _Answer, solve_requirement
 from bumpstop.study.requirement.risk import Risk
 from bumpstop.study.requirement.risk_search import RiskSearch
+from bumpstop.study.requirement.sampling_ripple import force_may_fall, has_ripple, risk_may_fall
 from bumpstop.study.variable import Variable
 from collision.cases import control_group
-from study.requirement_cases import over, scenario
+from study.requirement_cases import over, random_swinging, scenario, swinging
 
 _FIXED = {"contact.offset_law": "fixed", "contact.offset_mm": 4.0}
 
@@ -119,6 +120,54 @@ def test_an_arm_that_starts_from_rest_meets_the_risk_at_lower_speeds_too() -> No
     assert max(over(case, "motion.speed", float(value)) for value in lower) <= case.verdict.accepted_probability
     beyond = found.value * np.linspace(1.0005, 1.005, 10)
     assert max(over(case, "motion.speed", float(value)) for value in beyond) > case.verdict.accepted_probability
+
+
+@pytest.mark.parametrize("high", [158.0, 300.0])
+def test_no_slower_elastic_arm_fails(high: float) -> None:
+    """Its force falls again where a faster arm is detected in an earlier swing."""
+    case = swinging()
+    assert over(case, "motion.speed", 130.0) > 0.9
+    assert over(case, "motion.speed", 150.0) < 1e-5
+    found = solve_requirement(case, "motion.speed", low=3.0, high=high)
+    assert found.value is not None
+    assert found.binding == "pressure"
+    slower = np.geomspace(0.5 * found.value, found.value, 60)
+    assert max(over(case, "motion.speed", float(value)) for value in slower) <= found.risk
+    assert over(case, "motion.speed", 1.002 * found.value) > found.risk
+
+
+@pytest.mark.parametrize(
+    ("vary", "seed"), [("motion.speed", 8), ("motion.speed", 10), ("motion.speed", 12), ("contact.padding", 19)]
+)
+def test_no_more_conservative_value_of_a_random_elastic_arm_fails(vary: str, seed: int) -> None:
+    """The range ends in a valley of the force, and a crest before it passes the limit."""
+    drawn = random_swinging(seed, vary)
+    assert drawn is not None
+    case, valley = drawn
+    low = valley / 10 if vary == "motion.speed" else 1e3
+    found = solve_requirement(case, vary, low=low, high=valley)
+    assert found.value is not None
+    assert found.value < 0.99 * valley
+    more_conservative = np.geomspace(max(low, found.value / 4), found.value, 60)
+    assert max(over(case, vary, float(value)) for value in more_conservative) <= found.risk
+
+
+def test_where_the_risk_need_not_grow() -> None:
+    """Contact anywhere between two ticks of an arm that does not swing has neither ripples nor falls."""
+    cases: dict[str, tuple[dict[str, Any], bool, bool]] = {
+        "even": ({}, False, False),
+        "free": ({"contact.kind": "free", "contact.body_mass_kg": 3.0}, False, False),
+        "fixed": (_FIXED, True, False),
+        "rest": ({"motion.start": "rest"}, True, False),
+        "narrow": ({"contact.offset_law": "half_normal", "contact.offset_sd_s": 1e-3}, True, False),
+        "wide": ({"contact.offset_law": "half_normal", "contact.offset_sd_s": 1e-2}, False, False),
+        "elastic": ({"arm.model": "elastic"}, False, True),
+        "damping": ({"contact.damping_Ns_m": 500.0}, False, True),
+        "elastic at a distance": ({"arm.model": "elastic", **_FIXED}, True, True),
+    }
+    for name, (changes, ripple, fall) in cases.items():
+        case = scenario(**changes)
+        assert (has_ripple(case), force_may_fall(case), risk_may_fall(case)) == (ripple, fall, ripple or fall), name
 
 
 # An arm that lags behind its line: the risk falls for a while with harder padding, and jumps where it is a step later.

@@ -19,7 +19,7 @@ from bumpstop.view.document import ViewDocument, scenario_text, taken_out, with_
 from bumpstop.view.field_text import spec_of, text_of
 from bumpstop.view.latest import LatestWins
 from bumpstop.view.plots.distribution import exceedance_plot
-from bumpstop.view.plots.risk import body_parts_plot
+from bumpstop.view.plots.risk import body_parts_plot, risk_plot
 from view.control_cases import needed, other_value
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -352,3 +352,11 @@ def test_a_force_without_a_bound_is_called_so() -> None:
     bars = bars_of(Answer.of(with_keys(HAND, {"detector.thresholds_Nm": [2000.0] * 7})))
     assert "unbounded" in bars.values()
     assert "not permitted" not in bars.values()
+
+
+def test_the_risk_of_an_elastic_arm_is_drawn_finely_against_the_speed() -> None:
+    """Its crests are narrow."""
+    changes = {"arm.model": "elastic", "simulation.step_s": 0.002}
+    answers = [Answer.of(HAND), Answer.of(with_keys(HAND, changes))]
+    rigid, elastic = (str(risk_plot(answer, lambda: False)).count(",") for answer in answers)
+    assert elastic > rigid + 50

@@ -15,6 +15,7 @@ from bumpstop.program.motion.timing import import_ruckig
 from bumpstop.program.safe_speed import greatest_factor, highest_safe
 from bumpstop.program.source import Source, read_source
 from bumpstop.study.answer_warnings import AnswerWarnings, told_once
+from bumpstop.study.requirement.sampling_ripple import SLOWER_MAY_FAIL, force_may_fall
 
 if TYPE_CHECKING:
     from bumpstop.collision import Scenario
@@ -126,7 +127,9 @@ class ProgramResult:
 
     @property
     def beside(self) -> tuple[str, ...]:
-        """What ``bumpstop evaluate`` says beside the verdicts, each sentence once."""
+        """What ``bumpstop evaluate`` says beside the verdicts, each sentence once, and whether slower ones may fail."""
+        may_fall = any(force_may_fall(cell.scenario) for cell in self.cell.bodies)
+        slower = (SLOWER_MAY_FAIL,) if may_fall and self.factors else ()
         found = []
         for number, one in enumerate(self.segments, start=1):
             found.append(AnswerWarnings(f"segment {number} as given", one.present.warnings))
@@ -134,7 +137,7 @@ class ProgramResult:
                 found.append(AnswerWarnings(f"segment {number} as written", one.written.warnings))
             if one.refused is not None:
                 found.append(AnswerWarnings(f"segment {number} faster, which is not written", one.refused.warnings))
-        return tuple(told_once(found, self.assumptions))
+        return (*slower, *told_once(found, self.assumptions))
 
     @property
     def notes(self) -> tuple[str, ...]:

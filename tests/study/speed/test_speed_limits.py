@@ -26,6 +26,7 @@ from bumpstop.study.speed.trajectory_speed_limits import TrajectorySpeedLimits
 from bumpstop.study.speed.trajectory_writing import write_csv, write_ros
 from bumpstop.study.speed.workspace_speed_limits import WorkspaceSpeedLimits
 from bumpstop.study.speed.worst_direction import worst_directions
+from study.requirement_cases import over, swinging
 from study.speed_limit_cases import PICK, begin, few_rows
 
 REPOSITORY = Path(__file__).resolve().parents[3]
@@ -74,6 +75,19 @@ def test_limits_are_tight_where_the_formula_expects_none() -> None:
     for factor, safe in ((1.0, True), (1.0201, False)):
         evaluations = evaluate_batch(study.scenario, q, direction * (factor * speed)[:, None], limits_N=[limit])
         assert ((evaluations.exceedance[:, 0] <= 1e-3) == safe).all()
+
+
+@pytest.mark.parametrize("max_speed", [0.15, 1.0])
+def test_no_slower_elastic_arm_fails(max_speed: float) -> None:
+    """The force falls again above the first speeds that fail: a search from the formula's guess stayed there."""
+    problem = CollisionProblem.from_scenario(swinging())
+    found = speed_limits(problem, problem.q[None], np.array([[0.0, 0.0, -1.0]]), np.array([max_speed]))
+    limit = 1e3 * float(found.speed[0])
+    required = bs.solve_requirement(swinging(), "motion.speed", low=30.0, high=150.0).value
+    assert required is not None
+    assert required / 1.04 <= limit <= required
+    assert found.limited_by[0] == "risk"
+    assert found.risk[0] == pytest.approx(over(swinging(), "motion.speed", limit), rel=1e-6, abs=1e-12)
 
 
 def test_slowed_down_no_collision_passes_the_limits(pick: TrajectorySpeedLimits, found: Any, tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from bumpstop.collision.verdict.finer_steps import fails_with_finer_steps
 from bumpstop.study.answer_warnings import warnings_of
-from bumpstop.study.requirement.sampling_ripple import has_ripple
+from bumpstop.study.requirement.sampling_ripple import SLOWER_MAY_FAIL, risk_may_fall
 from bumpstop.study.variable import Variable
 
 if TYPE_CHECKING:
@@ -145,19 +145,21 @@ class RegionCollisions:
         speed = found.get("safe_speed_mm_s")
         # The distributions that are kept by speed belong to the area that asked first.
         warnings = () if speed is None else warnings_of(lambda: self._scenario_of(speed, area))
+        if speed is not None and risk_may_fall(self._scenario) and not self._risk_may_fall:
+            warnings = (SLOWER_MAY_FAIL, *warnings)
         return found | {"warnings": list(warnings), "fails_with_finer_steps": fails_with_finer_steps(warnings)}
 
     def _safe_speed(self, area: float) -> dict[str, Any]:
         """The highest speed below which every speed looked at is acceptable, in tenths of mm/s; None: not even 1 mm/s.
 
-        A scan finds the first speed that is not acceptable, and bisection the edge below it. Where the risk is a
-        sampling ripple in the speed, a requirement looks at all crests, and the scan only at false alarms and at
-        whether anything is hit.
+        A scan finds the first speed that is not acceptable, and bisection the edge below it. Where the risk may fall at
+        a higher speed, a requirement looks at all crests, and the scan only at false alarms and at whether anything is
+        hit.
         """
         found: dict[str, Any] = {"kind": "safe_speed", "area_cm2": area, "reason": ""}
         top = self._highest_speed_mm_s
         judged, beyond = self.judged, "none"
-        if self._has_ripple:
+        if self._risk_may_fall:
             required = self._required(area)
             if required.binding == "untouched":
                 return found | {"reason": required.reason}
@@ -197,10 +199,10 @@ class RegionCollisions:
         return found | {"safe_speed_mm_s": round(below * SPEED_STEP_MM_S, 1), "binding": binding}
 
     @property
-    def _has_ripple(self) -> bool:
-        """Whether the risk may have a sampling ripple in the speed, and an integrated distribution."""
+    def _risk_may_fall(self) -> bool:
+        """Whether the risk may fall at a higher speed, and has an integrated distribution."""
         scenario = self._scenario
-        return has_ripple(scenario) and scenario.detector.residuals is None
+        return risk_may_fall(scenario) and scenario.detector.residuals is None
 
     def _required(self, area: float) -> Requirement:
         """The highest speed that meets the risk, with every slower one; slower arms get longer to go as far."""

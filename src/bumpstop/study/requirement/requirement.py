@@ -106,7 +106,8 @@ def solve_requirement(
 
     Harsher is faster, less sensitive, slower to look, slower to brake, or harder. The risk need not grow with it: with
     a body at a fixed distance, or an arm that starts from rest, it has a sampling ripple, which is scanned finely where
-    it may pass what is accepted.
+    it may pass what is accepted; of an elastic arm, or a body with damping, the force itself may fall, and the whole
+    range is scanned finely up to the first failure.
 
     Args:
         scenario: a straight line against a body with limits, with Gaussian noise.

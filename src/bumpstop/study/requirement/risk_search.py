@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.study.requirement.risk import Risk, VariedRisk
-from bumpstop.study.requirement.sampling_ripple import RippleScan, has_ripple, initial_acceleration
+from bumpstop.study.requirement.sampling_ripple import (
+    FALL_APART,
+    SOME_RISK,
+    RippleScan,
+    force_may_fall,
+    has_ripple,
+    initial_acceleration,
+    nearly_fails,
+    risk_may_fall,
+)
 
 if TYPE_CHECKING:
     from bumpstop.collision import Scenario
@@ -30,8 +39,6 @@ _MAX_RIPPLE_VALUES = 600
 _MAX_ROUNDINGS = 20
 # How closely a crest's peak is found, in the logarithm.
 _PEAK = 3e-4
-# Of the accepted risk: no crest is so high that a value with less is beside one that fails.
-_SOME_RISK = 1e-6
 # What changes how an arm gets going from rest.
 _CHANGES_START = ("motion.speed", "reaction.joint_acceleration_rad_s2")
 
@@ -69,12 +76,13 @@ class RiskSearch:
         self.quantum = variable.quantum(scenario)
         self.risks = VariedRisk(scenario, variable)
         self.known: dict[float, Risk] = {}
+        self._force_may_fall = force_may_fall(scenario)
 
     def crossing(self) -> Crossing:
         """Scan, look at crests where the risk has any, and narrow the last step down."""
         value, fails = self._first_failure(self._scan(_SCAN))
         ill_conditioned = not self.risk(self.most_conservative if fails is None else fails).follows
-        if ill_conditioned and fails != self.most_conservative:
+        if ill_conditioned and fails != self.most_conservative and not self._force_may_fall:
             value, fails = self._first_failure(self._scan(_FINE_SCAN))
         if fails == self.most_conservative:
             return Crossing(None, fails, ill_conditioned)
@@ -114,7 +122,9 @@ class RiskSearch:
         return (met, fails) if failing is None else (before, failing)
 
     def _scan(self, count: int) -> list[float]:
-        """From the most conservative value to the least conservative, in even ratios."""
+        """From the most conservative value to the least conservative, in even ratios, close where a force may fall."""
+        if self._force_may_fall:
+            return self._spaced(self.most_conservative, self.least_conservative, FALL_APART)
         first, last = self.most_conservative, self.least_conservative
         values = [first * (last / first) ** (i / (count - 1)) for i in range(count - 1)] + [last]
         if self.quantum is None:
@@ -125,11 +135,11 @@ class RiskSearch:
         return self.variable.quantised(self.scenario, value)
 
     def _refine_ripple(self, met: float, fails: float | None) -> tuple[float, float | None]:
-        """Look below the first failure, or the last value, for earlier ones, where the risk has a sampling ripple."""
+        """Look below the first failure, or the last value, for earlier ones, where the risk may fall."""
         last = self.least_conservative if fails is None else fails
         # Whether a collision is detected before the motion ends hangs on where the last ticks fall.
-        last_ticks_decide = self.quantum is not None and self.risk(last).undetected > _SOME_RISK * self.accepted
-        if not (last_ticks_decide or has_ripple(self.scenario)):
+        last_ticks_decide = self.quantum is not None and self.risk(last).undetected > SOME_RISK * self.accepted
+        if not (last_ticks_decide or risk_may_fall(self.scenario)):
             return met, fails
         for _ in range(_MAX_RIPPLE_VALUES):
             candidates = self._with_peaks(self._on_crests(last))
@@ -146,13 +156,21 @@ class RiskSearch:
 
     def _on_crests(self, last: float) -> list[float]:
         """Values close enough together for the crests below one, from the most conservative to itself."""
-        start, apart = self._ripple(last)
-        first, end = self._hardness(start), self._hardness(last)
-        count = min(_MAX_RIPPLE_VALUES, max(2, math.ceil(abs(math.log(end / first)) / apart)))
-        if self.quantum is not None and abs(last - start) <= _MAX_RIPPLE_VALUES * self.quantum:
+        if self.quantum is not None and abs(last - self.most_conservative) <= _MAX_RIPPLE_VALUES * self.quantum:
             # No peaks are searched for between whole steps, so each is looked at.
+            start = self.most_conservative
             steps = round((last - start) / self.quantum)
             return [self._quantised(start + i * self.quantum) for i in range(steps)] + [last]
+        if not self._force_may_fall:
+            return self._spaced(*self._ripple(last))
+        ripple = self._spaced(*self._ripple(last)) if has_ripple(self.scenario) else [last]
+        earlier = [value for value in self._scan(_SCAN) if (value < last) == self.upward and value != last]
+        return sorted({*earlier, *ripple}, reverse=not self.upward)
+
+    def _spaced(self, start: float, last: float, apart: float) -> list[float]:
+        """From one value to another, both among them, so far apart in the logarithm of what the force grows with."""
+        first, end = self._hardness(start), self._hardness(last)
+        count = min(_MAX_RIPPLE_VALUES, max(2, math.ceil(abs(math.log(end / first)) / apart)))
         values = [start, *(self._softened(first * (end / first) ** (i / count)) for i in range(1, count)), last]
         return values if self.quantum is None else list(dict.fromkeys(self._quantised(value) for value in values))
 
@@ -165,9 +183,15 @@ class RiskSearch:
                 break
             beside = values[max(i - 1, 0)], values[min(i + 1, len(values) - 1)]
             highest = max(self.risk(each).height for each in beside)
-            if self.quantum is None and self.risk(value).height >= highest:
+            if self.quantum is None and self.risk(value).height >= highest and self._may_peak(value):
                 found.append(self._peak(*beside))
         return sorted(found, reverse=not self.upward)
+
+    def _may_peak(self, value: float) -> bool:
+        """Whether a crest about a value may fail: ripples are looked at where they may alone."""
+        risk = self.risk(value)
+        some = risk.over > SOME_RISK * self.accepted
+        return not self._force_may_fall or some or bool(nearly_fails(risk.force, self.risks.force_limit))
 
     def _peak(self, low: float, high: float) -> float:
         """The value of the greatest risk between two, by golden sections, or the first that fails."""
@@ -184,11 +208,12 @@ class RiskSearch:
                 inner = [inner[1], low * math.exp(math.log(high / low) * golden)]
         return max(inner, key=lambda value: self.risk(value).height)
 
-    def _ripple(self, last: float) -> tuple[float, float]:
-        """Where a sampling ripple may first pass the limit, and how far apart in the logarithm its points must be."""
+    def _ripple(self, last: float) -> tuple[float, float, float]:
+        """Where a sampling ripple may first pass the limit below ``last``, that, and how far apart its points must be.
+
+        The distance is one in the logarithm.
+        """
         problem, name = self.risks.problem, self.variable.name
-        if self.quantum is not None and abs(last - self.most_conservative) <= _MAX_RIPPLE_VALUES * self.quantum:
-            return self.most_conservative, 1.0  # each step is looked at
         hardness = self._hardness(last)
         own = self._hardness(self.variable.value(self.scenario)) if name != "contact.padding" else problem.stiffness
         scale = hardness / own
@@ -205,10 +230,11 @@ class RiskSearch:
         if self.scenario.motion.start == "rest" and name in _CHANGES_START:
             # What it changes may be the way before contact alone, and every crest the same: from where there is a risk.
             known = sorted(self.known, reverse=not self.upward)
-            some = [self.risk(value).over > _SOME_RISK * self.accepted for value in known]
+            some = [self.risk(value).over > SOME_RISK * self.accepted for value in known]
             first = known[max(some.index(True) - 1, 0)] if any(some) else start
             start = min(start, first) if self.upward else max(start, first)
-        return max(start, self.most_conservative) if self.upward else min(start, self.most_conservative), ripple.apart
+        start = max(start, self.most_conservative) if self.upward else min(start, self.most_conservative)
+        return start, last, ripple.apart
 
     def _hardness(self, value: float) -> float:
         """What the force is in proportion to: the value itself, or the stiffness of padding and body in series."""

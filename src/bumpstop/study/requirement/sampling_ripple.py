@@ -1,4 +1,8 @@
-"""Where the risk has a sampling ripple: ticks of the detector fall on other forces as something is varied."""
+"""Where the risk need not grow with what is varied: a sampling ripple, or a force that falls itself.
+
+Ticks of the detector fall on other forces as something is varied: that is the ripple. An elastic arm swings against the
+body, and contact that is detected in an earlier swing presses less.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +13,59 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from bumpstop.arrays import FloatArray
     from bumpstop.collision import CollisionProblem, Scenario
 
 # Values looked at in each crest.
 _PER_CREST = 6
 # A crest reaches no farther than the force that grows in so many ticks, and never more than this share of the limit.
 _TICKS, _MAX_SHARE = 3, 0.6
+# Of the accepted risk: no crest is so high that a value with less is beside one that fails.
+SOME_RISK = 1e-6
+# Between values looked at where the force may fall, in the logarithm of what it grows with otherwise. From one to the
+# next it grows by little more than that.
+FALL_APART = 0.03
+# Along a map of speeds none so many times slower than one that is met is looked at for that.
+_FALL_REACH = 10.0
+# A peak between two values looked at is no higher than this many times the force there.
+_PEAK_RISE = 1.2
+
+# Beside a highest speed below which not all were looked at.
+SLOWER_MAY_FAIL = (
+    "Slower speeds may exceed what is accepted: in such contact the risk may fall at a higher speed, and not all slower"
+    " ones were looked at. Evaluate the speeds that are used."
+)
+
+
+def risk_may_fall(scenario: Scenario) -> bool:
+    """Whether a more conservative value may have the greater risk: :func:`has_ripple` or :func:`force_may_fall`."""
+    return has_ripple(scenario) or force_may_fall(scenario)
+
+
+def force_may_fall(scenario: Scenario) -> bool:
+    """Whether a less conservative value may press less, wherever ticks fall.
+
+    An elastic arm swings in contact: at a higher speed, or against a harder body, an earlier swing may be detected. A
+    body with damping is detected at its first touch where the arm is fast enough.
+    """
+    return scenario.arm.model == "elastic" or scenario.contact.damping_Ns_m > 0
+
+
+def nearly_fails(force: FloatArray | float, limit: float) -> npt.NDArray[np.bool_]:
+    """Whether a peak may pass the limit [N] beside a force that is passed as often as is accepted [N]."""
+    return np.asarray(_PEAK_RISE * np.asarray(force) >= limit)
+
+
+def slower_speeds(speed: float, slowest: float | None = None) -> FloatArray:
+    """Speeds to look at where the force may fall, from one down to the slowest, a tenth of it by default.
+
+    They are in even ratios.
+    """
+    slowest = speed / _FALL_REACH if slowest is None else slowest
+    count = max(1, math.ceil(math.log(speed / slowest) / FALL_APART))
+    return np.asarray(np.geomspace(speed, slowest, count + 1))
 
 
 def has_ripple(scenario: Scenario) -> bool:

@@ -13,7 +13,15 @@ from bumpstop.collision import CollisionProblem
 from bumpstop.study.pose_batch import PoseBatch
 from bumpstop.study.prediction import predicted_speed_limit, stopping_time_per_speed, undetected_force
 from bumpstop.study.requirement.risk import allowed_force
-from bumpstop.study.requirement.sampling_ripple import RippleScan, has_ripple
+from bumpstop.study.requirement.sampling_ripple import (
+    SOME_RISK,
+    RippleScan,
+    force_may_fall,
+    has_ripple,
+    nearly_fails,
+    risk_may_fall,
+    slower_speeds,
+)
 from bumpstop.study.speed.speed_risk import speed_risks
 from bumpstop.study.speed.speed_search import CLOSE, MIN_SPEED, SearchRange, highest_met
 
@@ -68,8 +76,9 @@ def speed_limits(
 
     A formula gives the first guess, integrated distributions decide: every speed returned has been computed and meets
     verdict.accepted_probability, and one at most 1 % higher does not, unless the max_speed or the formula for turning
-    joints is lower. What hits nothing in most cases meets it, too: ``untouched`` says so. Where the risk has a sampling
-    ripple over speed no slower one is left that fails.
+    joints is lower. What hits nothing in most cases meets it, too: ``untouched`` says so. Where the risk may fall with
+    speed no slower one is left that fails, down to a tenth; of a force that may fall, one at most 3 % higher does not
+    meet it.
 
     Args:
         scenario: a straight line of the tip, checked or not; its pose and velocity are replaced.
@@ -103,7 +112,7 @@ def speed_limits(
     )
     met, evaluations = highest_met(tried, limit, within)
     limited_by = np.where(met >= max_speed * (1 - 1e-12), "max_speed", np.where(met > 0, "risk", "nothing_safe"))
-    if has_ripple(problem.scenario):
+    if risk_may_fall(problem.scenario):
         slower, more = _below_all_crests(problem, q, direction, met, risk, gain, threads)
         limited_by = np.where(slower < met, np.where(slower > 0, "risk", "nothing_safe"), limited_by)
         met, evaluations = slower, evaluations + more
@@ -124,37 +133,51 @@ def _below_all_crests(
     ``risk`` is brought to these speeds.
     """
     limit, accepted = allowed_force(problem), problem.scenario.verdict.accepted_probability
-    evaluations = 0
+    scenario, evaluations = problem.scenario, 0
 
-    def risks(trials: dict[int, FloatArray]) -> dict[int, FloatArray]:
-        """Of speeds by row."""
+    def risks(trials: dict[int, FloatArray]) -> dict[int, tuple[FloatArray, FloatArray]]:
+        """Of speeds by row, and the forces."""
         nonlocal evaluations
         rows = np.repeat(list(trials), [each.size for each in trials.values()])
         speed = np.concatenate(list(trials.values()))
         evaluations += rows.size
-        over = speed_risks(problem, q[rows], direction[rows] * speed[:, None], threads=threads).over
-        ends = np.cumsum([each.size for each in trials.values()])
-        return dict(zip(trials, np.split(over, ends[:-1]), strict=True))
+        found = speed_risks(problem, q[rows], direction[rows] * speed[:, None], threads=threads)
+        ends = np.cumsum([each.size for each in trials.values()])[:-1]
+        return dict(zip(trials, zip(np.split(found.over, ends), np.split(found.force, ends), strict=True), strict=True))
+
+    def below(row: int) -> FloatArray:
+        """Speeds to look at, descending from the top."""
+        speeds = top[[row]]
+        if has_ripple(scenario):
+            ripple = RippleScan.of(problem, limit, speed=float(top[row]), start_acceleration=float(1 / gain[row]))
+            count = math.ceil(-math.log(1 - ripple.share) / min(ripple.apart, 0.9 * CLOSE))
+            speeds = top[row] * (1 - ripple.share) ** (np.arange(count + 1) / count)
+        if force_may_fall(scenario):
+            speeds = np.union1d(speeds, np.maximum(slower_speeds(float(top[row])), MIN_SPEED))[::-1]
+        return np.asarray(speeds)
 
     top, safe = met.copy(), np.zeros_like(met)
     open_ = np.flatnonzero(met > 0).tolist()
     while open_:
-        trials = {}
-        for row in open_:
-            ripple = RippleScan.of(problem, limit, speed=float(top[row]), start_acceleration=float(1 / gain[row]))
-            count = math.ceil(-math.log(1 - ripple.share) / min(ripple.apart, 0.9 * CLOSE))
-            trials[row] = top[row] * (1 - ripple.share) ** (np.arange(count + 1) / count)
+        trials = {row: below(row) for row in open_}
         found = risks(trials)
         # A crest may fail at its point alone.
-        peaks = {row: _about_peaks(trials[row], found[row]) for row in open_ if (found[row] <= accepted).all()}
+        peaks = {}
+        for row in open_:
+            over, force = found[row]
+            if (over <= accepted).all():
+                at = _peaks(over)
+                if force_may_fall(scenario):
+                    at = at & (over > SOME_RISK * accepted) | _peaks(force) & nearly_fails(force, limit)
+                peaks[row] = _about(trials[row], np.flatnonzero(at))
         high = risks(peaks) if peaks else {}
         again = []
         for row in open_:
-            failing = trials[row][~(found[row] <= accepted)]
+            failing = trials[row][~(found[row][0] <= accepted)]
             if row in peaks:
-                failing = peaks[row][~(high[row] <= accepted)]
+                failing = peaks[row][~(high[row][0] <= accepted)]
             if not failing.size:
-                safe[row], risk[row] = trials[row][0], found[row][0]
+                safe[row], risk[row] = trials[row][0], found[row][0][0]
                 continue
             lower = trials[row][trials[row] < failing.min()]
             top[row] = lower[0] if lower.size else failing.min() * (1 - CLOSE)
@@ -164,10 +187,16 @@ def _below_all_crests(
     return safe, evaluations
 
 
-def _about_peaks(speed: FloatArray, risk: FloatArray) -> FloatArray:
-    """Speeds between those beside the greatest risks of their neighbourhood, descending as the speeds given."""
-    beside = np.pad(risk, 1, constant_values=-1.0)
-    peak = np.flatnonzero((risk >= beside[:-2]) & (risk >= beside[2:]))
+def _peaks(height: FloatArray) -> npt.NDArray[np.bool_]:
+    """Which are the greatest of their neighbourhood (N,)."""
+    beside = np.pad(height, 1, constant_values=-1.0)
+    return np.asarray((height >= beside[:-2]) & (height >= beside[2:]))
+
+
+def _about(speed: FloatArray, peak: npt.NDArray[np.int64]) -> FloatArray:
+    """Speeds between those beside some, given by place, descending as all speeds given (N,)."""
+    if speed.size < 2:
+        return np.empty(0)
     pieces = np.unique(np.concatenate([np.maximum(peak - 1, 0), np.minimum(peak, speed.size - 2)]))
     share = np.arange(1, _BETWEEN) / _BETWEEN
     return np.asarray((speed[pieces, None] ** (1 - share) * speed[pieces + 1, None] ** share).ravel())

@@ -12,6 +12,7 @@ from bumpstop.contact import LimitTable
 from bumpstop.errors import InputError
 from bumpstop.report.colours import LAW
 from bumpstop.report.markup import Html
+from bumpstop.study.requirement.sampling_ripple import risk_may_fall, slower_speeds
 from bumpstop.terminal import UNBOUNDED, number
 from bumpstop.view.answer import Answer
 from bumpstop.view.controls import NOT_GIVEN, SPEED, body_changes, controls_of
@@ -49,7 +50,10 @@ def risk_plot(answer: Answer, superseded: Callable[[], bool]) -> Html:
         return nothing(title, "Drawn for straight lines that hit a body part with limits.", name)
     control = next(each for each in controls_of(scenario, answer.result.problem.robot) if each.key == SPEED)
     now = float(control.read(scenario))  # type: ignore[arg-type]
-    speeds = np.unique(np.append(np.linspace(max(1.0, 0.25 * now), 2 * now, _SPEEDS), now))
+    low, high = max(1.0, 0.25 * now), 2 * now
+    # Where the risk may fall again, its crests are narrow.
+    tried = slower_speeds(high, low) if risk_may_fall(scenario) else np.linspace(low, high, _SPEEDS)
+    speeds = np.unique(np.append(tried, now))
     risks = []
     for speed in speeds:
         if superseded():
