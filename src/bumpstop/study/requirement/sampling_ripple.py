@@ -28,7 +28,7 @@ SOME_RISK = 1e-6
 # next it grows by little more than that.
 FALL_APART = 0.03
 # Along a map of speeds none so many times slower than one that is met is looked at for that.
-_FALL_REACH = 10.0
+_FALL_REACH = 5.0
 # A peak between two values looked at is no higher than this many times the force there.
 _PEAK_RISE = 1.2
 
@@ -58,13 +58,13 @@ def nearly_fails(force: FloatArray | float, limit: float) -> npt.NDArray[np.bool
     return np.asarray(_PEAK_RISE * np.asarray(force) >= limit)
 
 
-def slower_speeds(speed: float, slowest: float | None = None) -> FloatArray:
-    """Speeds to look at where the force may fall, from one down to the slowest, a tenth of it by default.
+def slower_speeds(speed: float, slowest: float | None = None, *, apart: float = FALL_APART) -> FloatArray:
+    """Speeds to look at where the force may fall, from one down to the slowest, a fifth of it by default.
 
-    They are in even ratios.
+    They are in even ratios, at most so far apart in the logarithm.
     """
     slowest = speed / _FALL_REACH if slowest is None else slowest
-    count = max(1, math.ceil(math.log(speed / slowest) / FALL_APART))
+    count = max(1, math.ceil(math.log(speed / slowest) / apart))
     return np.asarray(np.geomspace(speed, slowest, count + 1))
 
 

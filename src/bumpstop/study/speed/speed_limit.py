@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from bumpstop.collision import Scenario
 
 _FIRST = 5e-3  # m/s; the first guess is no slower: distributions of slow arms are long
+# Between speeds of a first scan where the force may fall, in the logarithm.
+_COARSE = 0.15
 _BETWEEN = 8  # parts of a step beside a peak of the risk
 
 
@@ -77,7 +79,7 @@ def speed_limits(
     A formula gives the first guess, integrated distributions decide: every speed returned has been computed and meets
     verdict.accepted_probability, and one at most 1 % higher does not, unless the max_speed or the formula for turning
     joints is lower. What hits nothing in most cases meets it, too: ``untouched`` says so. Where the risk may fall with
-    speed no slower one is left that fails, down to a tenth; of a force that may fall, one at most 3 % higher does not
+    speed no slower one is left that fails, down to a fifth; of a force that may fall, one at most 3 % higher does not
     meet it.
 
     Args:
@@ -145,6 +147,9 @@ def _below_all_crests(
         ends = np.cumsum([each.size for each in trials.values()])[:-1]
         return dict(zip(trials, zip(np.split(found.over, ends), np.split(found.force, ends), strict=True), strict=True))
 
+    def met_by(found: tuple[FloatArray, FloatArray]) -> bool:
+        return bool((found[0] <= accepted).all())
+
     def below(row: int) -> FloatArray:
         """Speeds to look at, descending from the top."""
         speeds = top[[row]]
@@ -153,7 +158,8 @@ def _below_all_crests(
             count = math.ceil(-math.log(1 - ripple.share) / min(ripple.apart, 0.9 * CLOSE))
             speeds = top[row] * (1 - ripple.share) ** (np.arange(count + 1) / count)
         if force_may_fall(scenario):
-            speeds = np.union1d(speeds, np.maximum(slower_speeds(float(top[row])), MIN_SPEED))[::-1]
+            slower = slower_speeds(float(top[row]), apart=_COARSE)
+            speeds = np.union1d(speeds, np.maximum(slower, MIN_SPEED))[::-1]
         return np.asarray(speeds)
 
     top, safe = met.copy(), np.zeros_like(met)
@@ -161,17 +167,25 @@ def _below_all_crests(
     while open_:
         trials = {row: below(row) for row in open_}
         found = risks(trials)
+        if force_may_fall(scenario):
+            between = {row: _close(trials[row], found[row][1], limit) for row in open_ if met_by(found[row])}
+            between = {row: speeds for row, speeds in between.items() if speeds.size}
+            for row, more in (risks(between) if between else {}).items():
+                order = np.argsort(-np.concatenate([trials[row], between[row]]))
+                trials[row] = np.concatenate([trials[row], between[row]])[order]
+                over, force = (np.concatenate(pair)[order] for pair in zip(found[row], more, strict=True))
+                found[row] = over, force
         # A crest may fail at its point alone.
         peaks = {}
         for row in open_:
             over, force = found[row]
-            if (over <= accepted).all():
+            if met_by(found[row]):
                 at = _peaks(over)
                 if force_may_fall(scenario):
                     at = at & (over > SOME_RISK * accepted) | _peaks(force) & nearly_fails(force, limit)
                 peaks[row] = _about(trials[row], np.flatnonzero(at))
         high = risks(peaks) if peaks else {}
-        again = []
+        again, edges = [], {}
         for row in open_:
             failing = trials[row][~(found[row][0] <= accepted)]
             if row in peaks:
@@ -183,6 +197,13 @@ def _below_all_crests(
             top[row] = lower[0] if lower.size else failing.min() * (1 - CLOSE)
             if top[row] >= MIN_SPEED:
                 again.append(row)
+            if lower.size and force_may_fall(scenario):
+                edges[row] = slower_speeds(float(failing.min()), float(lower[0]))[1:-1]
+        # Between a speed that fails and the next of a coarse scan others may be met.
+        edges = {row: speeds for row, speeds in edges.items() if speeds.size}
+        for row, (over, _) in (risks(edges) if edges else {}).items():
+            met_there = edges[row][np.cumsum((~(over <= accepted))[::-1])[::-1] == 0]
+            top[row] = met_there.max(initial=top[row])
         open_ = again
     return safe, evaluations
 
@@ -191,6 +212,17 @@ def _peaks(height: FloatArray) -> npt.NDArray[np.bool_]:
     """Which are the greatest of their neighbourhood (N,)."""
     beside = np.pad(height, 1, constant_values=-1.0)
     return np.asarray((height >= beside[:-2]) & (height >= beside[2:]))
+
+
+def _close(speed: FloatArray, force: FloatArray, limit: float) -> FloatArray:
+    """Speeds between those of a coarse scan, descending (N,), where the force (N,) may pass the limit [N] between them.
+
+    As long as it does not fall it grows with the speed.
+    """
+    ratio = speed[:-1] / speed[1:]
+    near = np.flatnonzero(nearly_fails(ratio * np.maximum(force[:-1], force[1:]), limit))
+    pieces = [slower_speeds(float(speed[i]), float(speed[i + 1]))[1:-1] for i in near]
+    return np.concatenate([np.empty(0), *pieces])
 
 
 def _about(speed: FloatArray, peak: npt.NDArray[np.int64]) -> FloatArray:
