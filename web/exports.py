@@ -47,7 +47,7 @@ def page_data() -> dict[str, Any]:
             "max_steps": MAX_STEPS,
             "max_bytes": scenario_file._MAX_BYTES,
             "free_fall": FREE_FALL,
-            "min_speed_mm_s": tables._MIN_SPEED_MM_S,
+            "min_speed_mm_s": tables.MIN_SPEED_MM_S,
             "min_substep_s": tables._MIN_SUBSTEP_S,
             "min_threshold_Nm": tables._MIN_THRESHOLD_NM,
             "max_threshold_Nm": tables._MAX_THRESHOLD_NM,
