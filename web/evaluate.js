@@ -2,13 +2,12 @@
 
 /** The distribution of one quantity, as ExactDistribution in distribution.py. */
 class Quantity {
-    constructor(core, name, { mean, sd, condition = 1, undetected = 0, bounded = true, scale = 1 }) {
+    constructor(core, name, { mean, sd, condition = 1, undetected = 0, scale = 1 }) {
         Object.assign(this, { core, name, condition, undetected, scale });
         const exists = condition > 0;
-        const infinite = !bounded && undetected > DATA.numbers.negligible;
-        this.mean = !exists ? NaN : infinite ? Infinity : mean * scale;
-        this.sd = !exists || infinite ? NaN : sd * scale;
-        this.given = { mean, sd, condition, undetected, bounded };
+        this.mean = exists ? mean * scale : NaN;
+        this.sd = exists ? sd * scale : NaN;
+        this.given = { mean, sd, condition, undetected };
     }
 
     scaled(factor) {
@@ -103,7 +102,6 @@ function resultOf(problem, collision, start) {
         mean: law.mean,
         sd: law.sd,
         undetected: law.rests ? 0 : undetected,
-        bounded: law.end !== "motion_end",
     });
     const after = (name) => new Quantity(collision, name, { ...law[name], condition: law.after_contact });
     const pressure = peak.scaled(contact.peak_factor / contact.area_cm2);

@@ -119,7 +119,6 @@ def integrate(problem: CollisionProblem, curve: StoppingCurve, *, refinement: in
             law,
             "peak_force",
             undetected=0.0 if law.rests else undetected,
-            bounded=curve.end != "motion_end",
             far_tail=lambda force: curve.line.tail_without_interpolation(problem.detector, problem.contact, force),
         )
         force_at_detection = ExactDistribution(law, "force_at_detection", condition=after_contact)

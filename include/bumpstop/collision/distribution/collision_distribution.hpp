@@ -11,7 +11,7 @@ struct CollisionDistribution {
     PiecewiseDensity density;
     LinearQuantity peak_force;                           ///< where anything is detected, or the arm comes to rest [N]
     LinearQuantity force_at_detection, detection_delay;  ///< of detections after contact [N, s]; empty in a batch
-    LinearQuantity end_force;         ///< of undetected collisions, greatest by the end of the motion [N]
+    LinearQuantity end_force;         ///< of undetected collisions by the end of the motion [N]; empty in a batch
     bool rests = false;               ///< the arm comes to rest where its path ends, so that `end_force` has a bound
     double detected = 0;              ///< before contact or after, of clamped contact
     double false_alarm = 0;           ///< detection before contact

@@ -102,7 +102,6 @@ class ExactDistribution(Distribution):
         scale: factor from its N or s to this quantity's unit.
         condition: probability of what the distribution is conditioned on.
         undetected: probability of never detecting, part of ``condition``; it counts as beyond every value.
-        bounded: the undetected collisions end with a known force, so that there is a mean.
         far_tail: the law's tail at a value in N, computed by itself; used where the tail is so small that
             interpolation would have spent its digits, and that collisions never detected do not outweigh it.
     """
@@ -112,15 +111,12 @@ class ExactDistribution(Distribution):
     scale: float = 1.0
     condition: float = 1.0
     undetected: float = 0.0
-    bounded: bool = True
     far_tail: Callable[[float], float] | None = None
 
     @cached_property
     def _moments(self) -> tuple[float, float]:
         if not self.condition > 0:
             return math.nan, math.nan
-        if not self.bounded and self.undetected > NEGLIGIBLE:
-            return math.inf, math.nan
         mean, sd = self.law.moments(self.name)
         return float(mean) * self.scale, float(sd) * self.scale
 

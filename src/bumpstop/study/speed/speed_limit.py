@@ -136,10 +136,14 @@ def _below_all_crests(
     """
     limit, accepted = allowed_force(problem), problem.scenario.verdict.accepted_probability
     scenario, evaluations = problem.scenario, 0
+    falls = force_may_fall(scenario)
 
     def risks(trials: dict[int, FloatArray]) -> dict[int, tuple[FloatArray, FloatArray]]:
         """Of speeds by row, and the forces."""
         nonlocal evaluations
+        trials = {row: speeds for row, speeds in trials.items() if speeds.size}
+        if not trials:
+            return {}
         rows = np.repeat(list(trials), [each.size for each in trials.values()])
         speed = np.concatenate(list(trials.values()))
         evaluations += rows.size
@@ -157,7 +161,7 @@ def _below_all_crests(
             ripple = RippleScan.of(problem, limit, speed=float(top[row]), start_acceleration=float(1 / gain[row]))
             count = math.ceil(-math.log(1 - ripple.share) / min(ripple.apart, 0.9 * CLOSE))
             speeds = top[row] * (1 - ripple.share) ** (np.arange(count + 1) / count)
-        if force_may_fall(scenario):
+        if falls:
             slower = slower_speeds(float(top[row]), apart=_COARSE)
             speeds = np.union1d(speeds, np.maximum(slower, MIN_SPEED))[::-1]
         return np.asarray(speeds)
@@ -167,10 +171,9 @@ def _below_all_crests(
     while open_:
         trials = {row: below(row) for row in open_}
         found = risks(trials)
-        if force_may_fall(scenario):
-            between = {row: _close(trials[row], found[row][1], limit) for row in open_ if met_by(found[row])}
-            between = {row: speeds for row, speeds in between.items() if speeds.size}
-            for row, more in (risks(between) if between else {}).items():
+        if falls:
+            between = {row: _close(trials[row], found[row][1], limit) for row in open_}
+            for row, more in risks(between).items():
                 order = np.argsort(-np.concatenate([trials[row], between[row]]))
                 trials[row] = np.concatenate([trials[row], between[row]])[order]
                 over, force = (np.concatenate(pair)[order] for pair in zip(found[row], more, strict=True))
@@ -181,14 +184,14 @@ def _below_all_crests(
             over, force = found[row]
             if met_by(found[row]):
                 at = _peaks(over)
-                if force_may_fall(scenario):
+                if falls:
                     at = at & (over > SOME_RISK * accepted) | _peaks(force) & nearly_fails(force, limit)
                 peaks[row] = _about(trials[row], np.flatnonzero(at))
-        high = risks(peaks) if peaks else {}
-        again, edges = [], {}
+        high = risks(peaks)
+        again = []
         for row in open_:
             failing = trials[row][~(found[row][0] <= accepted)]
-            if row in peaks:
+            if row in high:
                 failing = peaks[row][~(high[row][0] <= accepted)]
             if not failing.size:
                 safe[row], risk[row] = trials[row][0], found[row][0][0]
@@ -197,13 +200,6 @@ def _below_all_crests(
             top[row] = lower[0] if lower.size else failing.min() * (1 - CLOSE)
             if top[row] >= MIN_SPEED:
                 again.append(row)
-            if lower.size and force_may_fall(scenario):
-                edges[row] = slower_speeds(float(failing.min()), float(lower[0]))[1:-1]
-        # Between a speed that fails and the next of a coarse scan others may be met.
-        edges = {row: speeds for row, speeds in edges.items() if speeds.size}
-        for row, (over, _) in (risks(edges) if edges else {}).items():
-            met_there = edges[row][np.cumsum((~(over <= accepted))[::-1])[::-1] == 0]
-            top[row] = met_there.max(initial=top[row])
         open_ = again
     return safe, evaluations
 
