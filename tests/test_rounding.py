@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from bumpstop.rounding import on_its_side, rounded
+from bumpstop.rounding import on_its_side, rounded, to_decimals
 
 
 @pytest.mark.parametrize(
@@ -28,6 +28,22 @@ from bumpstop.rounding import on_its_side, rounded
 def test_four_digits_on_either_side(value: float, down: float, up: float) -> None:
     assert rounded(value, 4, up=False) == down
     assert rounded(value, 4, up=True) == up
+
+
+@pytest.mark.parametrize(
+    ("value", "down", "up"),
+    [
+        (135.001, 135.0, 135.01),
+        (135.0, 135.0, 135.0),
+        (-0.018, -0.02, -0.01),
+        (0.1 + 0.2, 0.3, 0.3),
+        (1.15, 1.15, 1.15),
+        (math.inf, math.inf, math.inf),
+    ],
+)
+def test_two_decimals_on_either_side(value: float, down: float, up: float) -> None:
+    assert to_decimals(value, 2, up=False) == down
+    assert to_decimals(value, 2, up=True) == up
 
 
 def test_any_value_lies_between_its_two_roundings() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 
@@ -10,8 +11,22 @@ _HAIR = 1e-12  # as a share of a value: its own rounding, which no digit tells
 
 def rounded(value: float, digits: int, *, up: bool) -> float:
     """The nearest number of so many significant digits that is not above a value; with ``up``, not below it."""
-    inside = value * (1 - _HAIR if up == (value > 0) else 1 + _HAIR)
-    return float(Context(prec=digits, rounding=ROUND_CEILING if up else ROUND_FLOOR).create_decimal(inside))
+    return float(
+        Context(prec=digits, rounding=ROUND_CEILING if up else ROUND_FLOOR).create_decimal(_inside(value, up=up))
+    )
+
+
+def to_decimals(value: float, decimals: int, *, up: bool) -> float:
+    """The same of so many decimals; infinity and NaN stay as they are."""
+    if not math.isfinite(value):
+        return value
+    parts = 10.0**decimals
+    return (math.ceil if up else math.floor)(_inside(value, up=up) * parts) / parts
+
+
+def _inside(value: float, *, up: bool) -> float:
+    """So little on the other side that a rounding of the value is no digit of it."""
+    return value * (1 - _HAIR if up == (value > 0) else 1 + _HAIR)
 
 
 def on_its_side(texts: Iterable[str], value: float, *limits: tuple[float, float]) -> str:

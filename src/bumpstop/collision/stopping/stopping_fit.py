@@ -13,6 +13,7 @@ from bumpstop.arrays import FloatArray, finite_or_none
 from bumpstop.collision.stopping.deceleration_laws import LAWS, DecelerationLaw
 from bumpstop.collision.stopping.stopping_table import StoppingTable
 from bumpstop.errors import InputError, near_matches
+from bumpstop.rounding import to_decimals
 from bumpstop.terminal import number, table, text_of
 
 if TYPE_CHECKING:
@@ -29,6 +30,8 @@ _NAME_THE_TABLE = (
     'Where a scenario may be slower, name the table itself (deceleration = "table"): '
     "a joint then takes at least as long as in that row."
 )
+# Of what is written: a stop must not be shorter than the one that was found.
+_DECIMALS = 4
 _MAX_DECELERATION = 1e5  # as that of a scenario [rad/s2 or m/s2]
 
 
@@ -140,7 +143,7 @@ class StoppingFit:
             return {
                 "kind": "stop",
                 "deceleration": "constant_time",
-                "stopping_time_s": _up(longest),
+                "stopping_time_s": to_decimals(longest, _DECIMALS, up=True),
                 "joint_acceleration_rad_s2": max(gentle, 0.1),
             }
         if table.linear:
@@ -151,9 +154,12 @@ class StoppingFit:
             )
         shape = fit.shape.max(axis=0)
         keys: dict[str, Any] = {"kind": "stop", "deceleration": self.law}
-        times = {key: _up(float(value)) for key, value in zip(("dead_time_s", "ramp_time_s"), shape, strict=False)}
+        times = {
+            key: to_decimals(float(value), _DECIMALS, up=True)
+            for key, value in zip(("dead_time_s", "ramp_time_s"), shape, strict=False)
+        }
         least = self._covering(fit.law, np.array([*times.values()]))
-        keys |= times | {"joint_acceleration_rad_s2": float(np.floor(least * 1e4) / 1e4)}
+        keys |= times | {"joint_acceleration_rad_s2": to_decimals(least, _DECIMALS, up=False)}
         return keys
 
     def _covering(self, law: DecelerationLaw, shape: FloatArray) -> float:
@@ -349,8 +355,3 @@ def _fit_ramp(
         if best is None or found.cost < best.cost:
             best = found
     return np.asarray(best.x[:2]), np.asarray(best.x[2:])
-
-
-def _up(value: float) -> float:
-    """Rounded up to a ten-thousandth: a stop that is written must not be shorter than the one that was found."""
-    return math.ceil(value * 1e4 - 1e-6) / 1e4

@@ -20,6 +20,7 @@ from bumpstop.register.shots import COLUMNS as SHOT_COLUMNS
 from bumpstop.register.shots import OF_RECORDINGS
 from bumpstop.register.situation import Situation, common_statements
 from bumpstop.register.statements import OPEN_STATUSES, Statement, read_statements
+from bumpstop.rounding import to_decimals
 from bumpstop.text_files import as_path, parse_toml, read_text, to_toml, write_text
 
 if TYPE_CHECKING:
@@ -327,15 +328,12 @@ def shots_text(shots: Sequence[FilledShot], readings: Mapping[int, GaugeReading]
                 measured = reading.peak_N
             else:
                 bound, unusable = reading.lower_bound_N, shot.recording
-        figures = (shot.predicted_N, shot.low_N, shot.high_N, _hundredths_up(measured), _hundredths_up(bound))
+        # What is a hair above its limit stays above it.
+        up = [to_decimals(force, 2, up=True) for force in (measured, bound)]
+        figures = (shot.predicted_N, shot.low_N, shot.high_N, *up)
         cells = ["" if math.isnan(figure) else f"{figure:.2f}" for figure in figures]
         writer.writerow((shot.situation, shot.shot or shot.row, f"{shot.speed_mm_s:.10g}", *cells, unusable))
     return text.getvalue()
-
-
-def _hundredths_up(force: float) -> float:
-    """What is a hair above its limit stays above it."""
-    return math.ceil(1e2 * force - 1e-7) / 1e2 if math.isfinite(force) else force
 
 
 def _positive(
