@@ -99,6 +99,12 @@ class Screen:
             timeout=WAIT_MS,
         )  # fmt: skip
 
+    def until_so_many(self, selector: str, count: int) -> None:
+        """Wait until so many elements stand on the page."""
+        from playwright.sync_api import expect
+
+        expect(self.page.locator(selector)).to_have_count(count, timeout=WAIT_MS)
+
     def until_chosen(self, control: Control, name: str) -> None:
         """Wait until a choice shows a name."""
         from playwright.sync_api import expect

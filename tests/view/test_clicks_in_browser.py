@@ -57,7 +57,7 @@ def test_clicks_on_the_arm_and_on_the_person(browser: Any) -> None:
         assert screen.page.locator("[data-notice]").is_visible()
         screen.page.get_by_role("button", name="Undo").click()
         screen.until_same_as(given)
-        assert screen.page.locator("[data-notice]").count() == 0
+        screen.until_so_many("[data-notice]", 0)
         # What has no control is refused there.
         page.change({"detector.gravity": 1.0}, "detector.gravity")
         screen.page.wait_for_selector("[data-notice]", timeout=WAIT_MS)
@@ -159,7 +159,7 @@ def test_safe_speeds_and_what_was_kept(browser: Any) -> None:
         assert 3.1 < after < 4.5
         assert screen.page.text_content("[data-before]").startswith("Kept for comparison: NOT ACCEPTABLE")
         # Two curves in one chart: what is on screen, and dashed what was kept.
-        assert screen.page.locator("[data-chart='distribution'] polyline").count() == 2
+        screen.until_so_many("[data-chart='distribution'] polyline", 2)
         screen.until(str(opened.folder))
         motion = tomllib.loads(screen.scenario())["motion"]
         slowed = bs.CollisionProblem.from_scenario(opened.scenario.with_values({"motion.file": motion["file"]}))
