@@ -6,10 +6,15 @@ from pathlib import Path
 
 import polars as pl
 
+import bumpstop as bs
 from bumpstop.campaign import load_campaign
+from bumpstop.model import Robot
+from bumpstop.model.urdf.writer import write_urdf
 from bumpstop.report.studies.campaign import SharesPart
+from bumpstop.report.studies.study import StudyNotesPart
 from bumpstop.shards import to_jsonable
 from cli.support import REPOSITORY
+from model.urdf_cases import scaled
 
 HAND = f'[[robots]]\nname = "hand"\nscenario = "{REPOSITORY}/examples/01_hand_downward.toml"\n'
 SPRING = """
@@ -60,3 +65,38 @@ def test_a_largest_force_without_an_end_is_unbounded(tmp_path: Path) -> None:
     for group in summary["groups"]:
         del group["unbounded_p99"]
     assert ">unbounded<" in " ".join(SharesPart(summary).content())
+
+
+def test_what_stands_beside_the_verdict_of_the_nearest_row_is_a_note(tmp_path: Path) -> None:
+    """Coarse steps make a force too low, and a share of acceptable poses too high."""
+    coarse = 'keys = { "simulation.step_s" = 0.004, "simulation.substeps" = 1, "contact.body" = "lower_arm_wrist" }\n'
+    (tmp_path / "c.toml").write_text(f"poses = 8\nspeeds_mm_s = [100, 250]\nseed = 3\n{HAND}{coarse}")
+    campaign = load_campaign(tmp_path / "c.toml")
+    rows = pl.concat([campaign.shard(number) for number in range(campaign.shards)])
+    nearest = rows.filter(pl.col("acceptable") & pl.col("p999_N").is_finite()).sort("p999_N").row(-1, named=True)
+    scenario = campaign.scenario_of(0).with_values(
+        {
+            "pose_rad": campaign.joint_positions(0, [nearest["pose"]])[0].tolist(),
+            "motion.velocity_mm_s": (campaign.direction_vectors[nearest["direction"]] * nearest["speed_mm_s"]).tolist(),
+        }
+    )
+    warnings = bs.evaluate(scenario).warnings
+    assert any("finer" in warning or "step_s" in warning for warning in warnings)
+    summary = campaign.summarise([rows[:5], rows[5:]])
+    which = f"hand, pose {nearest['pose']}, direction {nearest['direction']} at {nearest['speed_mm_s']:g} mm/s"
+    assert [note for note in summary["notes"] if note.startswith(which)] == [f"{which}: {each}" for each in warnings]
+    assert summary == campaign.summarise([rows])
+    assert "".join(StudyNotesPart(summary["notes"]).content()).count(which) == len(warnings)
+    # Nothing is said beside what is not acceptable anyway.
+    refused = campaign.summarise([rows.with_columns(acceptable=pl.lit(value=False))])
+    assert "notes" not in refused
+
+
+def test_a_robot_in_millimetres_is_a_note(tmp_path: Path) -> None:
+    write_urdf(scaled(Robot.load("ur10e"), 1e3), tmp_path / "a.urdf")
+    arm = f'robot = "{tmp_path}/a.urdf"\npose_deg = [0, -90, 90, 0, 90, 0]'
+    text = SPRING.replace('robot = "sia5d"\npose_deg = [0, 30, 0, -20, 0, -40, 0]', arm)
+    text = text.replace("20, 10, 20, 20, 20, 20, 20", "20, 10, 20, 20, 20, 20")
+    (tmp_path / "c.toml").write_text(f"poses = 1\nspeeds_mm_s = [50]\n{text}")
+    summary = load_campaign(tmp_path / "c.toml").summarise([])
+    assert any(note.startswith("spring: The lengths of") for note in summary["notes"])

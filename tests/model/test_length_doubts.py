@@ -12,14 +12,9 @@ from bumpstop.model import Robot, robots
 from bumpstop.model.inertia import vector3
 from bumpstop.model.joint import Joint
 from bumpstop.model.urdf.writer import write_urdf
+from model.urdf_cases import scaled
 
 UR10E = Robot.load("ur10e")
-
-
-def scaled(robot: Robot, factor: float) -> Robot:
-    """The robot with all its lengths times a factor."""
-    joints = tuple(replace(joint, origin=vector3(factor * np.array(joint.origin))) for joint in robot.joints)
-    return replace(robot, joints=joints, tip_origin=vector3(factor * np.array(robot.tip_origin)))
 
 
 @pytest.mark.parametrize("name", robots())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -14,6 +15,7 @@ import numpy.typing as npt
 
 from bumpstop.errors import InputError
 from bumpstop.model import Robot
+from bumpstop.model.inertia import vector3
 
 Floats = npt.NDArray[np.float64]
 # An index below the given number.
@@ -329,3 +331,9 @@ def changed(*replacements: tuple[str, str]) -> str:
         assert old in text, old
         text = text.replace(old, new, 1)
     return text
+
+
+def scaled(robot: Robot, factor: float) -> Robot:
+    """The robot with all its lengths times a factor."""
+    joints = tuple(replace(joint, origin=vector3(factor * np.array(joint.origin))) for joint in robot.joints)
+    return replace(robot, joints=joints, tip_origin=vector3(factor * np.array(robot.tip_origin)))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import http.client
 import re
+import tempfile
+from pathlib import Path
 
 import pytest
 
@@ -84,3 +86,11 @@ def test_a_result_that_takes_long_does_not_keep_the_page_waiting(monkeypatch: py
     finally:
         wait.set()
         server.stop()
+
+
+def test_a_folder_is_made_when_something_is_written_into_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    opened = open_source("sia5d")
+    assert not list(tmp_path.iterdir())
+    assert opened.folder == opened.folder
+    assert [opened.folder] == list(tmp_path.iterdir())

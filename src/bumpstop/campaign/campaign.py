@@ -14,13 +14,16 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.campaign.campaign_summary import summarise, summary_lines
+from bumpstop.campaign.nearest_rows import NearestRows
 from bumpstop.campaign.numbering import Numbering
 from bumpstop.collision import CollisionProblem, Scenario, evaluate_batch
 from bumpstop.collision.scenario.settings_file import files_of, scenario_data
-from bumpstop.collision.verdict.as_given import as_given
+from bumpstop.collision.verdict.as_given import doubts_as_given
+from bumpstop.collision.verdict.finer_steps import fails_with_finer_steps
 from bumpstop.collision.verdict.verdict_notes import MAX_UNTOUCHED
 from bumpstop.errors import InputError
 from bumpstop.shards import ShardedJob, code_digest, digest, to_jsonable, versions
+from bumpstop.study.answer_warnings import AnswerWarnings, through_pose, told_once, warnings_of
 from bumpstop.study.directions import spread_directions
 from bumpstop.study.joint_ranges import joint_ranges
 from bumpstop.study.parameters.effectiveness import DIRECTIONS
@@ -37,6 +40,8 @@ _BLOCK = 256
 # Nominal cost of a distribution [us]: of a clamped body before a rigid arm, and where arm or body give way. They
 # decide how many distributions a shard has, and nothing else.
 _RIGID_US, _GIVING_US = 1000, 60_000
+# Setups of which one distribution is computed again for its warnings: an elastic one takes a good part of a second.
+_WARNED_SETUPS = 100
 # Problems that a worker keeps; a shard rarely has more setups.
 _KEPT_PROBLEMS = 8
 
@@ -229,15 +234,30 @@ class Campaign(ShardedJob):
     # --- What all jobs have -------------------------------------------------------------------------------------
 
     def summarise(self, volumes: Iterable[pl.DataFrame]) -> dict[str, Any]:  # noqa: D102
-        names = [[choice.name for choice in choices] for choices in self.setups]
-        notes = self.notes
-        found = {"study": self.name, "poses": self.poses, "shards": self.shards}
-        return found | summarise(volumes, names, self.speeds_mm_s) | ({"notes": notes} if notes else {})
+        names, nearest = [[choice.name for choice in choices] for choices in self.setups], NearestRows()
+        found: dict[str, Any] = {"study": self.name, "poses": self.poses, "shards": self.shards}
+        found |= summarise(nearest.passing(volumes), names, self.speeds_mm_s)
+        looked_at = [self._warned(row) for _, row in sorted(nearest.of_setup.items())[:_WARNED_SETUPS]]
+        found["fails_with_finer_steps"] = any(fails_with_finer_steps(each.warnings) for each in looked_at)
+        given = {each.name: doubts_as_given(each.scenario) for each in self.robots if each.scenario}
+        notes = [f"{name}: {note}" for name, told in given.items() for note in told]
+        notes += told_once(looked_at, [note for told in given.values() for note in told])
+        if len(nearest.of_setup) > _WARNED_SETUPS:
+            notes.append(
+                f"Warnings beside verdicts were looked for in the first {_WARNED_SETUPS} of {len(nearest.of_setup)} "
+                "setups with acceptable poses."
+            )
+        return found | ({"notes": notes} if notes else {})
 
-    @property
-    def notes(self) -> list[str]:
-        """What makes its verdicts mean less, by robot."""
-        return [f"{each.name}: {note}" for each in self.robots if each.scenario for note in as_given(each.scenario)]
+    def _warned(self, row: Mapping[str, Any]) -> AnswerWarnings:
+        """What ``bumpstop evaluate`` says beside the verdict of a row."""
+        setup, direction = row["setup"], row["direction"]
+        q = self.joint_positions(setup, [row["pose"]])[0]
+        velocity = self.direction_vectors[direction] * row["speed_mm_s"] / 1e3
+        found = warnings_of(lambda: through_pose(self.scenario_of(setup), q, velocity))
+        choices = [choice.name for choice in self.setups[setup] if choice.name != "any"]
+        answer = f"{' '.join(choices)}, pose {row['pose']}, direction {direction} at {row['speed_mm_s']:g} mm/s"
+        return AnswerWarnings(answer, found)
 
     def lines(self, summary: Mapping[str, Any]) -> list[str]:  # noqa: D102
         return summary_lines(summary)

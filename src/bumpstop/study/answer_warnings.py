@@ -56,12 +56,14 @@ def line_through(scenario: Scenario, q: FloatArray, velocity: FloatArray) -> Sce
         q: pose (dof,) [rad or m].
         velocity: of the tip, base frame (3,) [m/s]; a slower line is followed as far.
     """
-    v = 1e3 * velocity
     factor = float(np.linalg.norm(velocity)) / Variable("motion.speed").value(scenario) * 1e3
+    return through_pose(scenario, q, velocity).with_values({"motion.duration_s": duration_s(scenario, factor)})
+
+
+def through_pose(scenario: Scenario, q: FloatArray, velocity: FloatArray) -> Scenario:
+    """As :func:`line_through`, but it ends when the scenario's line does."""
     pose = {"pose_deg": None, "pose_rad": q.tolist()}
-    return scenario.with_values(
-        pose | {"motion.velocity_mm_s": v.tolist(), "motion.duration_s": duration_s(scenario, factor)}
-    )
+    return scenario.with_values(pose | {"motion.velocity_mm_s": (1e3 * velocity).tolist()})
 
 
 def told_once(found: Iterable[AnswerWarnings], known: Sequence[str] = ()) -> list[str]:

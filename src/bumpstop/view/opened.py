@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -60,7 +60,6 @@ class Opened:
         points: rows of a study.
         recorded: a recording.
         program: a robot program.
-        folder: for files that the scenarios on screen name, such as slowed trajectories; it outlives the page.
     """
 
     scenario: Scenario
@@ -70,7 +69,13 @@ class Opened:
     points: PointRows | None = None
     recorded: Recorded | None = None
     program: ProgramSegments | None = None
-    folder: Path = field(default_factory=lambda: Path(tempfile.mkdtemp(prefix="bumpstop-view-")))
+
+    @cached_property
+    def folder(self) -> Path:
+        """For files that the scenarios on screen name, such as slowed trajectories; it outlives the page."""
+        if self.program is not None:
+            return self.program.folder
+        return Path(tempfile.mkdtemp(prefix="bumpstop-view-"))
 
     @cached_property
     def shapes(self) -> tuple[LinkShape, ...]:
@@ -184,7 +189,7 @@ def _program(path: Path, cell: Path | None) -> Opened:
     folder = Path(tempfile.mkdtemp(prefix="bumpstop-view-"))
     program = ProgramSegments.read(path, load_scenario(cell), folder)
     scenario = program.first()
-    return Opened(scenario, robot_of(scenario), str(path), program.notes, program=program, folder=folder)
+    return Opened(scenario, robot_of(scenario), str(path), program.notes, program=program)
 
 
 def _recording(path: Path, robot: str | None, watch: Watch | None) -> Opened:

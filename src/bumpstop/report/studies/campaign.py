@@ -10,6 +10,7 @@ from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.picture import INK, LAW, Picture
 from bumpstop.report.section import Part
+from bumpstop.report.studies.study import StudyNotesPart
 from bumpstop.terminal import NONE, number
 
 if TYPE_CHECKING:
@@ -137,7 +138,6 @@ class CampaignSettingsPart(Part):
             "the real cell are not replaced by it.",
             "Contact is at the tip, along its motion; noise, thresholds, deceleration and latency are those of the "
             "scenarios.",
-            *campaign.notes,
         ]
         return [
             table(("setting", "value"), rows, caption="The campaign"),
@@ -153,7 +153,8 @@ def write_campaign_report(campaign: Campaign, summary: Mapping[str, Any], folder
     Raises:
         InputError: the folder cannot be written.
     """
-    parts: list[Part] = [SharesPart(summary), CampaignSettingsPart(campaign)]
+    beside = StudyNotesPart(summary.get("notes", ()))
+    parts: list[Part] = [beside, SharesPart(summary), CampaignSettingsPart(campaign)]
     return write_document(Document("How hard, all over the cells", "bumpstop campaign", "campaign", parts), folder)
 
 

@@ -37,7 +37,7 @@ class StudySettingsPart(Part):
 
 
 class StudyNotesPart(Part):
-    """What is to be read beside every figure of a study."""
+    """What is to be read beside every figure of a study or campaign."""
 
     title = "Beside these figures"
     anchor = "beside"
