@@ -40,7 +40,7 @@ def command(path: Path, changes: dict[str, Any], *options: object) -> Any:
 @pytest.mark.usefixtures("unsaved_pictures")
 def test_every_sentence_is_told_once(tmp_path: Path, changes: dict[str, Any], said: str) -> None:
     """Of a segment that fails, too."""
-    done = command(program(tmp_path, 0.4, 0.01), changes, "--out", tmp_path / "out")
+    done = command(program(tmp_path, 0.4, 0.05), changes, "--out", tmp_path / "out")
     assert (done.out.count(said), done.err) == (1, "")
     assert "note: segment 1 as given and " in done.out
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
