@@ -293,7 +293,7 @@ def test_a_disk_that_is_full_at_the_slower_trajectory_is_named(tmp_path: Path, m
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
         write_bytes(path, content)
 
-    monkeypatch.setattr("bumpstop.study.speed.trajectory_writing.write_bytes", full)
+    monkeypatch.setattr("bumpstop.study.speed.trajectory.trajectory_writing.write_bytes", full)
     scenario = REPOSITORY / "examples" / "06_pick_and_place_trajectory.toml"
     result = run("study", "speed-limits", scenario, "--out", tmp_path)
     assert result.status == 2

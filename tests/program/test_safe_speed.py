@@ -18,7 +18,7 @@ from bumpstop.program.segment import MoveSegment
 from bumpstop.program.trajectories.trajectory_segment import TrajectorySegment
 from bumpstop.program.worst_onset import worst_onset
 from bumpstop.study.requirement.sampling_ripple import SLOWER_MAY_FAIL
-from bumpstop.study.speed.onset_shares import onset_shares
+from bumpstop.study.speed.trajectory.onset_shares import onset_shares
 from program.corpora import EXAMPLES, bell, cell, segments
 
 SHORT = "[0.12, -1.57, 1.57, -1.57, -1.57, 0]"

@@ -10,7 +10,7 @@ import polars as pl
 
 from bumpstop.collision import load_scenario
 from bumpstop.collision.trajectory.trajectory import Trajectory
-from bumpstop.study.speed.trajectory_speed_limits import TrajectorySpeedLimits
+from bumpstop.study.speed.trajectory.trajectory_speed_limits import TrajectorySpeedLimits
 
 PICK = Path(__file__).resolve().parents[2] / "examples/06_pick_and_place_trajectory.toml"
 

@@ -2,8 +2,8 @@
 
 from bumpstop.detection.detection_run import DetectionRun
 from bumpstop.detection.detector import Detector
-from bumpstop.detection.detector_file import describe_detector, save_detector
 from bumpstop.detection.events import Event
+from bumpstop.detection.loop.detector_file import describe_detector, save_detector
 from bumpstop.detection.offline import detect, residual_record
 from bumpstop.detection.scoring.labels import Label, load_labels
 from bumpstop.detection.scoring.score import Score

@@ -13,7 +13,7 @@ from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.detection.contact_place import contact_place
 from bumpstop.detection.detection_run import FAULTS, DetectionRun, frozen_notes
 from bumpstop.detection.events import Event
-from bumpstop.detection.loop_detector import LoopDetector
+from bumpstop.detection.loop.loop_detector import LoopDetector
 from bumpstop.detection.rate import period_of
 from bumpstop.detection.settings import DetectorSettings, check_rearm
 from bumpstop.errors import InputError

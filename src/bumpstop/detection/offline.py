@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from bumpstop import _native
-from bumpstop.detection.detection_run import FAULTS, NO_DATA, STATES, DetectionRun, frozen_notes
+from bumpstop.detection.detection_run import NO_DATA, STATES, DetectionRun, frozen_notes
 from bumpstop.detection.detector import Detector
 from bumpstop.detection.events import Event
+from bumpstop.detection.offline_residual import OfflineResidual
 from bumpstop.detection.rate import period_of
 from bumpstop.detection.settings import DetectorSettings, check_rearm
 from bumpstop.detection.standing import hidden_torques
@@ -24,12 +25,12 @@ from bumpstop.recording.checks.stamps import stamped_by_a_pc
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from bumpstop.arrays import FloatArray
     from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
-_MIN_REPEATS = 4  # of a row that count as frozen, as in sample_guard.hpp
 _CAUSAL = "or causal = true, for the residual of a loop"
 _TOLERANCE = 0.01  # of a period: what ResidualRecord.load allows
 
@@ -67,16 +68,70 @@ def detect(
     # Fits are a tenth of the time that laws take to start, and these need none.
     from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
     from bumpstop.identification.fit_verdict import as_sentences, fit_faults
-    from bumpstop.identification.segments.torque_samples import near_ends, near_gaps
 
     if not isinstance(model, DynamicsModel) or (settings is not None and settings.causal):
         return Detector(robot, model, thresholds, settings).run(recording, rearm_s=rearm_s)
-    given = settings or DetectorSettings()
+    given = _checked_settings(settings or DetectorSettings(), model, robot)
+    check_rearm(rearm_s)
+    law = Thresholds.of(thresholds, robot.dof, [joint.name for joint in robot.joints])
+    if law.model_errors > 0:
+        raise InputError("model_errors", "is not available with fitted dynamics", "they have no errors of currents")
+    doubt = stamped_by_a_pc(recording)
+    found = OfflineResidual.of(recording, model, given.frozen_s)
+    detector = Detector(with_some_inertia(robot), None, law, given)
+    period = period_of(found.motion.t, given, law)
+    unscaled_notes = []
+    if model.unscaled:
+        # What is no torque in Nm says nothing of a force.
+        noise = detector.noise_sd.copy()
+        noise[list(model.unscaled)] = math.inf
+        detector = Detector(detector.robot, None, law, replace(given, noise_sd=tuple(noise.tolist())))
+        unknown = [robot.joints[j] for j in sorted(model.unscaled)]
+        names, unit = ", ".join(joint.name for joint in unknown), unit_of(*unknown)
+        unscaled_notes.append(
+            f"{names}: of unknown gain: residuals and thresholds are no {unit}, and forces do not count them."
+        )
+    judged = _judge(detector, found, rearm_s)
+    no_data, nothing = found.no_data, np.zeros(found.motion.t.size, dtype=bool)
+    found.residual[no_data] = judged.fast[no_data] = math.nan
+    judged.state[no_data] = NO_DATA
+    return DetectionRun(
+        t=found.motion.t,
+        residual=found.residual,
+        fast=judged.fast,
+        threshold=judged.threshold,
+        state=judged.state,
+        fault=found.fault,
+        stop=judged.state == STATES.index("alarm"),
+        late=nothing,
+        masked_while_arming=(judged.masked != 0) & ~no_data,
+        payload_changed=nothing,
+        events=judged.events,
+        notes=(
+            *recording.report.notes,
+            *as_sentences(fit_faults(model)),
+            *([doubt] if doubt else []),
+            *found.notes,
+            *unscaled_notes,
+            *detector.notes,
+            *frozen_notes(found.motion.t, found.frozen),
+        ),
+        settings={
+            name: detector.summary(period)[name] for name in ("residual", "period_s", "frozen_s", "arming_delay_s")
+        },
+        monitored=tuple(law.monitored),
+        **detector.in_words,
+    )
+
+
+def _checked_settings(given: DetectorSettings, model: DynamicsModel, robot: Robot) -> DetectorSettings:
+    """The settings, with what friction hides of standing joints where they leave it out.
+
+    Raises:
+        InputError: some are not for residuals that look ahead, or the model is of another robot.
+    """
     if given.window_s != DetectorSettings.window_s:
         raise InputError("window_s", "is not available with fitted dynamics: they filter both ways", _CAUSAL)
-    if given.stiction is None and model.robot.dof == robot.dof:
-        # A standing joint's motor shows nothing of what its Coulomb friction holds.
-        given = replace(given, stiction=tuple(hidden_torques(robot, model).tolist()))
     if given.residual != "direct":
         raise InputError(
             "residual", f"{given.residual!r} is not available with fitted dynamics", f"valid: 'direct'; {_CAUSAL}"
@@ -88,34 +143,39 @@ def detect(
         raise InputError("limit_margin", "is not available with fitted dynamics: they know no limits", "leave it out")
     if model.robot.dof != robot.dof:
         raise InputError("model", f"is for {model.robot.dof} joints", f"{robot.name} has {robot.dof}")
-    check_rearm(rearm_s)
-    law = Thresholds.of(thresholds, robot.dof, [joint.name for joint in robot.joints])
-    if law.model_errors > 0:
-        raise InputError("model_errors", "is not available with fitted dynamics", "they have no errors of currents")
-    doubt = stamped_by_a_pc(recording)
-    repeats = _frozen_rows(recording, given.frozen_s)
-    live = _without(recording, repeats)
-    motion, residual = model.residual(live)
-    detector = Detector(with_some_inertia(robot), None, law, given)
-    period = period_of(motion.t, given, law)
-    unscaled = np.isin(np.arange(robot.dof), model.unscaled)
-    if unscaled.any():
-        # What is no torque in Nm says nothing of a force.
-        noise = np.where(unscaled, np.inf, detector.noise_sd)
-        detector = Detector(detector.robot, None, law, replace(given, noise_sd=tuple(noise.tolist())))
-    frozen = np.zeros(motion.t.size, dtype=bool)
-    for first, last in repeats:
-        frozen |= (motion.t > recording.t[first]) & (motion.t <= recording.t[last])
-    beside_s = 1 / model.cutoff_hz
-    in_gap, at_end = near_gaps(motion.t, live.t, beside_s), near_ends(motion, beside_s)
-    dark = in_gap | at_end | frozen
-    seen = np.flatnonzero(~dark)
+    if given.stiction is not None:
+        return given
+    # A standing joint's motor shows nothing of what its Coulomb friction holds.
+    return replace(given, stiction=tuple(hidden_torques(robot, model).tolist()))
+
+
+class _Judged(NamedTuple):
+    """What the alarm logic says of all rows; of one without data what it said of the row before.
+
+    Attributes:
+        fast: (N, dof) of the band-pass channel [Nm or N].
+        threshold: (N, dof) [Nm or N].
+        state: (N,) by number in ``STATES``.
+        masked: (N,) not zero: a residual over its threshold is no alarm, as the detector was arming.
+        events: in the rows with data.
+    """
+
+    fast: FloatArray
+    threshold: FloatArray
+    state: npt.NDArray[np.uint8]
+    masked: npt.NDArray[np.uint8]
+    events: tuple[Event, ...]
+
+
+def _judge(detector: Detector, found: OfflineResidual, rearm_s: float) -> _Judged:
     decision = _native.AlarmSettings()
     detector.fill_alarm_settings(decision)
     if math.isinf(rearm_s):
         decision.event_pause = math.inf
+    motion, residual, known = found.motion, found.residual, ~found.no_data
+    seen = np.flatnonzero(known)
     after_gap = np.diff(seen, prepend=-1) > 1
-    judged = _native.run_alarm_logic(
+    *columns, rows, over, over_fast, spans = _native.run_alarm_logic(
         decision,
         motion.t[seen],
         residual[seen],
@@ -124,17 +184,11 @@ def detect(
         after_gap.astype(np.float64),
         rearm_s,
     )
-    *columns, rows, over, over_fast, spans = judged
-    # In a row without data: no residual, and the threshold of the row before, none at the beginning.
-    before = np.cumsum(~dark)
+    # The row before, by which those without data go: before the first there is none.
+    before = np.cumsum(known)
     fast, threshold, state, masked = (
         np.concatenate([np.zeros_like(c, shape=(1, *c.shape[1:])), c])[before] for c in columns
     )
-    residual[dark] = fast[dark] = math.nan
-    state[dark] = NO_DATA
-    fault = np.zeros(motion.t.size, dtype=np.uint8)
-    for rows_of, name in ((at_end, "filling"), (in_gap, "gap"), (frozen, "frozen")):
-        fault[rows_of] = FAULTS.index(name)
     events = tuple(
         Event.of(
             detector.links,
@@ -142,76 +196,15 @@ def detect(
             spans[k],
             hidden=detector.hidden(motion.qd[row]),
             t=float(motion.t[row]),
-            joints=tuple(j for j in range(robot.dof) if over[k] >> j & 1),
-            fast_joints=tuple(j for j in range(robot.dof) if over_fast[k] >> j & 1),
+            joints=tuple(j for j in range(detector.robot.dof) if over[k] >> j & 1),
+            fast_joints=tuple(j for j in range(detector.robot.dof) if over_fast[k] >> j & 1),
             residual=residual[row],
             threshold=threshold[row],
             q=motion.q[row],
         )
         for k, row in enumerate(seen[rows])
     )
-    nothing = np.zeros(motion.t.size, dtype=bool)
-    notes = ["Fitted dynamics: residuals on an even grid, by filters that look ahead; not what a loop would have seen."]
-    if at_end.any():
-        notes.append(
-            f"The recording begins or ends in motion: {np.count_nonzero(at_end)} rows within {beside_s:.3g} s of an end"
-            " are not judged, as the filters know one side of the motion only there."
-        )
-    if unscaled.any():
-        unknown = [robot.joints[j] for j in np.flatnonzero(unscaled)]
-        names, unit = ", ".join(joint.name for joint in unknown), unit_of(*unknown)
-        notes.append(f"{names}: of unknown gain: residuals and thresholds are no {unit}, and forces do not count them.")
-    return DetectionRun(
-        t=motion.t,
-        residual=residual,
-        fast=fast,
-        threshold=threshold,
-        state=state,
-        fault=fault,
-        stop=state == STATES.index("alarm"),
-        late=nothing,
-        masked_while_arming=(masked != 0) & ~dark,
-        payload_changed=nothing,
-        events=events,
-        notes=(
-            *recording.report.notes,
-            *as_sentences(fit_faults(model)),
-            *([doubt] if doubt else []),
-            *notes,
-            *detector.notes,
-            *frozen_notes(motion.t, frozen),
-        ),
-        settings={
-            name: detector.summary(period)[name] for name in ("residual", "period_s", "frozen_s", "arming_delay_s")
-        },
-        monitored=tuple(law.monitored),
-        **detector.in_words,
-    )
-
-
-def _frozen_rows(recording: Recording, frozen_s: float) -> list[tuple[int, int]]:
-    """First and last rows of parts in which positions and signals stand still for longer than ``frozen_s``.
-
-    As the loop's guard has it of an arm at rest: at least five rows are the same.
-    """
-    signals = [one for one in (recording.q, recording.current, recording.tau, recording.qd) if one is not None]
-    same = np.all([(np.diff(one, axis=0) == 0).all(axis=1) for one in signals], axis=0)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
-    return [
-        (int(first), int(last))
-        for first, last in zip(edges[::2], edges[1::2], strict=True)
-        if last - first >= _MIN_REPEATS and recording.t[last] - recording.t[first] > frozen_s
-    ]
-
-
-def _without(recording: Recording, repeats: list[tuple[int, int]]) -> Recording:
-    """The recording without what repeats: a moving arm that seems to stand, and then jumps, is no motion to filter."""
-    if not repeats:
-        return recording
-    kept = np.ones(recording.t.size, dtype=bool)
-    for first, last in repeats:
-        kept[first + 1 : last + 1] = False
-    return recording.rows(kept)
+    return _Judged(fast, threshold, state, masked, events)
 
 
 def residual_record(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.arrays import FloatArray, as_float_array, as_number
-from bumpstop.detection.drive_matching import MatchedDrives
+from bumpstop.detection.loop.drive_matching import MatchedDrives
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.collision.trajectory.trajectory_curve import trajectory_kernel
-from bumpstop.study.speed.onset_shares import onset_shares
+from bumpstop.study.speed.trajectory.onset_shares import onset_shares
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -50,7 +50,7 @@ def retimed_scenario(
         InputError: there is no trajectory, no speed is safe somewhere, or the file cannot be written.
     """
     from bumpstop.study import TrajectorySpeedLimits
-    from bumpstop.study.speed.trajectory_writing import write_csv
+    from bumpstop.study.speed.trajectory.trajectory_writing import write_csv
 
     study = TrajectorySpeedLimits(scenario=scenario.without_uncertainty())
     rows = study_rows(study, stopped)

@@ -13,7 +13,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.collision.trajectory.undetected import undetected_forces
-from bumpstop.study.speed.onset_shares import onset_shares
+from bumpstop.study.speed.trajectory.onset_shares import onset_shares
 from collision.trajectory_cases import trajectory_motion, write_csv
 
 POSE = np.radians([0.0, -60, 90, -120, -90, 0])

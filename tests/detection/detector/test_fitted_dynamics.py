@@ -10,7 +10,7 @@ import pytest
 import bumpstop as bs
 from bumpstop import _native
 from bumpstop.detection import Detector, DetectorSettings, Thresholds, detect
-from bumpstop.detection.detector_file import describe_detector
+from bumpstop.detection.loop.detector_file import describe_detector
 from bumpstop.errors import InputError
 from bumpstop.identification import DynamicsModel, identify_dynamics
 from bumpstop.identification.dynamics.regressor_columns import column_names

@@ -9,7 +9,7 @@ import bumpstop as bs
 from bumpstop.collision.trajectory.trajectory import Trajectory
 from bumpstop.identification.design.excitation import Excitation, ExcitationSettings, base_columns, plan_excitation
 from bumpstop.identification.dynamics.regressor import inertial_regressor
-from bumpstop.study.speed.retiming import retime
+from bumpstop.study.speed.trajectory.retiming import retime
 from cli.support import run, strict_json
 
 GRAVITY = (0.0, 0.0, -9.80665)

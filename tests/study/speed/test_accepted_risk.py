@@ -13,11 +13,12 @@ from bumpstop.collision import CollisionProblem, evaluate, evaluate_batch, load_
 from bumpstop.study.pose_batch import PoseBatch
 from bumpstop.study.prediction import stopping_time_per_speed
 from bumpstop.study.requirement.risk import allowed_force
-from bumpstop.study.speed import speed_limit
-from bumpstop.study.speed.own_motion import own_speeds
-from bumpstop.study.speed.slowing import slow_down
+from bumpstop.study.speed import crest_scan
+from bumpstop.study.speed.crest_scan import CrestScan
 from bumpstop.study.speed.speed_limit import SpeedLimits, speed_limits
 from bumpstop.study.speed.speed_risk import SpeedRisks, speed_risks
+from bumpstop.study.speed.trajectory.own_motion import own_speeds
+from bumpstop.study.speed.trajectory.slowing import slow_down
 from bumpstop.study.speed.workspace_speed_limits import safe_poses
 from bumpstop.study.speed.worst_direction import _Search
 from study.speed_limit_cases import PICK
@@ -114,9 +115,9 @@ def test_of_the_crests_below_a_speed(
 
     def below(risk: float) -> float:
         asked, own = accepting(problem, risk), np.zeros(1)
-        return float(speed_limit._below_all_crests(asked, q, direction, np.array([top]), own, gain, 1)[0][0])
+        return float(CrestScan(asked, q, direction, gain, 1).highest_safe(np.array([top]), own)[0])
 
-    monkeypatch.setattr(speed_limit, "speed_risks", noted)
+    monkeypatch.setattr(crest_scan, "speed_risks", noted)
     assert below(0.999999) == top
     at_values, beside = looked
     assert (beside > 1.06 * at_values) if between else (at_values > 1.06 * beside)

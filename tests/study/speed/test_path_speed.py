@@ -17,11 +17,11 @@ from bumpstop.collision import CollisionProblem, evaluate_batch
 from bumpstop.collision.trajectory.trajectory_evaluation import integrate_trajectory
 from bumpstop.study import run
 from bumpstop.study.requirement.risk import allowed_force
-from bumpstop.study.speed.path_speed import min_between, sliding_min
-from bumpstop.study.speed.retiming import retime
 from bumpstop.study.speed.speed_limit import speed_limits
-from bumpstop.study.speed.trajectory_speed_limits import TrajectorySpeedLimits
-from bumpstop.study.speed.trajectory_writing import write_csv
+from bumpstop.study.speed.trajectory.path_speed import min_between, sliding_min
+from bumpstop.study.speed.trajectory.retiming import retime
+from bumpstop.study.speed.trajectory.trajectory_speed_limits import TrajectorySpeedLimits
+from bumpstop.study.speed.trajectory.trajectory_writing import write_csv
 from study.speed_limit_cases import begin, few_rows, rows_of
 
 

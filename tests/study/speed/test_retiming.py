@@ -8,7 +8,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from bumpstop.collision.trajectory.trajectory import Trajectory
 from bumpstop.errors import InputError
-from bumpstop.study.speed.retiming import retime
+from bumpstop.study.speed.trajectory.retiming import retime
 from study.speed_limit_cases import wavy
 
 

@@ -20,10 +20,10 @@ from bumpstop.errors import InputError
 from bumpstop.study import run
 from bumpstop.study.null_space import improve_detectability
 from bumpstop.study.requirement.risk import allowed_force
-from bumpstop.study.speed.retiming import retime
 from bumpstop.study.speed.speed_limit import speed_limits
-from bumpstop.study.speed.trajectory_speed_limits import TrajectorySpeedLimits
-from bumpstop.study.speed.trajectory_writing import write_csv, write_ros
+from bumpstop.study.speed.trajectory.retiming import retime
+from bumpstop.study.speed.trajectory.trajectory_speed_limits import TrajectorySpeedLimits
+from bumpstop.study.speed.trajectory.trajectory_writing import write_csv, write_ros
 from bumpstop.study.speed.workspace_speed_limits import WorkspaceSpeedLimits
 from bumpstop.study.speed.worst_direction import worst_directions
 from study.requirement_cases import over, swinging

@@ -16,8 +16,8 @@ from bumpstop.errors import InputError
 if TYPE_CHECKING:
     import polars as pl
 
-    from bumpstop.study.speed.retiming import Retimed
-    from bumpstop.study.speed.trajectory_speed_limits import TrajectorySpeedLimits
+    from bumpstop.study.speed.trajectory.retiming import Retimed
+    from bumpstop.study.speed.trajectory.trajectory_speed_limits import TrajectorySpeedLimits
 
 _MAX_POSES = 10_000_000
 _NOTES = (
@@ -65,7 +65,7 @@ def speed_limits(
     A scenario of a line gives the highest safe speed at random poses instead. Exit status: 0 done, 3 the trajectory is
     too fast as it is, 2 bad input.
     """  # fmt: skip
-    from bumpstop.study.speed.trajectory_speed_limits import TrajectorySpeedLimits
+    from bumpstop.study.speed.trajectory.trajectory_speed_limits import TrajectorySpeedLimits
     from bumpstop.study.speed.workspace_speed_limits import WorkspaceSpeedLimits
 
     checked = load(scenario, changes)
@@ -118,7 +118,7 @@ def _along(study: TrajectorySpeedLimits, null_space: bool, out: Path | None, as_
         assert out is not None
         retimed = study.slowed(rows).retimed
         if retimed is not None:
-            from bumpstop.study.speed.trajectory_writing import write_csv, write_ros
+            from bumpstop.study.speed.trajectory.trajectory_writing import write_csv, write_ros
 
             write_csv(out / "retimed.csv", retimed)
             write_ros(out / "retimed.json", retimed, study.problem.robot)

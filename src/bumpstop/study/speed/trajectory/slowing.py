@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from bumpstop.collision import evaluate
 from bumpstop.errors import InputError
-from bumpstop.study.speed.retiming import Retimed, retime
-from bumpstop.study.speed.trajectory_writing import write_csv
+from bumpstop.study.speed.trajectory.retiming import Retimed, retime
+from bumpstop.study.speed.trajectory.trajectory_writing import write_csv
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.collision.trajectory.trajectory import Trajectory
-from bumpstop.study.speed.onset_shares import onset_shares
 from bumpstop.study.speed.speed_search import MIN_SPEED
+from bumpstop.study.speed.trajectory.onset_shares import onset_shares
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray

@@ -10,8 +10,8 @@ import numpy as np
 
 from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_float_array, as_number
-from bumpstop.detection.drive_matching import MatchedDrives
-from bumpstop.detection.fitted_dynamics import FittedDynamics
+from bumpstop.detection.loop.drive_matching import MatchedDrives
+from bumpstop.detection.loop.fitted_dynamics import FittedDynamics
 from bumpstop.detection.rate import check_rates
 from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.standing import checked_stiction, fitted_model, hidden_text, hidden_torques

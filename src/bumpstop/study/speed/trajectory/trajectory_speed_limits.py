@@ -18,13 +18,13 @@ from bumpstop.study.directions import STANDS, directions_of, nearest_moving
 from bumpstop.study.pose_batch import PoseBatch
 from bumpstop.study.prediction import predicted_speed_limit, stopping_time_per_speed, undetected_force
 from bumpstop.study.requirement.risk import allowed_force
-from bumpstop.study.speed.own_motion import own_speeds
-from bumpstop.study.speed.path_speed import max_path_speed, max_penetration_travel, sliding_min
-from bumpstop.study.speed.slowing import Judged, Slowing, judge_motion, slow_down
 from bumpstop.study.speed.speed_limit import SpeedLimits
 from bumpstop.study.speed.speed_map import SHARD_ROWS, SpeedMap
 from bumpstop.study.speed.speed_search import MIN_SPEED
-from bumpstop.study.speed.waypoint_refinement import refine_at_peaks, refine_by_joint_motion
+from bumpstop.study.speed.trajectory.own_motion import own_speeds
+from bumpstop.study.speed.trajectory.path_speed import max_path_speed, max_penetration_travel, sliding_min
+from bumpstop.study.speed.trajectory.slowing import Judged, Slowing, judge_motion, slow_down
+from bumpstop.study.speed.trajectory.waypoint_refinement import refine_at_peaks, refine_by_joint_motion
 from bumpstop.study.speed.worst_direction import worst_directions
 from bumpstop.terminal import no_more_than
 

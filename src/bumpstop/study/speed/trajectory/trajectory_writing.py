@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from bumpstop.model import Robot
-    from bumpstop.study.speed.retiming import Retimed
+    from bumpstop.study.speed.trajectory.retiming import Retimed
 
 
 def write_csv(path: Path, retimed: Retimed) -> None:

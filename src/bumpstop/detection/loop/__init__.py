@@ -1,0 +1,1 @@
+"""The detector as a control loop takes it: in the form of the kernels, and as a file that C++ programs read."""
