@@ -1,7 +1,7 @@
 /// @file
 /// Joint torques by identified dynamics, sample by sample: base parameters, friction, rotors and offsets.
 ///
-/// Python identifies them (identification/dynamics); bumpstop/detection/fitted_dynamics.py writes them to the
+/// Python identifies them (identification/dynamics); bumpstop/detection/loop/fitted_dynamics.py writes them to the
 /// detector's file. Nothing is allocated, nothing throws.
 #pragma once
 
