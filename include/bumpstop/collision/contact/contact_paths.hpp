@@ -89,10 +89,17 @@ struct ContactPaths {
         for (std::size_t i = 0; i < approach.size(); ++i)
             max_before[i] = std::max(max_before[i], approach[i].max_penetration + out_of_reach);
         for (std::size_t i = 1; i < max_before.size(); ++i) max_before[i] = std::max(max_before[i], max_before[i - 1]);
+        // By step: greatest distance of the undisturbed motion from there on.
+        std::vector<double> rest(std::size_t(last_step()) + 1);
+        for (std::size_t i = rest.size(); i-- > 0;)
+            rest[i] = std::max(undisturbed(int(i)), i + 1 < rest.size() ? rest[i + 1] : -HUGE_VAL);
         for (std::size_t k = 0; k < reaction.size(); ++k) {
+            const int from = tick_step(int(k));
             double most = -HUGE_VAL;
-            const int to = reaction[k].empty() ? std::max(last_step(), tick_step(int(k))) : reaction_step(int(k));
-            for (int i = tick_step(int(k)); i <= to; ++i) most = std::max(most, undisturbed(i));
+            if (reaction[k].empty())
+                most = rest[std::size_t(std::min(from, last_step()))];
+            else
+                for (int i = from; i <= reaction_step(int(k)); ++i) most = std::max(most, undisturbed(i));
             for (double s : reaction[k]) most = std::max(most, s);
             max_distance.push_back(most);
         }

@@ -104,14 +104,22 @@ class ContactBlock {
           on_demand_(std::size_t(points * columns_)) {
         const ContactSystem::Row reaction_jump = system.reaction_jump(), jump = system.jump();
         for (int steps = 1; steps <= steps_; steps *= 2) after_.emplace_back(states_, states_ + 3 + steps);
+        detail::PaddedMatrix rows(int(outputs.size()) + 1, states_ + 2);
+        for (int j = 0; j < states_ + 2; ++j) {
+            for (std::size_t t = 0; t < outputs.size(); ++t) rows(int(t), j) = outputs[t][std::size_t(j)];
+            rows(int(outputs.size()), j) = on_demand[std::size_t(j)];
+        }
         std::array<double, Transitions::padded> z, next;
+        std::array<double, detail::PaddedMatrix::padding> value;
         for (int column = 0; column < columns_; ++column) {
             z.fill(0.0);
             if (column <= states_) z[std::size_t(column)] = 1;
             // Column states + 1 + i is a unit speed in step i, 0 being that before the block; the last is a unit ramp.
             const bool of_ramp = column == columns_ - 1;
             const auto speed_in = [&](int i) { return column == states_ + 1 + i && !of_ramp ? 1.0 : 0.0; };
-            for (int point = 0; point < points; ++point) {
+            // Before the step in which a speed begins there is nothing.
+            const int from = of_ramp ? 0 : std::max(0, column - states_ - 2) * pieces;
+            for (int point = from; point < points; ++point) {
                 double& speed = z[std::size_t(states_) + 1];
                 const int step = point / pieces + 1;
                 if (point % pieces == 0) {
@@ -124,14 +132,10 @@ class ContactBlock {
                 next = z;
                 by.add(z.data(), next.data());
                 z = next;
-                const auto value = [&](const ContactSystem::Row& row) {
-                    double sum = 0;
-                    for (int j = 0; j < states_ + 2; ++j) sum += row[std::size_t(j)] * z[std::size_t(j)];
-                    return sum;
-                };
-                for (std::size_t t = 0; t < outputs.size(); ++t)
-                    outputs_(int(t) * points + point, column) = value(outputs[t]);
-                on_demand_[std::size_t(point * columns_ + column)] = value(on_demand);
+                value.fill(0.0);
+                rows.add(z.data(), value.data());
+                for (std::size_t t = 0; t < outputs.size(); ++t) outputs_(int(t) * points + point, column) = value[t];
+                on_demand_[std::size_t(point * columns_ + column)] = value[outputs.size()];
                 for (std::size_t n = 0; n < after_.size() && (point + 1) % pieces == 0; ++n) {
                     if (step != 1 << n || (column > states_ + 1 + step && !of_ramp)) continue;
                     const int own = of_ramp ? states_ + 2 + step : column;
