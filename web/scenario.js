@@ -31,6 +31,12 @@ function given(tables, key) {
     return key.split(".").reduce((here, part) => (isTable(here ?? 0) ? here[part] : undefined), tables);
 }
 
+/** The keys that say the same as one in its other spelling. */
+function otherSpelling(key) {
+    const pair = DATA.spellings.find(([one, other]) => [...one, ...other].includes(key));
+    return pair ? pair[pair[0].includes(key) ? 1 : 0] : [];
+}
+
 /** The value of a schema's type and range, or a refusal. */
 function checkValue(key, value, schema) {
     if (schema.anyOf) {
@@ -73,6 +79,7 @@ function written(value) {
 function wanted(schema) {
     if (schema.enum) return schema.enum.map((word) => `'${word}'`).join(" or ");
     if (schema.type === "string") return schema.description ?? "a text";
+    if (schema.type === "array" && schema.items.type === "string") return "a list of texts";
     if (schema.type === "array")
         return schema.minItems !== undefined ? `a list of ${schema.minItems} numbers` : "a list of numbers";
     const kind = schema.type === "integer" ? "a whole number" : "a number";
@@ -129,6 +136,10 @@ function checkScenario(tables) {
         const second = other.find((key) => given(tables, key) !== undefined);
         if (first && second) throw new Refusal(first, `and ${second} are both given`, "give one of them");
     }
+    const isGiven = (key) => key !== "assumed" && given(tables, key) !== undefined && !isTable(given(tables, key));
+    for (const key of scenario.assumed)
+        if (![key, ...otherSpelling(key)].some(isGiven))
+            throw new Refusal("assumed", `${written(key)} is no key that is given here`);
     const fall = Math.hypot(...scenario.gravity_m_s2);
     const [low, high] = DATA.numbers.free_fall;
     if (!(low <= fall && fall <= high))

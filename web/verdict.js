@@ -128,7 +128,16 @@ function nothingHit(parts) {
 
 /** What makes the verdict mean less than it says, as far as this page looks. */
 function warningsOf(parts, verdict) {
-    return [untouchedWarning, headWarning, normalWarning, restWarning].flatMap((one) => one(parts, verdict) ?? []);
+    return [assumedWarning, untouchedWarning, headWarning, normalWarning, restWarning].flatMap((one) => one(parts, verdict) ?? []);
+}
+
+function assumedWarning({ problem }) {
+    const { assumed } = problem.scenario;
+    if (!assumed.length) return null;
+    return (
+        `${assumed.join(", ")} ${assumed.length === 1 ? "is" : "are"} ASSUMED, as the scenario says: the verdict holds ` +
+        "for these values alone, whatever the cell has."
+    );
 }
 
 function untouchedWarning(parts, verdict) {

@@ -115,6 +115,25 @@ def test_what_the_register_calls_assumed_does_not_pass(tmp_path: Path, status: s
     assert judged(tmp_path, {}, {"key": "detector", "status": "measured"}).outcome == "pass"
 
 
+def test_what_the_scenario_calls_assumed_does_not_pass(tmp_path: Path) -> None:
+    path = write_register(tmp_path, {"name": "a"})
+    cell = tmp_path / "cell.toml"
+    cell.write_text('assumed = ["reaction.joint_acceleration_rad_s2"]\n' + cell.read_text(encoding="utf-8"))
+    (found,) = bs.evaluate_register(bs.load_register(path)).results
+    assert (found.outcome, found.verdict.acceptable) == ("inconclusive", True)
+    assert found.reason.endswith("nobody has shown: reaction.joint_acceleration_rad_s2 (assumed).")
+    told = {one.key: (one.status, one.source) for one in found.inputs}
+    assert told["reaction.joint_acceleration_rad_s2"] == ("assumed", f"by {cell}")
+    assert "assumed" not in told
+    # Whoever knows it says so in the register, or sets it.
+    stated = path.read_text(encoding="utf-8") + '[[input]]\nkey = "reaction"\nstatus = "measured"\nsource = "logs"\n'
+    path.write_text(stated, encoding="utf-8")
+    assert bs.evaluate_register(bs.load_register(path)).results[0].outcome == "pass"
+    set_ = {"reaction.joint_acceleration_rad_s2": 4.5}
+    (known,) = bs.evaluate_register(bs.load_register(path, changes=set_)).results
+    assert (known.outcome, known.situation.scenario.assumed) == ("pass", [])
+
+
 def test_a_value_that_is_set_has_no_source_in_the_register(tmp_path: Path) -> None:
     stated = {"key": "detector", "status": "measured", "source": "our logs"}, {"key": "reaction", "status": "assumed"}
     path = write_register(tmp_path, {"name": "a", "contact.area_cm2": 2.0}, inputs=stated)

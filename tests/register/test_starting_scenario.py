@@ -17,11 +17,13 @@ from cli.support import run
 @pytest.mark.parametrize("name", bs.robots())
 def test_every_robot_starts_with_a_scenario_that_runs(name: str) -> None:
     text = starting_scenario(name)
-    result = bs.evaluate(bs.Scenario.from_dict(tomllib.loads(text)))
+    scenario = bs.Scenario.from_dict(tomllib.loads(text))
+    result = bs.evaluate(scenario)
     robot, problem = bs.Robot.load(name), result.problem
     assert 0 < result.peak_force.quantile(0.5) < 1000
     assert result.verdict.false_alarm_ok
-    assert result.warnings == ()
+    assert len(result.warnings) == 1
+    assert result.warnings[0].startswith(f"{', '.join(scenario.assumed)} ")
     assert result.curve.end not in ("joint_limit", "singularity")
     assert np.all(problem.q > robot.lower)
     assert np.all(problem.q < robot.upper)
@@ -35,6 +37,8 @@ def test_every_robot_starts_with_a_scenario_that_runs(name: str) -> None:
         before = text[: re.search(rf"^{key}", text, re.MULTILINE).start()].splitlines()[-3:]  # type: ignore[union-attr]
         assert any(line.startswith("# REPLACE") for line in before)
         assert any("placeholder" in line or "Schroeder (2013)" in line for line in before), (key, before)
+        made_up = any("placeholder" in line for line in before)
+        assert made_up is any(one.endswith(key) for one in scenario.assumed), key
 
 
 def test_thresholds_are_the_share_of_the_torque_limits_that_they_say() -> None:

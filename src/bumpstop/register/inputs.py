@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from bumpstop.collision.scenario.arm_table import QUANTITY
+from bumpstop.collision.scenario.keys import ASSUMED
 from bumpstop.contact import builtin_tables, limit_forms
 from bumpstop.contact.limits import LimitTable
 from bumpstop.register.situation import says
@@ -72,9 +73,13 @@ def _scenario_inputs(situation: Situation) -> list[Input]:
     scenario = situation.scenario
     given = _flat(scenario.model_dump(exclude_unset=True, exclude_none=True, mode="python"))
     for key, value in _flat(scenario.to_dict()).items():
+        if key == ASSUMED:
+            continue
         statement = situation.statement_of(key)
         if statement is not None:
             status, source = statement.status, statement.source
+        elif key in scenario.assumed:
+            status, source = "assumed", f"by {situation.scenario_file}"
         elif says(situation.changed, key):
             status, source = "given", "set when the register was read (--set)"
         elif says(situation.given, key):

@@ -32,7 +32,8 @@ def outcome_of(
     A situation passes where its verdict is acceptable and nothing that was only assumed decides it. It is inconclusive
     where the verdict is, where there is no limit of force or of pressure, where the contact area was not given, where
     sampled collisions are too few, where lengths of the arm are hardly in metres, where the other model of the arm or
-    finer steps exceed the limits, and where the register says that a value is assumed or unverified.
+    finer steps exceed the limits, and where the register says that a value is assumed or unverified, or the scenario
+    that it is assumed.
     """
     verdict = result.verdict
     if judgement is not None:
@@ -71,6 +72,7 @@ def _open_question(situation: Situation, result: CollisionResult) -> str:
         for key, statement in situation.statements.items()
         if statement.status in OPEN_STATUSES
     ]
+    open_keys += [f"{key} (assumed)" for key in scenario.assumed if situation.statement_of(key) is None]
     if open_keys:
         return f"The limits are kept, but on values that nobody has shown: {', '.join(open_keys)}."
     return ""

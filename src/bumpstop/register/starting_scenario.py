@@ -22,8 +22,12 @@ _TEXT = """\
 # A scenario of bumpstop: how hard a {title} hits a hand on the table under its tip.
 # It runs as it is: bumpstop evaluate FILE
 #
-# REPLACE marks what stands for figures of your cell. Until they are measured the verdict is about another arm.
+# REPLACE marks what stands for figures of your cell. Until they are known the verdict is about another one.
 # Every key is explained in docs/reference/collision.md, and where its figure comes from in docs/how_to/inputs.md.
+
+# Figures that stand for those of your cell. Delete a key here when its own figure stands below: until then every
+# verdict says that it is assumed, and a register is INCONCLUSIVE.
+assumed = {assumed}
 
 robot = {robot}                # bumpstop robots lists the built-in ones; or the path of a URDF
 pose_deg = {pose}  # REPLACE: joint positions where contact is most likely to be hard
@@ -84,8 +88,13 @@ def starting_scenario(robot: str = DEFAULT_ROBOT) -> str:
     point, known = points[robot], Robot.load(robot)
     thresholds, noise, thresholds_from, noise_from = _detector(point, known)
     source = point.get("acceleration_source")
+    assumed = [] if "thresholds_Nm" in point else ["detector.thresholds_Nm", "detector.noise_sd_Nm"]
+    assumed += ["detector.feedback_period_s"] if point["period_source"] == "placeholder" else []
+    assumed += [] if source else ["reaction.joint_acceleration_rad_s2"]
+    assumed.append("reaction.latency_s")
     return _TEXT.format(
         title=known.title or known.name,
+        assumed=toml_value(assumed),
         robot=toml_value(robot),
         pose=toml_value(point["pose_deg"]),
         held=_held(point),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from bumpstop.collision.scenario.keys import set_keys
+from bumpstop.collision.scenario.keys import drop_assumed, set_keys
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.collision.scenario.settings_file import with_absolute_paths
 from bumpstop.errors import InputError
@@ -34,6 +34,7 @@ def with_keys(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
         table, name = _place(data, key)
         table.pop(name, None)
     set_keys(data, {key: value for key, value in changes.items() if value is not None})
+    drop_assumed(data, changes)
     return Scenario.from_dict(data, scenario.folder)
 
 

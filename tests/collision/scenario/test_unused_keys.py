@@ -74,6 +74,7 @@ OTHERS: dict[str, list[Any]] = {
     "motion.speed_mm_s": [60.0],
     "motion.direction": [[0, 1, -3]],
     "gravity_m_s2": [[-9.80665, 0, 0]],
+    "assumed": [["detector.thresholds_Nm"]],
     "contact.arm": ["two_mass"],
     "contact.offset_law": ["uniform", "half_normal"],
     "contact.offset_sd_s": [0.03, 0.3],

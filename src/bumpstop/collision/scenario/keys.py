@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from bumpstop.collision.scenario.scenario_words import as_written
-from bumpstop.collision.scenario.spellings import check_one_spelling, replace_other_spelling
+from bumpstop.collision.scenario.spellings import check_one_spelling, other_spelling, replace_other_spelling
 from bumpstop.collision.scenario.uncertainty_table import flattened
 from bumpstop.errors import InputError
 from bumpstop.text_files import list_items
@@ -15,10 +15,12 @@ from bumpstop.text_files import list_items
 _MAX_LIST = 10_000  # characters
 # The table that ``settings.toml`` has more than a scenario.
 MADE_BY = "made_by"
+# The key that lists keys whose values nobody knows of the cell.
+ASSUMED = "assumed"
 
 
 def set_keys(data: dict[str, Any], changes: Mapping[str, Any]) -> None:
-    """Set dotted keys in nested dictionaries.
+    """Set dotted keys in nested dictionaries; what is set is not :data:`ASSUMED` any more.
 
     Raises:
         InputError: a key cannot be set, or two of them say one thing.
@@ -28,6 +30,16 @@ def set_keys(data: dict[str, Any], changes: Mapping[str, Any]) -> None:
     check_one_spelling(key for key, value in changes.items() if value is not None)
     for key, value in changes.items():
         set_key(data, key, value)
+    if ASSUMED not in changes:
+        drop_assumed(data, changes)
+
+
+def drop_assumed(data: dict[str, Any], known: Iterable[str]) -> None:
+    """Take dotted keys, in either spelling, out of the list of those that are only assumed."""
+    assumed = data.get(ASSUMED)
+    if isinstance(assumed, list):
+        replaced = {one for key in known for one in (key, *other_spelling(key))}
+        data[ASSUMED] = [key for key in assumed if key not in replaced]
 
 
 def set_key(data: dict[str, Any], key: str, value: Any) -> None:

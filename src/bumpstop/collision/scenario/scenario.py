@@ -9,12 +9,13 @@ from typing import Any
 
 from pydantic import ValidationError, field_validator, model_validator
 
-from bumpstop.collision.scenario.keys import MADE_BY, set_keys
+from bumpstop.collision.scenario.keys import ASSUMED, MADE_BY, set_keys
 from bumpstop.collision.scenario.scenario_tables import ScenarioTables
 from bumpstop.collision.scenario.scenario_words import as_written, explain, explain_all, unknown_key
+from bumpstop.collision.scenario.spellings import other_spelling
 from bumpstop.collision.scenario.uncertainty_table import check_uncertainty, flattened
 from bumpstop.collision.scenario.unused_keys import given_without_effect, keys_without_effect
-from bumpstop.errors import InputError
+from bumpstop.errors import InputError, near_matches
 from bumpstop.model.dynamics import FREE_FALL
 
 # Keys of [motion] that say its velocity in parts.
@@ -85,6 +86,17 @@ class Scenario(ScenarioTables):
         if (self.pose_deg is None) == (self.pose_rad is None):
             problem = "is missing" if self.pose_deg is None else "and pose_rad are both given"
             raise InputError("pose_deg", problem, "give pose_deg or pose_rad, one of them")
+        return self
+
+    @model_validator(mode="after")
+    def _assumed_is_given(self) -> Scenario:
+        given = self.model_fields_set - {ASSUMED, "folder"}
+        tables = {name for name in given if hasattr(getattr(self, name), "model_fields_set")}
+        keys = (given - tables) | {f"{name}.{key}" for name in tables for key in getattr(self, name).model_fields_set}
+        for key in self.assumed:
+            if keys.isdisjoint((key, *other_spelling(key))):
+                problem = f"{as_written(key)} is no key that is given here"
+                raise InputError(ASSUMED, problem, near_matches(key, sorted(keys)))
         return self
 
     @model_validator(mode="after")
@@ -181,8 +193,9 @@ class Scenario(ScenarioTables):
             del data["contact"]["area_cm2"]
         if self.contact.kind == "clamped":
             del data["contact"]["arm"]
-        if not self.uncertainty:
-            del data["uncertainty"]
+        for key in ("uncertainty", ASSUMED):
+            if not data[key]:
+                del data[key]
         for key in keys_without_effect(self).keys() - given_without_effect(self).keys():
             table, _, name = key.rpartition(".")
             (data[table] if table else data).pop(name, None)

@@ -194,6 +194,7 @@ class ScenarioTables(Table):
     pose_deg: list[JointPosition] | None = None
     pose_rad: list[JointPosition] | None = None
     gravity_m_s2: FreeFall = Field(list(STANDARD_GRAVITY))
+    assumed: list[Annotated[str, Field(description="a key of the scenario")]] = Field([])
     motion: MotionTable
     contact: ContactTable
     arm: ArmTable = ArmTable()

@@ -49,6 +49,7 @@ def verdict_notes(
     """
     return [
         *as_given(result.scenario),
+        *_assumed_note(result),
         *sample_notes(result),
         *_nothing_hit_note(result, verdict),
         *_head_note(result),
@@ -79,6 +80,18 @@ def sample_notes(result: CollisionOutcome) -> list[str]:
     return [
         f"{result.samples} sampled collisions are too few to judge by: a probability of the accepted "
         f"{accepted_percent(risk)} is some {result.samples * risk:.2g} of them."
+    ]
+
+
+def _assumed_note(result: CollisionOutcome) -> list[str]:
+    """Figures that stand for those of the cell until somebody knows these."""
+    assumed = result.scenario.assumed
+    if not assumed:
+        return []
+    verb = "is" if len(assumed) == 1 else "are"
+    return [
+        f"{', '.join(assumed)} {verb} ASSUMED, as the scenario says: the verdict holds for these values alone, "
+        "whatever the cell has."
     ]
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop.collision.scenario.keys import set_key
+from bumpstop.collision.scenario.keys import drop_assumed, set_key
 from bumpstop.collision.scenario.settings_file import scenario_data
 from bumpstop.measure.parameters import CONTACT, has_key, nominal
 from bumpstop.text_files import to_toml
@@ -82,6 +82,7 @@ def calibrated_toml(calibration: Calibration, scenario: Scenario) -> str:
             lines.append(f"# {found.key}: still assumed, moved with the others, {sure}")
     for key, value in values.items():
         set_key(data, key, value)
+    drop_assumed(data, [found.key for found in calibration.found if found.shown])
     return "\n".join(lines) + "\n" + to_toml(data) + "\n[uncertainty]\n" + _inline(spread)
 
 
