@@ -141,6 +141,7 @@ def test_a_urdf_of_twelve_joints(tmp_path: Path) -> None:
     file.write_text(urdf_of_twelve_joints(), encoding="utf-8")
     opened = open_source(str(file))
     assert opened.robot.dof == 12
+    assert opened.scenario.assumed[0] == "pose_rad", "what was made up is told wherever the scenario goes"
     assert 0 < bs.evaluate(opened.scenario).peak_force.quantile(0.5) < np.inf
 
 

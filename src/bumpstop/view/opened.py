@@ -145,12 +145,11 @@ def _scenario(source: str | None) -> Opened:
             start_pose(scenario, arm)
         return Opened(scenario, arm, str(path))
     if path.suffix in (".urdf", ".xml"):
+        from bumpstop.view.scene.urdf_meshes import urdf_meshes
         from bumpstop.view.urdf_scenario import urdf_scenario
 
-        scenario, arm, notes = urdf_scenario(path)
-        from bumpstop.view.scene.urdf_meshes import urdf_meshes
-
-        return Opened(scenario, arm, str(path), (*notes, *urdf_meshes(path, arm)[1]))
+        scenario, arm = urdf_scenario(path)
+        return Opened(scenario, arm, str(path), urdf_meshes(path, arm)[1])
     kinds = "wanted a scenario (.toml), URDF, program, recording, study or built-in robot"
     valid = f"{kinds}; {near_matches(source, robots())}"
     raise InputError("SOURCE", f"{source!r} cannot be opened", valid)

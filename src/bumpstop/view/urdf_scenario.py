@@ -16,11 +16,15 @@ if TYPE_CHECKING:
 
 # As in the starting scenarios of built-in robots; where the file states no torque limit, a threshold of usual size.
 _THRESHOLD_SHARE, _THRESHOLD_OVER_NOISE, _THRESHOLD_NM = 1 / 8, 5.5, 20.0
+_ASSUMED = (
+    *("pose_rad", "detector.thresholds_Nm", "detector.noise_sd_Nm"),
+    *("reaction.joint_acceleration_rad_s2", "reaction.latency_s"),
+)
 _TRIES = 400
 _FREE_TURN = np.pi / 2
 
 
-def urdf_scenario(path: Path) -> tuple[Scenario, Robot, tuple[str, ...]]:
+def urdf_scenario(path: Path) -> tuple[Scenario, Robot]:
     """A scenario in which the tip moves down at 50 mm/s onto a clamped hand.
 
     The pose is, of random ones with seed 0 that can begin the motion, the one farthest from singular.
@@ -29,7 +33,7 @@ def urdf_scenario(path: Path) -> tuple[Scenario, Robot, tuple[str, ...]]:
         path: of the URDF file.
 
     Returns:
-        The scenario, its robot, and what was assumed.
+        The scenario, in which all that was made up is ``assumed``, and its robot.
 
     Raises:
         InputError: the file cannot be read, or no pose was found.
@@ -40,6 +44,7 @@ def urdf_scenario(path: Path) -> tuple[Scenario, Robot, tuple[str, ...]]:
     thresholds = [float(f"{value:.2g}") for value in np.where(known, _THRESHOLD_SHARE * limits, _THRESHOLD_NM)]
     tables: dict[str, Any] = {
         "robot": str(path.resolve()),
+        "assumed": list(_ASSUMED),
         "motion": {"velocity_mm_s": [0, 0, -50], "task": "pose" if robot.dof >= 6 else "position"},
         "contact": {"body": "hand_finger", "limits": "ts15066", "area_cm2": 2.0},
         "detector": {
@@ -57,8 +62,7 @@ def urdf_scenario(path: Path) -> tuple[Scenario, Robot, tuple[str, ...]]:
         except InputError as error:
             reason = error
             continue
-        note = "Made up to start from: the pose, the thresholds, the noise and the deceleration. Replace them."
-        return scenario, robot, (note,)
+        return scenario, robot
     why = "" if reason is None else f" ({reason})"
     raise InputError("SOURCE", f"no pose of {robot.name} was found from which its tip can move down{why}")
 
