@@ -9,6 +9,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 
 import bumpstop as bs
@@ -74,6 +75,20 @@ def test_a_recording_without_any_residual_can_be_played(run: Any) -> None:
     assert playback.words_at(1.0) == f"1.000 s: {'no detector given' if run is None else 'no data'}"
     assert playback.worst == 0
     assert len(re.findall("<polyline", str(playback.chart(0.0)))) == 1
+
+
+def test_a_recording_of_other_column_names(tmp_path: Path) -> None:
+    log, dof = recording(), 6
+    names = [f"a{j}" for j in range(dof)]
+    table = pl.DataFrame({"clock": log.t} | dict(zip(names, log.q.T, strict=True)))
+    table.write_csv(tmp_path / "log.csv")
+    columns = tmp_path / "columns.toml"
+    columns.write_text(f'time = {{ column = "clock" }}\nposition = {{ columns = {names}, unit = "rad" }}\n')
+    opened = open_source(str(tmp_path / "log.csv"), robot="ur10e", columns=columns)
+    assert opened.recorded is not None
+    np.testing.assert_allclose(opened.recorded.recording.q, log.q)
+    with pytest.raises(bs.InputError, match=r"^--columns: has no meaning without a recording"):
+        open_source("ur10e", columns=columns)
 
 
 def test_what_is_unusual_of_a_run_stands_on_its_page(tmp_path: Path) -> None:

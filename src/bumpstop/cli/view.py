@@ -37,6 +37,8 @@ def command(
     thresholds: Annotated[
         str | None, typer.Option(metavar="LIST|FILE", help="Thresholds [Nm], of a recording.")
     ] = None,
+    columns: Annotated[Path | None, typer.Option(help="Of a recording: its column file (TOML).")] = None,
+    topic: Annotated[str | None, typer.Option(help="Of a recording: topic of a bag that has several.")] = None,
     scenario: Annotated[Path | None, typer.Option(metavar="SCENARIO", help="Of a program: its cell (TOML).")] = None,
     record: Annotated[
         Path | None, typer.Option(help="Write view.png and view.gif into this folder and serve nothing.")
@@ -49,9 +51,11 @@ def command(
     from bumpstop.view.opened import open_source
 
     check_folder(record, "--record")
-    read = [source, robot, model, thresholds, scenario]
+    read = [source, robot, model, thresholds, columns, scenario]
     check_inputs(record, read, "view.png", "view.gif", option="--record")
-    opened = open_source(source, robot=robot, watch=_watch(model, thresholds), cell=scenario)
+    opened = open_source(
+        source, robot=robot, watch=_watch(model, thresholds), columns=columns, topic=topic, cell=scenario
+    )
     for note in opened.notes:
         typer.echo(f"note: {note}", err=True)
     if record is not None:

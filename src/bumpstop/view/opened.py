@@ -91,7 +91,13 @@ class Opened:
 
 
 def open_source(
-    source: str | None, *, robot: str | None = None, watch: Watch | None = None, cell: Path | None = None
+    source: str | None,
+    *,
+    robot: str | None = None,
+    watch: Watch | None = None,
+    columns: Path | None = None,
+    topic: str | None = None,
+    cell: Path | None = None,
 ) -> Opened:
     """Open what the command line names.
 
@@ -100,6 +106,8 @@ def open_source(
             robot, or path of its URDF. None: the built-in robot that ``bumpstop new`` starts with.
         robot: of a recording: name of a built-in robot, or path of its URDF.
         watch: of a recording: runs a detector over it.
+        columns: of a recording: its column file.
+        topic: of a recording: that of a bag with several.
         cell: of a program: path of the scenario that it is judged with.
 
     Raises:
@@ -115,8 +123,10 @@ def open_source(
         rows = _study_rows(Path(source))
         if rows is not None:
             return _study(rows)
-        return _recording(Path(source), robot, watch)
-    for option, given in (("--robot", robot is not None), ("--thresholds", watch is not None)):
+        return _recording(Path(source), robot, watch, columns, topic)
+    of_recordings = (("--robot", robot), ("--thresholds", watch), ("--columns", columns), ("--topic", topic))
+    for option, value in of_recordings:
+        given = value is not None
         if given and source is not None and source not in robots() and not Path(source).exists():
             raise InputError(source, "there is no such file", "wanted a recording")
         if given:
@@ -191,12 +201,12 @@ def _program(path: Path, cell: Path | None) -> Opened:
     return Opened(scenario, robot_of(scenario), str(path), program.notes, program=program)
 
 
-def _recording(path: Path, robot: str | None, watch: Watch | None) -> Opened:
+def _recording(path: Path, robot: str | None, watch: Watch | None, columns: Path | None, topic: str | None) -> Opened:
     from bumpstop.model import robots
     from bumpstop.recording import Recording
     from bumpstop.recording.reading import robot_notes
 
-    recording = Recording.load(path)
+    recording = Recording.load(path, columns=columns, topic=topic)
     name = robot or (recording.robot if recording.robot in robots() else None)
     if name is None:
         raise InputError(
