@@ -247,6 +247,9 @@ def test_a_payload_that_nothing_is_known_to_compare_with_is_told(tmp_path: Path)
     found = bs.evaluate_register(bs.load_register(path, changes=urdf)).results
     assert {one.situation.name for one in found if told in one.notes} == {"a"}
     assert not any("No rated payload" in note for one in found if one.situation.name != "a" for note in one.notes)
+    nothing = "The payload of 20 kg changes no figure: it would choose rows of a stopping table, and there is none."
+    assert {one.situation.name for one in built_in if nothing in one.notes} == {"a"}
+    assert all("changes no figure" not in note for one in built_in if one.situation.name == "c" for note in one.notes)
 
 
 def test_a_situation_that_cannot_be_computed_is_named_with_all_others(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -218,6 +219,17 @@ def test_the_worst_direction_is_detected_last_of_all(
     both = rows.filter(rows["trusted"] & rows["worst_trusted"])
     assert both.height > 20
     assert (both["worst_expected_N"] > both["expected_N"]).mean() > 0.8
+
+
+@pytest.mark.parametrize(("area", "end"), [(1.0, 300), (2.0, 600), (2.9, 600), (3.0, 300), (12.0, 300)])
+def test_bins_reach_a_pressure_limit_that_is_not_far_away(study: WorkspaceStudy, area: float, end: float) -> None:
+    """190, 380, 551, 570 and 2280 N, beside a force limit of 140 N: what was beyond the last bin lay left of it."""
+    scenario = study.scenario.with_values({"contact.limits": "ts15066", "contact.area_cm2": area})
+    other = replace(study, scenario=scenario)
+    force, pressure = other.force_limits
+    assert (force, pressure) == (140.0, pytest.approx(190.0 * area))
+    assert other.edges[-1] == end
+    assert other.edges[-1] > pressure or pressure > 4 * force
 
 
 def test_a_cut_leaves_equal_values_on_one_side() -> None:

@@ -267,19 +267,29 @@ def _payload_warnings(situation: Situation, result: CollisionResult) -> list[str
     found = []
     if payload is not None and rated is not None and payload > rated:
         found.append(f"The payload of {payload:g} kg is above the {rated:g} kg that the arm is rated for.")
-    if payload and (result.problem.elastic or situation.scenario.contact.arm == "two_mass"):
+    if payload and _has_moving_mass(result):
         found.append(
             f"The payload of {payload:g} kg is recorded, but it is no part of the moving mass that was computed."
         )
     return found
 
 
+def _has_moving_mass(result: CollisionResult) -> bool:
+    return result.problem.elastic or result.scenario.contact.arm == "two_mass"
+
+
 def _payload_notes(situation: Situation, result: CollisionResult) -> list[str]:
-    if not situation.payload_kg or result.problem.robot.payload_kg is not None:
+    payload, found = situation.payload_kg, []
+    if not payload:
         return []
-    return [
-        f"No rated payload of this robot is known: the payload of {situation.payload_kg:g} kg is not compared with it."
-    ]
+    if result.problem.robot.payload_kg is None:
+        found.append(f"No rated payload of this robot is known: the payload of {payload:g} kg is not compared with it.")
+    if not _has_moving_mass(result) and result.scenario.reaction.stopping_table is None:
+        found.append(
+            f"The payload of {payload:g} kg changes no figure: it would choose rows of a stopping table, and there is "
+            "none."
+        )
+    return found
 
 
 def _quantiles(distribution: Distribution) -> dict[str, float]:

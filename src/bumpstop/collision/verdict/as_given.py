@@ -1,4 +1,4 @@
-"""What is said where a scenario's numbers are taken for known: those that it calls uncertain, and doubtful lengths."""
+"""What is said where a scenario's numbers are taken for known: uncertain and assumed ones, and doubtful lengths."""
 
 from __future__ import annotations
 
@@ -9,10 +9,25 @@ if TYPE_CHECKING:
 
 
 def doubts_as_given(scenario: Scenario) -> list[str]:
-    """As :func:`as_given`, and why lengths of its robot are hardly in metres: for results without a verdict's notes."""
+    """As :func:`as_given`, what is assumed, and why lengths of its robot are hardly in metres.
+
+    For results without a verdict's notes.
+    """
     from bumpstop.collision.scenario.scenario_file import robot_of
 
-    return [*as_given(scenario), *robot_of(scenario).length_doubts]
+    return [*as_given(scenario), *assumed_values(scenario), *robot_of(scenario).length_doubts]
+
+
+def assumed_values(scenario: Scenario) -> list[str]:
+    """A sentence on the figures that stand for those of the cell until somebody knows these."""
+    assumed = scenario.assumed
+    if not assumed:
+        return []
+    verb = "is" if len(assumed) == 1 else "are"
+    return [
+        f"{', '.join(assumed)} {verb} ASSUMED, as the scenario says: the verdict holds for these values alone, "
+        "whatever the cell has."
+    ]
 
 
 def as_given(scenario: Scenario) -> list[str]:

@@ -12,7 +12,7 @@ from bumpstop.collision.curve import states_at_reactions
 from bumpstop.collision.distribution.distribution import NEGLIGIBLE
 from bumpstop.collision.probability_text import accepted_percent, apart, percent
 from bumpstop.collision.stopping.stopping_times import STANDING
-from bumpstop.collision.verdict.as_given import as_given
+from bumpstop.collision.verdict.as_given import as_given, assumed_values
 from bumpstop.collision.verdict.finer_steps import JudgedForce, finer_steps
 from bumpstop.collision.verdict.unit_slips import unit_slips
 
@@ -49,7 +49,7 @@ def verdict_notes(
     """
     return [
         *as_given(result.scenario),
-        *_assumed_note(result),
+        *assumed_values(result.scenario),
         *sample_notes(result),
         *_nothing_hit_note(result, verdict),
         *_head_note(result),
@@ -80,18 +80,6 @@ def sample_notes(result: CollisionOutcome) -> list[str]:
     return [
         f"{result.samples} sampled collisions are too few to judge by: a probability of the accepted "
         f"{accepted_percent(risk)} is some {result.samples * risk:.2g} of them."
-    ]
-
-
-def _assumed_note(result: CollisionOutcome) -> list[str]:
-    """Figures that stand for those of the cell until somebody knows these."""
-    assumed = result.scenario.assumed
-    if not assumed:
-        return []
-    verb = "is" if len(assumed) == 1 else "are"
-    return [
-        f"{', '.join(assumed)} {verb} ASSUMED, as the scenario says: the verdict holds for these values alone, "
-        "whatever the cell has."
     ]
 
 

@@ -194,15 +194,19 @@ class ForcePart(Part):
         found = self._summary["distribution"]
         edges = np.asarray(found["edges_N"])
         drawn = np.append(edges, edges[-1] + edges[1])
-        panel = axes(figure)
+        panel = axes(figure, right=1.8)
         medians, collisions = np.asarray(found["poses_by_median"]), np.asarray(found["collisions"])
         panel.stairs(100 * medians / medians.sum(), drawn, fill=True, color=LAW, alpha=0.35, label="poses by median")
         panel.stairs(100 * collisions / collisions.sum(), drawn, color=INK, linewidth=1.3, label="collisions")
         for name, limit in zip(("force limit", "pressure limit"), self._summary["limits"].values(), strict=False):
-            panel.axvline(limit, color=LIMIT, linestyle="--" if name == "force limit" else ":", label=name)
-        panel.set_xlabel("peak force [N]")
+            line, label = "--" if name == "force limit" else ":", f"{name},\n{limit:g} N"
+            if limit > edges[-1]:
+                panel.plot([], [], linestyle=line, color=LIMIT, label=f"{label}: beyond")
+            else:
+                panel.axvline(limit, color=LIMIT, linestyle=line, label=label)
+        panel.set_xlabel(f"peak force [N], in the last bin {edges[-1]:g} N and more")
         panel.set_ylabel("share [%]")
-        panel.legend(loc="upper right", frameon=True, facecolor="white", edgecolor="none", framealpha=0.85)
+        panel.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), frameon=False)
 
     def _draw_speed(self, figure: Figure) -> None:
         panel = axes(figure)

@@ -246,9 +246,11 @@ class _Answer:
     def _none(self, ill_conditioned: bool) -> Requirement:
         at = self.search.risk(self.search.most_conservative)
         binding = _binding(at)
+        low, high = self.ends
         most_conservative = f"even at {self.search.most_conservative:g} {self.unit}"
+        none = f"No value from {low:g} to {high:g} {self.unit} meets it"
         if binding == "singularity":
-            reason = f"No value meets it: {most_conservative} the arm passes {_SINGULARITY}."
+            reason = f"{none}: {most_conservative} the arm passes {_SINGULARITY}."
             return self._result(None, binding, at, reason, ill_conditioned)
         why = f"{most_conservative} limits are exceeded with a probability of {at.over:.2g}"
         undetected_force = self.search.risks.undetected
@@ -259,7 +261,7 @@ class _Answer:
             why += f": {undetected_force:.3g} N stay undetected here, and the limit is {limit:.3g} N"
         elif self.search.variable.name != "motion.speed":
             why += ": what the arm travels after detection is too much at this speed"
-        return self._result(None, binding, at, f"No value meets it: {why}.", ill_conditioned)
+        return self._result(None, binding, at, f"{none}: {why}.", ill_conditioned)
 
     def _result(self, value: float | None, binding: str, at: Risk, reason: str, ill_conditioned: bool) -> Requirement:
         warnings: tuple[str, ...] = ()

@@ -32,6 +32,8 @@ SHARD_ROWS = 250
 MAX_ROWS = 100_000_000
 QUANTILES = {"p50_N": 0.5, "p95_N": 0.95, "p99_N": 0.99, "p999_N": 0.999}
 _BINS = 30
+# Times the force limit: bins that reach a pressure limit farther away would show little of the forces.
+_FAR = 4.0
 # Rounds of drawing again before a radius is called too large.
 _MAX_ROUNDS = 1000
 
@@ -256,10 +258,16 @@ class WorkspaceStudy(Study):
 
     @property
     def edges(self) -> FloatArray:
-        """Of the bins of the force distribution [N]: thirty of a round width, to a good twice the force limit."""
-        span = 2.2 * (self.force_limits or [135.0])[0]
+        """Of the bins of the force distribution [N]: thirty of a round width, to a good twice the force limit.
+
+        They reach beyond a pressure limit that is not much more.
+        """
+        first, *further = self.force_limits or [135.0]
+        reached = max([first, *(limit for limit in further if limit < _FAR * first)])
+        span = max(2.2 * first, reached)
         size = 10.0 ** math.floor(math.log10(span / _BINS))
-        width = min((size * step for step in (1, 2, 5, 10)), key=lambda w: abs(math.log(w * _BINS / span)))
+        widths = [size * step for step in (1, 2, 5, 10) if size * step * _BINS > reached]
+        width = min(widths, key=lambda w: abs(math.log(w * _BINS / span)))
         return np.asarray(np.arange(_BINS + 1) * width, dtype=np.float64)
 
     def _laws(self, q: FloatArray, velocity: FloatArray) -> BatchResult:
