@@ -92,7 +92,7 @@ def test_version_and_help() -> None:
     # Without a command there is help, too.
     assert bumpstop().stdout == help_text
     for command in ("evaluate", "robots", "bodies"):
-        assert command in help_text
+        assert re.search(rf"^  {command} +[A-Z]\w+ ", help_text, re.MULTILINE), "every command says what it does"
     for option in ("--json", "--out", "--sampled", "--seed", "--threads", "--set"):
         assert option in help_of_evaluate
 

@@ -60,7 +60,7 @@ class CommandGroup(TyperGroup):
             formatter.write_dl(rows)
 
 
-def group(help_text: str | None = None, name: str | None = None) -> typer.Typer:
+def group(help_text: str, name: str | None = None) -> typer.Typer:
     """A group of commands, whose help and errors are plain text."""
     return typer.Typer(
         cls=CommandGroup, name=name, rich_markup_mode=None, pretty_exceptions_enable=False, help=help_text

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from bumpstop.model import Joint, Robot
     from bumpstop.model.inertia import Matrix3
 
-app = group()
+app = group("List the built-in robots, or show one of them or of a URDF file.")
 
 _INERTIA = {
     "published": "published",
@@ -34,7 +34,7 @@ _INERTIA = {
 
 @app.callback(invoke_without_command=True)
 def robots(context: typer.Context) -> None:
-    """List the built-in robots, or show one of them or of a URDF file."""
+    """Without a command: the built-in robots."""
     if context.invoked_subcommand is not None:
         return
     from rich.console import Console

@@ -9,6 +9,7 @@ _STYLE = """\
 :is(#situations, #inputs, #assumptions, #provenance, #stopping, #measurements, #limits, #standards) td {
   overflow-wrap: anywhere; }
 :is(#situations, #inputs, #assumptions) tbody th { overflow-wrap: anywhere; min-width: 6rem; }
+#situations table:not(.numbers) td { min-width: 5.4rem; }
 :is(#situations, #stopping) .numbers td { white-space: nowrap; }
 #verdict table th, .whole { white-space: nowrap; }
 #verdict tr:last-child td { min-width: 18rem; height: 2.6rem; }
