@@ -10,7 +10,7 @@ import numpy as np
 
 from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_whole_number
-from bumpstop.collision.arm.pressing_limit import undetected_force
+from bumpstop.collision.arm.pressing_limit import presses_on, undetected_force
 from bumpstop.collision.curve import AT_REST, StoppingCurve, stopping_curve
 from bumpstop.collision.distribution.contact_distribution import ContactDistribution
 from bumpstop.collision.distribution.contact_duration import first_passage_times
@@ -108,12 +108,11 @@ def integrate(problem: CollisionProblem, curve: StoppingCurve, *, refinement: in
     contact_duration: Distribution | None = None
     if problem.gives_way:
         quantity = _native.ContactQuantity
-        never = undetected_force(problem, curve)
-        peak_force = ContactDistribution.of(law, quantity.peak_force, never)
+        peak_force = ContactDistribution.of(law, quantity.peak_force, lambda: undetected_force(problem, curve))
         force_at_detection = ContactDistribution.of(law, quantity.force_at_detection)
         if problem.gets_away or problem.scenario.reaction.kind == "reverse":
-            forever = None if never is None else math.inf
-            contact_duration = ContactDistribution.of(law, quantity.duration, forever)
+            lasts = math.inf if presses_on(problem, curve) else None
+            contact_duration = ContactDistribution.of(law, quantity.duration, lambda: lasts)
     else:
         peak_force = ExactDistribution(
             law,

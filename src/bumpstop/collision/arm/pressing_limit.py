@@ -188,12 +188,14 @@ def _weight(problem: CollisionProblem, q: FloatArray) -> FloatArray:
     return np.abs(gravity_torque(problem.robot, q, gravity=problem.scenario.gravity_m_s2))
 
 
-def undetected_force(problem: CollisionProblem, curve: StoppingCurve) -> float | None:
-    """What a held body that is never detected is pressed with [N], infinite where nobody knows; None where nothing is.
+def presses_on(problem: CollisionProblem, curve: StoppingCurve) -> bool:
+    """Whether a body that is never detected is pressed on: it has not got away, nor has the motion ended by itself."""
+    return not problem.gets_away and curve.end not in AT_REST
 
-    Nothing presses on where the body has got away, or where the motion ends by itself.
-    """
-    if problem.gets_away or curve.end in AT_REST:
+
+def undetected_force(problem: CollisionProblem, curve: StoppingCurve) -> float | None:
+    """What a body that is never detected is pressed on with [N], infinite where nobody knows; None where it is not."""
+    if not presses_on(problem, curve):
         return None
     limit = pressing_limit(problem, curve)
     return math.inf if limit is None else limit.peak_force

@@ -54,7 +54,7 @@ class ContactDistribution(Distribution):
         cls,
         collisions: _native.CollisionDistribution,
         quantity: _native.ContactQuantity,
-        never: float | None = None,
+        never: Callable[[], float | None] = lambda: None,
         phases: _native.PhaseShares | None = None,
     ) -> ContactDistribution:
         """A quantity of integrated collisions.
@@ -62,10 +62,16 @@ class ContactDistribution(Distribution):
         Args:
             collisions: in which something gives way.
             quantity: of them.
-            never: its value where a collision is never detected, if it is not the one at the motion's end.
+            never: gives its value where a collision is never detected; None: it is the one at the motion's end. It is
+                called where something is asked and some are never detected: it takes a good part of a millisecond.
             phases: of the peak force, what a newton counts for in the transient phase and after it.
         """
-        return cls(ContactCells(lambda: _native.contact_mixture(collisions, quantity, never, phases)))
+
+        def make() -> _native.CellMixture:
+            missed = never() if collisions.undetected > 0 else None
+            return _native.contact_mixture(collisions, quantity, missed, phases)
+
+        return cls(ContactCells(make))
 
     @cached_property
     def mean(self) -> float:  # noqa: D102

@@ -94,9 +94,12 @@ def _shares_that_give_way(
     first, later = per_newton
     _need_higher_transient_limit(per_newton)
     quantity = _native.ContactQuantity.peak_force
-    never = undetected_force(problem, curve)
-    shares = _native.PhaseShares(first, later)
-    return ContactDistribution.of(collisions, quantity, None if never is None else never * later, shares)
+
+    def never() -> float | None:
+        force = undetected_force(problem, curve)
+        return None if force is None else force * later
+
+    return ContactDistribution.of(collisions, quantity, never, _native.PhaseShares(first, later))
 
 
 def greater_share(peak: FloatArray, lasting: FloatArray, per_newton: tuple[float, float]) -> FloatArray:

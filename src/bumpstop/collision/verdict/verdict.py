@@ -126,7 +126,8 @@ def judge(result: CollisionOutcome, over: tuple[float, float | None] | None, not
         nothing_hit: why most cases touch nothing; empty where they do.
     """
     settings, problem = result.scenario.verdict, result.problem
-    limits, integrated, because = problem.limits, result.kind == "exact", result.unbounded_because
+    limits, integrated = problem.limits, result.kind == "exact"
+    because = result.unbounded_because if result.undetected_probability > 0 else None
     # One never detected whose force is known has that force all the same: no failure by itself.
     undetected = (0.0, "") if because is None else (result.undetected_probability, because)
     p_force = p_pressure = None
