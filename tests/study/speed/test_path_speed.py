@@ -18,6 +18,7 @@ from bumpstop.collision.trajectory.trajectory_evaluation import integrate_trajec
 from bumpstop.study import run
 from bumpstop.study.requirement.risk import allowed_force
 from bumpstop.study.speed.speed_limit import speed_limits
+from bumpstop.study.speed.trajectory import path_speed as path_speed_module
 from bumpstop.study.speed.trajectory.path_speed import min_between, sliding_min
 from bumpstop.study.speed.trajectory.retiming import retime
 from bumpstop.study.speed.trajectory.trajectory_speed_limits import TrajectorySpeedLimits
@@ -257,3 +258,13 @@ def test_a_motion_that_begins_and_pauses_at_rest_is_slowed_by_no_more_than_its_l
     first, last = np.searchsorted(study.trajectory.time, t[still][[0, -1]])
     taken = slow.time[slow.waypoint][last] - slow.time[slow.waypoint][first]
     assert taken == pytest.approx(np.ptp(t[still]), rel=0.25)
+
+
+def test_where_no_path_speed_is_safe_the_place_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A row before it that gets no speed for its sake has a limit of its own."""
+    study = TrajectorySpeedLimits(waves(78, tmp_path))
+    rows = rows_of(study).with_columns(pl.lit("joint_rates").alias("limited_by"))
+    forces = np.where(np.arange(len(rows)) == len(rows) // 2, 1e6, 0.0)
+    monkeypatch.setattr(path_speed_module, "undetected_force", lambda *given: forces)
+    place = f"at {study.trajectory.time[len(rows) // 2]:.6g} s, where joints turn more than a line asks for"
+    assert study.slowed(rows).why.startswith(place)

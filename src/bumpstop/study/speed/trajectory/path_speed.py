@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from bumpstop.errors import InputError
 from bumpstop.study.directions import STANDS
 from bumpstop.study.pose_batch import PoseBatch
 from bumpstop.study.prediction import predicted_speed_limit, stopping_time_per_speed, undetected_force
@@ -50,6 +51,9 @@ def max_path_speed(
         travelled: way of the contact point to every row (rows,) [m].
         direction: of the tip, unit vectors (rows, 3).
         rows: of the speed limits.
+
+    Raises:
+        InputError: what stays undetected at some row leaves no speed there.
     """
     speed = np.maximum(rows["speed_mm_s"].to_numpy() / 1e3, STANDS)
     limit = rows["limit_mm_s"].to_numpy() / 1e3
@@ -69,6 +73,11 @@ def max_path_speed(
     most = -sliding_min(-undetectable, first, here)
     gain = stopping_time_per_speed(problem, trajectory.at(trajectory.time, 1)) / speed
     turned = np.where(most < 0, np.inf, predicted_speed_limit(problem, most, gain, allowed_force(problem)))
+    if (turned <= 0).any():
+        # The rows beside it are left no speed either, whatever their own limits are.
+        place = f"at {trajectory.time[int(np.argmax(turned <= 0))]:.6g} s, where joints turn more than a line asks for,"
+        told = f"{place} the force that may stay undetected is predicted to be over the allowed one: no speed is known"
+        raise InputError("motion.file", f"{told} to be safe", "change the path")
     allowed = (1 - CLOSE) * np.minimum(np.minimum(limit, lowest), turned)
     own = np.minimum(np.where(share < 1, (1 - CLOSE) * share, 1.0), allowed / speed)
     turned_yet = np.append(0.0, np.cumsum(np.abs(np.diff(trajectory.position, axis=0)).max(axis=1)))

@@ -64,7 +64,7 @@ def retime(
     u = trajectory.time
     if (path_speed <= 0).any():
         raise InputError(
-            "motion.file", f"no speed is safe at {u[int(np.argmax(path_speed <= 0))]:.6g} s", "change the path"
+            "motion.file", f"the path speed is 0 at {u[int(np.argmax(path_speed <= 0))]:.6g} s", "change the path"
         )
     rate = trajectory.at(u, 1)
     with np.errstate(divide="ignore"):

@@ -272,7 +272,11 @@ class TrajectorySpeedLimits(SpeedMap):
     def _slow_down(self, rows: pl.DataFrame) -> Slowing:
         if (rows["limit_mm_s"] == 0).any():
             return Slowing(None, "at some places no speed is safe")
-        return slow_down(self.problem, self.trajectory, self.path_speed(rows))
+        try:
+            path_speed = self.path_speed(rows)
+        except InputError as error:
+            return Slowing(None, error.problem)
+        return slow_down(self.problem, self.trajectory, path_speed)
 
     def summary(self, rows: pl.DataFrame) -> dict[str, Any]:  # noqa: D102
         least = rows["limit_mm_s"].arg_min()
