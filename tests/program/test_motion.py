@@ -16,6 +16,7 @@ from bumpstop.program.motion.kinematics import tool_line, transform
 from bumpstop.program.motion.timing import RAMP_S, PathMotion
 from bumpstop.program.trajectories.recorded import read_recorded
 from bumpstop.program.trajectories.trajectory_segment import TrajectorySegment, find_segments
+from bumpstop.program.worst_onset import _crest
 from program.corpora import bell, cell, segments
 
 FAR, HIGH = "[0.9, -1.57, 1.57, -1.57, -1.57, 0]", "[0.9, -1.2, 1.4, -1.77, -1.57, 0]"
@@ -146,7 +147,7 @@ def test_a_segment_timed_anew_follows_the_same_path_from_rest_to_rest() -> None:
     t = np.linspace(0, 1.2, 31)
     home = np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])
     q = bell(home, home + np.array([0.5, 0.2, -0.1, 0, 0.3, 0]), 1.2, t)
-    assert find_segments(t, q, None) == [(1, 29)]  # at the outermost rows next to nothing moves
+    assert find_segments(t, q, None) == [(0, 30)]
     segment = TrajectorySegment("s", (1, 31), (0, 30), cell().robot, t, q, None, cell().joint_acceleration, dense=True)
     peak = np.abs(segment.given.at(np.linspace(0, 1.2, 2001), 1)).max(axis=0)
     for factor in (0.3, 0.8):
@@ -165,3 +166,35 @@ def test_a_segment_timed_anew_follows_the_same_path_from_rest_to_rest() -> None:
     sparse = replace(segment, dense=False)
     assert (sparse.at(0.5).position == q).all()
     assert sparse.at(0.5).duration == pytest.approx(segment.at(0.5).duration, rel=1e-9)
+
+
+def test_short_quick_motions_and_slow_ones_are_segments_whole() -> None:
+    """A dip of a hundredth of a radian in 60 ms, a slow motion before a quick one, and one that creeps."""
+    home = np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])
+    dip, slow = np.array([0, 0.0095, 0.0095, 0, 0, 0]), np.array([0.3, 0, 0, 0, 0, 0])
+    parts = [(slow, 8.0, 21), (0 * dip, 0.5, 3), (dip, 0.06, 13), (0 * dip, 0.5, 3), (4 * slow, 1.2, 21)]
+    t, q = np.zeros(1), home[None]
+    for way, duration, rows in parts:
+        own = np.linspace(0, duration, rows)[1:]
+        q = np.concatenate([q, bell(q[-1], q[-1] + way, duration, own)])
+        t = np.concatenate([t, t[-1] + own])
+    qd = np.gradient(q, t, axis=0)
+    qd[[0, 20, 22, 34, 36, 56]] = 0.0
+    assert find_segments(t, q, qd) == [(0, 20), (22, 34), (36, 56)]
+    t = np.linspace(0, 60, 7501)
+    creeping = home + 0.0005 * t[:, None] * (np.arange(6) == 1)
+    assert find_segments(t, creeping, None) == [(0, 7500)]
+    assert find_segments(t, 0 * creeping, None) == []
+
+
+def test_contact_without_bound_is_the_hardest() -> None:
+    with_bound = _crest(lambda t: np.sin(t), np.arange(4), 1.0)
+    assert with_bound[1:] == pytest.approx((math.pi / 2, 1.0), abs=1e-4)
+    for begin in (1.0, 1.7):
+        _, time, height = _crest(lambda t, begin=begin: np.where(t > begin, np.inf, t), np.arange(4), 1.0)  # type: ignore[misc]
+        assert time > begin
+        assert height == math.inf
+    # Found between the times that are looked at first.
+    narrow = _crest(lambda t: np.where(np.abs(t - 1.503) < 2e-3, np.inf, 2 - np.abs(t - 1.5)), np.arange(4), 1.0)
+    assert narrow[2] == math.inf
+    assert abs(narrow[1] - 1.503) < 3e-3

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bumpstop.errors import InputError
+from bumpstop.program.languages.blocks import called_by
 from bumpstop.program.languages.statements import (
     Branch,
     Call,
     Frames,
+    Leave,
     Loop,
     Move,
     Node,
@@ -24,12 +27,16 @@ from bumpstop.program.languages.statements import (
 )
 from bumpstop.program.motion.kinematics import joint_line, tool_arc, tool_line, transform
 from bumpstop.program.motion.path import Leg
+from bumpstop.program.state import State, agreed, alike, equal
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
     from bumpstop.model import Robot
 
-_MAX_VISITS, _MAX_DEPTH = 5000, 12
+_MAX_VISITS, _MAX_STEPS, _MAX_DEPTH = 5000, 200_000, 12
+_MAX_RECURSION = 2  # calls of a function inside itself: the second shows what the first leaves to its beginning
+_MAX_ROUNDS = 4  # of a loop that are run through before what changes is given up
+_SPEEDS = ("tool", "axes", "acceleration tool", "acceleration axes")
 _AWAY = 1e-9  # [rad] joints that turn less do not move
 
 
@@ -52,23 +59,12 @@ class Visit:
     still: bool = False
 
 
-@dataclass
-class _State:
-    q: FloatArray | None
-    tool: FloatArray | None = field(default_factory=lambda: np.eye(4))
-    base: FloatArray | None = field(default_factory=lambda: np.eye(4))
-    speeds: dict[str, SpeedSlot | None] = field(default_factory=dict)
-
-
-def _equal(a: FloatArray | None, b: FloatArray | None) -> bool:
-    return (a is None and b is None) or (a is not None and b is not None and np.array_equal(a, b))
-
-
 class Interpreter:
     """Runs through a program.
 
-    A loop is run through twice, for its first move begins where its last one ends from then on. After a branch only
-    what all its ways agree on is known. Functions of the program are run through where they are called.
+    A loop is run through until its rounds begin as one before did, for its first move begins where its last one ends
+    from then on. After a branch, a loop or a function only what all its ways agree on is known. Functions of the
+    program are run through where they are called; those that nothing understood calls begin anywhere.
     """
 
     def __init__(self, program: ReadProgram, robot: Robot, start: FloatArray | None, field_name: str) -> None:
@@ -81,9 +77,15 @@ class Interpreter:
             field_name: how errors call the program.
         """
         self._program, self._robot, self._start, self._field = program, robot, start, field_name
-        self._visits = 0
+        self._visits = self._steps = 0
         self._chains: list[list[Visit]] = []
         self._goes_on = False
+        self._ran: set[str] = set()
+        self._running: list[str] = []
+        # States at jumps out of the loops and functions that are being run through, and to the next round.
+        self._breaks: list[list[State]] = []
+        self._rounds: list[list[State]] = []
+        self._returns: list[list[State]] = []
 
     def chains(self) -> list[tuple[Visit, ...]]:
         """Moves that go over into each other, chain by chain, each once.
@@ -91,19 +93,35 @@ class Interpreter:
         Raises:
             InputError: the program runs through too many moves.
         """
-        called = set(_called(self._program.functions.values()))
-        for name, body in self._program.functions.items():
-            if name not in called:
-                self._goes_on = False
-                state = _State(self._start, speeds={})
-                self._run(body, state, 0)
-        found: dict[object, tuple[Visit, ...]] = {}
+        functions, main = self._program.functions, self._program.main
+        if main is not None and main in functions:
+            self._function(main, State(self._start), 0)
+        self._goes_on = False
+        called = set(called_by(functions.values()))
+        text = " ".join(text for _, text in self._program.not_understood).lower()
+        mentioned = set(re.findall(r"\w+", text))
+        # What is called by something not understood begins anywhere, too; what calls itself alone as well.
+        anywhere = [name for name in functions if name != main and (name not in called or name in mentioned)]
+        for name in (*anywhere, *functions):
+            if name in anywhere or name not in self._ran:
+                state = State(None)
+                self._forget(state)
+                self._function(name, state, 0)
+                self._end_blend()
+        found: dict[object, list[tuple[Visit, ...]]] = {}
+        each: list[tuple[Visit, ...]] = []
         for chain in self._chains:
-            found.setdefault(_identity(chain), tuple(chain))
-        return list(found.values())
+            same = found.setdefault(_identity(chain), [])
+            if not any(_same_motion(chain, other) for other in same):
+                same.append(tuple(chain))
+                each.append(same[-1])
+        return each
 
-    def _run(self, body: Sequence[Node], state: _State, depth: int) -> None:
+    def _run(self, body: Sequence[Node], state: State, depth: int) -> None:
         for node in body:
+            self._steps += 1
+            if self._steps > _MAX_STEPS:
+                raise InputError(self._field, f"runs through more than {_MAX_STEPS} statements", "give its parts alone")
             if isinstance(node, Move):
                 self._move(node, state)
             elif isinstance(node, Setting):
@@ -116,45 +134,134 @@ class Interpreter:
             elif isinstance(node, Opaque):
                 self._opaque(node, state)
             elif isinstance(node, Loop):
-                # Once more from where its end leaves the arm.
-                before = replace(state)
-                self._run(node.body, state, depth)
-                self._run(node.body, state, depth)
-                if not node.certain:
-                    self._set(state, _agreed([before, state]))
+                self._loop(node, state, depth)
             elif isinstance(node, Branch):
                 self._branch(node, state, depth)
+            elif isinstance(node, Leave):
+                self._leave(node, state)
 
-    def _branch(self, node: Branch, state: _State, depth: int) -> None:
+    def _loop(self, node: Loop, state: State, depth: int) -> None:
+        if not node.certain and self._may_move((node,)):
+            self._end_blend()
+        before, heads, ends = state.copy(), [state.copy()], list[State]()
+        self._breaks.append([])
+        while True:
+            self._rounds.append([])
+            self._run(node.body, state, depth)
+            again = self._rounds.pop() + ([] if state.dead else [state.copy()])
+            if not again:
+                break
+            head = agreed(again)
+            ends.append(head)
+            if len(heads) > 1 and any(alike(head, other) for other in heads):
+                break
+            if len(heads) >= _MAX_ROUNDS:
+                # What changes from round to round is not known.
+                head = agreed([*heads, head])
+                if alike(head, heads[-1]):
+                    break
+            heads.append(head)
+            state.set(head)
+        jumps = self._breaks.pop()
+        # Where the end of a certain loop goes over into what follows, that is its last round's.
+        if (jumps or not node.certain) and self._may_move((node,)):
+            self._end_blend()
+        self._meet(state, [*jumps, *([] if node.certain else [before]), *([] if node.endless else ends)])
+
+    def _branch(self, node: Branch, state: State, depth: int) -> None:
+        moves = self._may_move((node,))
+        if moves:
+            self._end_blend()
         ends = []
         for body in (*node.bodies, ()):
-            self._goes_on = False
-            own = replace(state, speeds=dict(state.speeds))
+            own = state.copy()
             self._run(body, own, depth)
-            ends.append(own)
-        self._set(state, _agreed(ends))
+            if moves:
+                self._end_blend()
+            if not own.dead:
+                ends.append(own)
+        self._meet(state, ends)
 
-    def _set(self, state: _State, other: _State) -> None:
-        self._goes_on = False
-        state.q, state.tool, state.base, state.speeds = other.q, other.tool, other.base, other.speeds
-
-    def _call(self, node: Call, state: _State, depth: int) -> None:
-        body = self._program.functions.get(node.name)
-        if body is None or depth >= _MAX_DEPTH:
-            self._opaque(Opaque(node.line, node.name, resets=True, reframes=("tool", "base")), state)
+    def _meet(self, state: State, ends: Sequence[State]) -> None:
+        """What is known where ways meet; of none nothing is: no way that is understood leads to what follows."""
+        if ends:
+            state.set(agreed(ends))
         else:
-            self._run(body, state, depth + 1)
+            self._forget(state)
+            state.dead = True
 
-    def _opaque(self, node: Opaque, state: _State) -> None:
-        if node.moves:
-            state.q = None
+    def _forget(self, state: State) -> None:
+        state.q, state.speeds = None, dict.fromkeys(_SPEEDS)
+        for which in self._program.frames:
+            setattr(state, which, None)
+
+    def _leave(self, node: Leave, state: State) -> None:
+        if node.what == "program":
             self._goes_on = False
+        else:
+            self._end_blend()
+            jumps = {"loop": self._breaks, "round": self._rounds, "function": self._returns}[node.what]
+            if not state.dead:
+                (jumps or self._returns)[-1].append(state.copy())
+        self._forget(state)
+        state.dead = True
+
+    def _call(self, node: Call, state: State, depth: int) -> None:
+        again = self._running.count(node.name) >= _MAX_RECURSION
+        if node.name not in self._program.functions or depth >= _MAX_DEPTH or again:
+            self._opaque(Opaque(node.line, node.name, resets=True, reframes=self._program.frames), state)
+        else:
+            self._function(node.name, state, depth + 1)
+
+    def _function(self, name: str, state: State, depth: int) -> None:
+        self._ran.add(name)
+        self._running.append(name)
+        outer, self._breaks, self._rounds = (self._breaks, self._rounds), [], []
+        self._returns.append([])
+        self._run(self._program.functions[name], state, depth)
+        self._breaks, self._rounds = outer
+        jumps = self._returns.pop()
+        self._running.pop()
+        if jumps:
+            self._end_blend()
+        self._meet(state, [*jumps, *([] if state.dead else [state.copy()])])
+
+    def _opaque(self, node: Opaque, state: State) -> None:
+        if node.moves:
+            # A jump may come here, too.
+            state.q, state.dead = None, False
+            self._end_blend()
         if node.resets:
-            state.speeds = dict.fromkeys(("tool", "axes", "acceleration tool", "acceleration axes"))
+            state.speeds = dict.fromkeys(_SPEEDS)
         for which in node.reframes:
             setattr(state, which, None)
 
-    def _move(self, move: Move, state: _State) -> None:
+    def _end_blend(self) -> None:
+        """The move before, if it is blended, goes over into one that is not known."""
+        if self._goes_on:
+            last = self._chains[-1][-1]
+            self._chains[-1][-1] = replace(last, why=last.why or "the move that it is blended into is not known")
+        self._goes_on = False
+
+    def _may_move(self, nodes: Sequence[Node], depth: int = 0) -> bool:
+        """Whether the arm may move in statements, or they may jump; of calls in calls it is taken that it may."""
+        for node in nodes:
+            if isinstance(node, (Move, Leave)) or (isinstance(node, Opaque) and node.moves):
+                return True
+            bodies: Sequence[Sequence[Node]] = ()
+            if isinstance(node, Loop):
+                bodies = (node.body,)
+            elif isinstance(node, Branch):
+                bodies = node.bodies
+            elif isinstance(node, Call):
+                if depth >= 2 or node.name not in self._program.functions:
+                    return True
+                bodies = (self._program.functions[node.name],)
+            if any(self._may_move(body, depth + isinstance(node, Call)) for body in bodies):
+                return True
+        return False
+
+    def _move(self, move: Move, state: State) -> None:
         self._visits += 1
         if self._visits > _MAX_VISITS:
             raise InputError(self._field, f"runs through more than {_MAX_VISITS} moves", "give its parts one by one")
@@ -166,7 +273,7 @@ class Interpreter:
         self._goes_on = move.blend > 0
         state.q = end
 
-    def _visit(self, move: Move, state: _State) -> tuple[Visit, FloatArray | None]:
+    def _visit(self, move: Move, state: State) -> tuple[Visit, FloatArray | None]:
         slots, why = _slots(move, state, self._robot.dof)
         why = move.why or why
         q, end = self._samples(move, state)
@@ -174,12 +281,13 @@ class Interpreter:
             return Visit(move, None, slots, why if why else q), end
         if float(np.abs(q - q[0]).max()) < _AWAY:
             return Visit(move, None, slots, "", still=True), end
-        assert state.tool is not None or move.target.pose is None
+        if state.tool is None and move.measure == "tool":
+            why = why or "the tool whose speed it gives is not known"
         tool = np.eye(4) if state.tool is None else state.tool
         leg = Leg(q, tool, move.measure, move.blend, _acceleration(move, state))
         return Visit(move, leg, slots, why), end
 
-    def _samples(self, move: Move, state: _State) -> tuple[FloatArray | str, FloatArray | None]:
+    def _samples(self, move: Move, state: State) -> tuple[FloatArray | str, FloatArray | None]:
         """Joint positions along a move, or why they are not known; and those at its end."""
         target, robot = move.target, self._robot
         if target.why:
@@ -200,16 +308,16 @@ class Interpreter:
             q = tool_line(robot, state.q, robot.pose(end) @ tool, tool)
         else:
             assert target.pose is not None
+            if state.tool is None or state.frame is None:
+                return "the tool or frame of its target is not known", None
             if state.q is None:
                 return begin, None
-            if state.tool is None or state.base is None:
-                return "the tool or frame of its target is not known", None
-            q = tool_line(robot, state.q, state.base @ transform(target.pose), state.tool)
+            q = tool_line(robot, state.q, state.frame @ transform(target.pose), state.tool)
         if isinstance(q, str):
             return q, None
         return (q, q[-1]) if move.linear else (joint_line(q[0], q[-1]), q[-1])
 
-    def _arc(self, move: Move, via: Target, state: _State) -> FloatArray | str:
+    def _arc(self, move: Move, via: Target, state: State) -> FloatArray | str:
         if via.why:
             return via.why
         if state.q is None:
@@ -219,14 +327,14 @@ class Interpreter:
             return "the tool or frame of its target is not known"
         return tool_arc(self._robot, state.q, middle[:3, 3], end, tool)
 
-    def _pose(self, target: Target, state: _State) -> FloatArray | None:
+    def _pose(self, target: Target, state: State) -> FloatArray | None:
         """Of the tool at a target, in the base (4, 4); None where it is not known."""
         if target.joints is not None and state.tool is not None and len(target.joints) == self._robot.dof:
             return np.asarray(self._robot.pose(np.array(target.joints)) @ state.tool)
-        return None if target.pose is None or state.base is None else state.base @ transform(target.pose)
+        return None if target.pose is None or state.frame is None else state.frame @ transform(target.pose)
 
 
-def _slots(move: Move, state: _State, dof: int) -> tuple[tuple[SpeedSlot, ...], str]:
+def _slots(move: Move, state: State, dof: int) -> tuple[tuple[SpeedSlot, ...], str]:
     """Where the speed of a move is written, and why it is not known."""
     if move.speed:
         return move.speed, ""
@@ -243,41 +351,24 @@ def _slots(move: Move, state: _State, dof: int) -> tuple[tuple[SpeedSlot, ...], 
     return ((move.default,) if move.default else ()), ""
 
 
-def _acceleration(move: Move, state: _State) -> float | None:
+def _acceleration(move: Move, state: State) -> float | None:
     if move.acceleration is not None:
         return move.acceleration
     slot = state.speeds.get("acceleration tool") if move.measure == "tool" else None
     return slot.value * slot.factor if slot is not None and slot.value else None
 
 
-def _agreed(states: Sequence[_State]) -> _State:
-    first = states[0]
-
-    def common(name: str) -> FloatArray | None:
-        values = [getattr(state, name) for state in states]
-        return values[0] if all(_equal(values[0], value) for value in values) else None
-
-    keys = {key for state in states for key in state.speeds}
-    speeds = {
-        key: first.speeds.get(key) if all(s.speeds.get(key, 0) == first.speeds.get(key, 0) for s in states) else None
-        for key in keys
-    }
-    return _State(common("q"), common("tool"), common("base"), speeds)
-
-
-def _called(bodies: Iterable[Sequence[Node]]) -> Iterable[str]:
-    for body in bodies:
-        for node in body:
-            if isinstance(node, Call):
-                yield node.name
-            elif isinstance(node, Loop):
-                yield from _called([node.body])
-            elif isinstance(node, Branch):
-                yield from _called(node.bodies)
-
-
 def _identity(chain: Sequence[Visit]) -> object:
-    return tuple(
-        (v.move.line, v.move.word, id(v.move), v.why, None if v.leg is None else v.leg.q[0].tobytes(), v.slots)
-        for v in chain
-    )
+    return tuple((v.move.line, v.move.word, id(v.move), v.why, v.slots, v.still) for v in chain)
+
+
+def _same_motion(chain: Sequence[Visit], other: Sequence[Visit]) -> bool:
+    """Whether two runs of the same moves take the same paths with the same tool and acceleration."""
+    for one, two in zip((v.leg for v in chain), (v.leg for v in other), strict=True):
+        if (one is None) != (two is None):
+            return False
+        if one is not None and two is not None:
+            same = one.acceleration == two.acceleration and equal(one.tool, two.tool)
+            if not same or not equal(one.q, two.q):
+                return False
+    return True

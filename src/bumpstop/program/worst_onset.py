@@ -86,12 +86,20 @@ def _crest(share: Callable[[FloatArray], FloatArray], cycles: Cycles, period: fl
     best = shares.argmax(axis=1)
     rows = np.arange(cycles.size)
     time, height = times[rows, best], shares[rows, best]
+    if not np.isfinite(shares).all():
+        # Nothing is harder than what has no bound.
+        hardest = int(height.argmax())
+        return int(cycles[hardest]), float(time[hardest]), float(height[hardest])
     # The force may rise abruptly between two of these times: to as much above as it is higher at one than at the other.
     kept = height + 9 / 8 * np.abs(np.diff(shares, axis=1)).max(axis=1) >= height.max()
     cycles, time, height = cycles[kept], time[kept], height[kept]
     for _ in range(_HALVINGS):
         width /= 2
         beside = share(np.stack([time - width, time + width], axis=1))
+        if not np.isfinite(beside).all():
+            side, hardest = beside.argmax(axis=1), int(beside.max(axis=1).argmax())
+            found = float(time[hardest] + (width if side[hardest] else -width))
+            return int(cycles[hardest]), found, float(beside[hardest].max())
         fall = height[:, None] - beside
         harder = fall.min(axis=1) < 0
         side = beside.argmax(axis=1)

@@ -186,6 +186,17 @@ def read_expression(words: Sequence[Token]) -> Expression | None:
     return found if reader.done else None
 
 
+def assigned(words: Sequence[Token], *signs: str) -> tuple[str, int] | None:
+    """The name that a statement assigns to and the place of the sign, which is 1 where it is not a part of it."""
+    level = 0
+    for i, word in enumerate(words):
+        level += (word.text in ("(", "[", "{")) - (word.text in (")", "]", "}"))
+        if level == 0 and word.text in signs:
+            is_target = words[0].kind == "name" and (i == 1 or (i > 1 and words[1].text in (".", "[", "{")))
+            return (words[0].text, i) if is_target else None
+    return None
+
+
 def number_of(expression: Expression | None, constants: Mapping[str, Expression], *, depth: int = 0) -> float | None:
     """The value of an expression of constants; None where it is not known before the program runs."""
     if expression is None or depth > _MAX_LEVELS:

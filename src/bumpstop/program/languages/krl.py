@@ -6,10 +6,20 @@ import math
 import re
 from collections.abc import Mapping
 
-from bumpstop.program.languages.blocks import Assignments, Blocks
-from bumpstop.program.languages.expression import Expression, Reader, number_of, read_expression, resolved
+from bumpstop.program.languages.blocks import Assignments, Blocks, does_something
+from bumpstop.program.languages.calls import KRL_PURE, function_name, has_parameters, names_given
+from bumpstop.program.languages.expression import Expression, Reader, assigned, number_of, read_expression, resolved
 from bumpstop.program.languages.rotation import from_euler_zyx
-from bumpstop.program.languages.statements import Call, Frame, Frames, Move, ReadProgram, Setting, SpeedSlot, Target
+from bumpstop.program.languages.statements import (
+    Frame,
+    Frames,
+    Jump,
+    Move,
+    ReadProgram,
+    Setting,
+    SpeedSlot,
+    Target,
+)
 from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token, parse_lines
 
 _TOKENS = re.compile(
@@ -19,16 +29,9 @@ _TOKENS = re.compile(
     r"|(?P<operator>==|<>|<=|>=|[-+*/=<>()\[\]{},:!?'])"
 )
 _TYPES = frozenset(("e6pos", "pos", "e6axis", "axis", "frame", "real", "int", "bool", "char"))
-_OPEN: Mapping[str, tuple[str, bool]] = {
-    "def": ("function", False),
-    "deffct": ("function", False),
-    "loop": ("loop", True),
-    "while": ("loop", False),
-    "repeat": ("loop", True),
-    "for": ("loop", True),
-    "if": ("branch", False),
-    "switch": ("branch", False),
-}
+_FUNCTIONS = ("def", "deffct")
+_LOOPS = ("loop", "while", "repeat", "for")
+_BRANCHES = ("if", "switch")
 _CLOSE = {
     "end": "function",
     "endfct": "function",
@@ -40,8 +43,14 @@ _CLOSE = {
     "endswitch": "branch",
 }
 # What neither moves the arm nor says how it moves.
-_HARMLESS_WORDS = "wait halt continue pulse defdat enddat ext extfct signal enum struc ini return"
+_HARMLESS_WORDS = "wait halt continue pulse defdat enddat ext extfct signal enum struc ini anout"
+_DECLARATIONS = ("defdat", "enddat", "ext", "extfct", "signal", "enum", "struc")
 _HARMLESS = frozenset(_HARMLESS_WORDS.split())
+_JUMPS: Mapping[str, Jump] = {"exit": "loop", "return": "function"}
+# Other motions: the arm is elsewhere after them, and that is all.
+_OTHER_MOTIONS = frozenset(
+    ["sptp", "slin", "scirc", "ptp_rel", "lin_rel", "circ_rel", "sptp_rel", "slin_rel", "scirc_rel"]
+)
 _BLENDS = frozenset(("c_ptp", "c_dis", "c_vel", "c_ori"))
 _SETTINGS = {
     "$vel.cp": ("tool", "m/s", 3.0),
@@ -50,6 +59,8 @@ _SETTINGS = {
     "$acc_axis": ("acceleration axes", "%", 100.0),
 }
 _FRAMES: tuple[Frame, ...] = ("tool", "base")
+# System variables that neither move the arm nor say how it moves, and those that change tool or base.
+_OUTPUTS, _REFRAMING = ("$out", "$anout", "$timer", "$flag", "$cycflag", "$apo"), ("$ipo_", "$act_")
 # Of a blend whose distance is not known: half of the way, which nothing goes beyond [m].
 _UNKNOWN_BLEND = 1e3
 
@@ -66,69 +77,141 @@ def read_krl(source: bytes, data: bytes = b"") -> ReadProgram:
         source: of the .src.
         data: of the .dat beside it, whose declarations count too.
     """
-    tree, assignments = parse_krl(source), Assignments()
+    tree, assignments, names = parse_krl(source), Assignments(), []
     for statement in (*parse_krl(data).statements, *tree.statements):
-        for name, value in _assignments(statement.words):
-            assignments.add(name, value)
+        _assign(assignments, statement.words)
+        if (head := _head(statement.words)) is not None:
+            names.append(function_name(head))
     constants = assignments.constants()
-    blocks = Blocks()
+    blocks = Blocks(names, KRL_PURE, _JUMPS, _FRAMES)
     for statement in tree.statements:
         if statement.words:
             _add(blocks, statement, tree, constants)
     functions = blocks.finish()
-    return ReadProgram("KRL", source, functions, tuple(blocks.not_understood), tuple(blocks.notes), constants)
+    # A module begins with its first function; the others are its own.
+    main = "" if does_something(functions.get("", ())) else next((name for name in names), None)
+    return ReadProgram(
+        "KRL",
+        source,
+        functions,
+        tuple(blocks.not_understood),
+        tuple(blocks.notes),
+        constants,
+        main=main if main is not None and blocks.may_be_first(main) else None,
+        frames=_FRAMES,
+    )
 
 
-def _assignments(words: list[Token]) -> list[tuple[str, Expression | None]]:
-    """Names and values of a declaration or an assignment; of a FOR its counter, which is no constant."""
+def _head(words: list[Token]) -> list[Token] | None:
+    """The head of a function, without the word that makes it global."""
+    if len(words) > 1 and words[0].text.lower() == "global":
+        words = words[1:]
+    return words if words and words[0].text.lower() in _FUNCTIONS else None
+
+
+def _assign(assignments: Assignments, words: list[Token]) -> None:
+    """What a statement declares, assigns and changes."""
     texts = [word.text.lower() for word in words]
+    for name in names_given(words, KRL_PURE):
+        if _head(words) is None:
+            assignments.change(name)  # what a call is given it may change
+        else:
+            assignments.add(name, None)  # a parameter hides what has its name outside
     if texts[:1] == ["for"] and len(words) > 1:
-        return [(words[1].text, None)]
-    while texts and (texts[0] in ("decl", "global", "const") or (texts[0] in _TYPES and len(texts) > 1)):
-        words, texts = words[1:], texts[1:]
-    if "=" not in texts or not words or words[0].kind != "name":
-        return []
-    at = texts.index("=")
-    if at == 1:
-        return [(words[0].text, read_expression(words[2:]))]
-    # An element of an array, or a part of a record, changes the whole.
-    target = Reader(words[:at]).expression()
-    element = target.name if target.kind == "name" and "?" not in target.name else words[0].text
-    return [(element, read_expression(words[at + 1 :]))]
+        assignments.add(words[1].text, None)
+        return
+    plain, declared = _without_type(words)
+    if declared and plain:
+        parts = _parts(plain)
+        for part in parts:
+            if part and part[0].kind == "name":
+                assignments.declare(part[0].text)
+                _assign_one(assignments, part)
+    elif plain:
+        _assign_one(assignments, plain)
+
+
+def _without_type(words: list[Token]) -> tuple[list[Token], bool]:
+    """The words of a declaration behind its type, and whether they are one."""
+    rest = words
+    while rest and rest[0].text.lower() in ("decl", "global", "const"):
+        rest = rest[1:]
+    declared = len(rest) < len(words) and _head(words) is None
+    if rest and rest[0].text.lower() in _TYPES and len(rest) > 1:
+        return rest[1:], True
+    # Of a type that is not the language's own.
+    return (rest[1:] if declared and len(rest) > 1 and rest[1].kind == "name" else rest), declared
+
+
+def _assign_one(assignments: Assignments, words: list[Token]) -> None:
+    found = assigned(words, "=")
+    if found is None:
+        return
+    name, at = found
+    value = read_expression(words[at + 1 :])
+    if at > 1:
+        # An element of an array is a name of its own where its number is known; a part of it changes the whole.
+        reader = Reader(words[:at])
+        target = reader.expression()
+        whole = reader.done and target.kind == "name" and "?" not in target.name
+        element = target.name if target.kind == "name" and "?" not in target.name else name
+        if not whole:
+            assignments.change(element)
+            return
+        name = target.name
+    assignments.add(name, value)
+    if "." in name and not name.startswith("$"):
+        assignments.change(name.partition(".")[0])
 
 
 def _add(blocks: Blocks, statement: Statement, tree: SyntaxTree, constants: Mapping[str, Expression]) -> None:
     words = statement.words
     first = words[0].text.lower()
-    if first == "global" and len(words) > 1 and words[1].text.lower() in ("def", "deffct"):
-        words, first = words[1:], words[1].text.lower()
-    if first in _OPEN:
-        kind, certain = _OPEN[first]
-        name = words[1].text if kind == "function" and len(words) > 1 else ""
-        blocks.begin(kind, statement, name, certain=certain)  # type: ignore[arg-type]
+    if (head := _head(words)) is not None:
+        may_be_first = head[0].text.lower() == "def" and not has_parameters(head)
+        blocks.begin_function(statement, function_name(head), first=may_be_first)
+    elif first in _LOOPS:
+        certain = first in ("loop", "repeat") or (first == "for" and _runs(words, constants))
+        blocks.begin_loop(statement, words[1:], certain=certain, endless=first == "loop")
+    elif first in _BRANCHES:
+        blocks.begin_branch(statement, words[1:-1] if words[-1].text.lower() == "then" else words[1:])
     elif first in _CLOSE:
-        blocks.end(statement, _CLOSE[first])  # type: ignore[arg-type]
+        blocks.end(statement, _CLOSE[first], words[1:])  # type: ignore[arg-type]
     elif first in ("else", "case", "default"):
-        blocks.otherwise(statement)
-    elif first in ("ptp", "lin", "circ"):
-        blocks.add(_move(blocks, statement, tree, constants))
-    elif _set(blocks, statement, constants):
+        blocks.otherwise(statement, words[1:])
+    elif first in _DECLARATIONS:
         pass
-    elif first in ("decl", "global", "const", *_TYPES) or _is_assignment(words):
-        if first.startswith("$") and not first.startswith(("$out", "$anout", "$timer", "$flag", "$cycflag", "$apo")):
-            blocks.opaque(statement, moves=False, resets=True)
+    elif first in ("ptp", "lin", "circ"):
+        blocks.evaluate(statement, words[1:])
+        blocks.add(_move(blocks, statement, tree, constants))
+    elif first in _JUMPS:
+        blocks.evaluate(statement, words[1:])
+        blocks.jump(statement, first)
+    elif first in _HARMLESS or _without_type(words)[1]:
+        blocks.evaluate(statement, words[1:])
+    elif (target := assigned(words, "=")) is not None:
+        blocks.evaluate(statement, words[target[1] + 1 :])
+        if not _set(blocks, statement, constants) and first.startswith("$") and not first.startswith(_OUTPUTS):
+            named = {"$tool": _FRAMES[:1], "$base": _FRAMES[1:]}.get(first.partition(".")[0])
+            reframes = named or (_FRAMES if first.startswith(_REFRAMING) else ())
+            blocks.opaque(statement, moves=False, resets=not reframes, reframes=reframes)
     elif first == "bas" or first.startswith("$"):
-        blocks.opaque(statement, moves=False, resets=True, reframes=_FRAMES if first == "bas" else ())
+        blocks.opaque(statement, moves=False)
     elif words[0].kind == "name" and [word.text for word in words[1:]] == ["(", ")"]:
-        blocks.add(Call(statement.line, first))
-    elif first not in _HARMLESS:
-        called = len(words) > 1 and words[1].text == "("
-        resets = called or first in ("goto", "interrupt", "trigger")
-        blocks.opaque(statement, resets=resets, reframes=_FRAMES if resets else ())
+        blocks.call(statement, first)
+    else:
+        other = first in _OTHER_MOTIONS
+        blocks.opaque(statement, resets=not other, reframes=() if other else None)
 
 
-def _is_assignment(words: list[Token]) -> bool:
-    return bool(_assignments(words))
+def _runs(words: list[Token], constants: Mapping[str, Expression]) -> bool:
+    """Whether ``FOR I=1 TO 6`` runs once at least."""
+    texts = [word.text.lower() for word in words]
+    if "to" not in texts or texts[2:3] != ["="] or "step" in texts:
+        return False
+    at = texts.index("to")
+    low, high = (number_of(read_expression(part), constants) for part in (words[3:at], words[at + 1 :]))
+    return low is not None and high is not None and low <= high
 
 
 def _set(blocks: Blocks, statement: Statement, constants: Mapping[str, Expression]) -> bool:
@@ -139,11 +222,8 @@ def _set(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
         return False
     at = texts.index("=")
     name, value = texts[0], read_expression(words[at + 1 :])
-    if name in ("$tool", "$base") and at == 1:
-        pose = _frame(value, constants)
+    if name in ("$tool", "$base") and at == 1 and (pose := _frame(value, constants)) is not None:
         blocks.add(Frames(statement.line, "tool" if name == "$tool" else "base", pose))
-        if pose is None:
-            blocks.opaque(statement, moves=False)
         return True
     if name not in _SETTINGS:
         return False
@@ -160,7 +240,7 @@ def _set(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
             value.start, value.end, known, "{}", most, unit, 0.01 if whole else 1.0, setting=True, whole=whole
         )
     else:
-        blocks.opaque(statement, moves=False)
+        blocks.opaque(statement, moves=False, resets=False, reframes=())
     blocks.add(Setting(statement.line, key, slot))
     return True
 

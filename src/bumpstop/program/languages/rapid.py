@@ -2,19 +2,41 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from bumpstop.program.languages.blocks import Assignments, Blocks
-from bumpstop.program.languages.expression import Expression, number_of, numbers_of, read_expression, resolved
-from bumpstop.program.languages.rotation import from_quaternion
-from bumpstop.program.languages.statements import MIN_TIME_S, Call, Frames, Move, ReadProgram, SpeedSlot, Target
+from bumpstop.program.languages.calls import RAPID_PURE, function_name, has_parameters, names_given
+from bumpstop.program.languages.expression import (
+    Expression,
+    assigned,
+    number_of,
+    read_expression,
+)
+from bumpstop.program.languages.rapid_data import (
+    arguments_of,
+    frame_of_object,
+    frame_of_tool,
+    joint_target,
+    pose_target,
+    speed_of,
+    stands_apart,
+    time_of,
+    zone_of,
+)
+from bumpstop.program.languages.statements import (
+    MIN_TIME_S,
+    Branch,
+    Frames,
+    Jump,
+    Leave,
+    Move,
+    ReadProgram,
+)
 from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token, statement_of, tokenize
 
 _TOKENS = re.compile(
-    r"(?P<comment>![^\n\r]*)|(?P<newline>\r?\n)|(?P<space>[ \t\r\f\v]+)"
+    r"(?P<comment>![^\n\r]*|%%%[\w:.\s]*%%%)|(?P<newline>\r?\n)|(?P<space>[ \t\r\f\v]+)"
     r"|(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
     r"|(?P<name>[A-Za-z_][A-Za-z0-9_.]*)|(?P<string>\"[^\"\n\r]*\")"
     r"|(?P<operator>:=|<>|<=|>=|[-+*/=<>()\[\]{},:;\\?|%&@])"
@@ -25,7 +47,7 @@ _LINE_WORDS = (
     "endif test case default endtest error undo backward"
 )
 _LINES = frozenset(_LINE_WORDS.split())
-_OPEN = {"proc": "function", "func": "function", "trap": "function", "while": "loop", "for": "loop", "test": "branch"}
+_FUNCTIONS, _LOOPS = ("proc", "func", "trap"), ("while", "for")
 _CLOSE = {
     "endproc": "function",
     "endfunc": "function",
@@ -37,28 +59,15 @@ _CLOSE = {
 }
 _HARMLESS_WORDS = (
     "set reset setdo setao setgo waittime waitdi waitdo waituntil waitai tpwrite tperase pulsedo invertdo stop confl "
-    "confj singarea accset return incr decr add clear clkreset clkstart clkstop module endmodule record endrecord "
+    "confj singarea accset clkreset clkstart clkstop module endmodule record endrecord "
     "waitrob gripload idelete"
 )
 _HARMLESS = frozenset(_HARMLESS_WORDS.split())
+# Instructions that change the variable that they are given.
+_CHANGING = frozenset(("incr", "decr", "add", "clear"))
+_JUMPS: Mapping[str, Jump] = {"return": "function", "exit": "program", "exitcycle": "program"}
 _DATA = frozenset(("const", "pers", "var", "local", "task"))
-_SPEEDS = {
-    f"v{v}": float(v)
-    for v in (5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 400, 500, 600, 800, 1000, 1500, 2000, 2500, 3000)
-} | {f"v{v}": float(v) for v in (4000, 5000, 6000, 7000)}
-_ZONES = {"fine": 0.0, "z0": 0.3} | {f"z{z}": float(z) for z in (1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)}
-_MAX_SPEED_MM_S = 7000.0
 _MOVES = {"movel": True, "movej": False, "moveabsj": False, "movec": True}
-_NO_EXTERNAL = 9e8  # an external axis that is none is 9E9
-
-
-@dataclass(frozen=True)
-class _Argument:
-    """One argument of an instruction, with the switches behind it."""
-
-    value: Expression | None
-    end: int
-    switches: Mapping[str, Expression | None]
 
 
 def parse_rapid(source: bytes) -> SyntaxTree:
@@ -83,17 +92,28 @@ def parse_rapid(source: bytes) -> SyntaxTree:
 
 def read_rapid(source: bytes) -> ReadProgram:
     """What is understood of a program."""
-    tree, assignments = parse_rapid(source), Assignments()
+    tree, assignments, names = parse_rapid(source), Assignments(), []
     for statement in tree.statements:
-        if (assigned := _assignment(_plain(statement))) is not None:
-            assignments.add(*assigned)
+        words = _plain(statement)
+        _assign(assignments, words)
+        if (head := _head(words)) is not None:
+            names.append(function_name(head))
     constants = assignments.constants()
-    blocks = Blocks()
+    blocks = Blocks(names, RAPID_PURE, _JUMPS, ("shift",))
     for statement in tree.statements:
         if _plain(statement):
             _add(blocks, statement, constants)
     functions = blocks.finish()
-    return ReadProgram("RAPID", source, functions, tuple(blocks.not_understood), tuple(blocks.notes), constants)
+    return ReadProgram(
+        "RAPID",
+        source,
+        functions,
+        tuple(blocks.not_understood),
+        tuple(blocks.notes),
+        constants,
+        main="main" if "main" in functions else blocks.only_first(functions),
+        frames=("shift",),
+    )
 
 
 def _plain(statement: Statement) -> list[Token]:
@@ -101,69 +121,142 @@ def _plain(statement: Statement) -> list[Token]:
     return words[:-1] if words and words[-1].text == ";" else words
 
 
-def _assignment(words: Sequence[Token]) -> tuple[str, Expression | None] | None:
-    texts = [word.text.lower() for word in words]
-    if texts[:1] == ["for"] and len(words) > 1:
-        return words[1].text, None
-    declared = False
-    while texts and texts[0] in _DATA:
-        words, texts, declared = words[1:], texts[1:], True
-    if declared and len(words) > 1:
-        words, texts = words[1:], texts[1:]  # the type
-    if not words or words[0].kind != "name" or ":=" not in texts:
-        return None
-    at = texts.index(":=")
-    if at == 1:
-        return words[0].text, read_expression(list(words[2:]))
-    # A component or an element changes the whole.
-    return (words[0].text.split(".")[0], None) if texts[1] == "{" else None
+def _head(words: list[Token]) -> list[Token] | None:
+    """The head of a procedure, a function or a trap, without the word that makes it local."""
+    if len(words) > 1 and words[0].text.lower() in ("local", "task"):
+        words = words[1:]
+    return words if len(words) > 1 and words[0].text.lower() in _FUNCTIONS else None
+
+
+def _is_label(words: Sequence[Token]) -> bool:
+    return len(words) > 1 and words[1].text == ":" and words[0].kind == "name" and words[0].text.lower() not in _LINES
+
+
+def _value(words: Sequence[Token]) -> Sequence[Token]:
+    """What a declaration or an assignment evaluates."""
+    texts = [word.text for word in words]
+    return words[texts.index(":=") + 1 :] if ":=" in texts else []
+
+
+def _assign(assignments: Assignments, words: list[Token]) -> None:
+    """What a statement declares, assigns and changes."""
+    if _is_label(words):
+        words = words[2:]
+    if not words:
+        return
+    first = words[0].text.lower()
+    for name in names_given(words, RAPID_PURE):
+        if _head(words) is None:
+            assignments.change(name)  # what a call is given it may change
+        else:
+            assignments.add(name, None)  # a parameter hides what has its name outside
+    if first == "for" and len(words) > 1:
+        assignments.add(words[1].text, None)
+    elif _head(words) is None and first in _DATA:
+        rest = list(words)
+        while rest and rest[0].text.lower() in _DATA:
+            rest = rest[1:]
+        if len(rest) > 1:  # the type and the name
+            assignments.declare(rest[1].text, fixed=any(word.text.lower() == "const" for word in words[:3]))
+            _assign_one(assignments, rest[1:])
+    elif assigned(words, ":=") is not None:
+        _assign_one(assignments, words)
+    elif first in _CHANGING or not _is_known(first):
+        # What an instruction or a procedure is given it may change.
+        for word in words[1:]:
+            if word.kind == "name":
+                assignments.change(word.text.partition(".")[0])
+
+
+def _is_known(first: str) -> bool:
+    return first in _MOVES or first in _HARMLESS or first in _LINES or first in _JUMPS
+
+
+def _assign_one(assignments: Assignments, words: list[Token]) -> None:
+    found = assigned(words, ":=")
+    if found is not None and found[1] == 1 and "." not in found[0]:
+        assignments.add(found[0], read_expression(words[2:]))
+    elif found is not None:
+        # A component or an element changes the whole.
+        assignments.change(found[0].partition(".")[0])
 
 
 def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expression]) -> None:
     words = _plain(statement)
+    if len(words) > 2 and _is_label(words):
+        # A jump may lead here from anywhere.
+        blocks.opaque(statement)
+        words = words[2:]
     first = words[0].text.lower()
-    if first in ("local", "task") and len(words) > 1 and words[1].text.lower() in _OPEN:
-        words, first = words[1:], words[1].text.lower()
-    if first in _OPEN:
-        kind = _OPEN[first]
-        # A function with arguments is called with other ones.
-        name = words[1].text if kind == "function" and first == "proc" and len(words) > 1 else ""
-        blocks.begin(kind, statement, name, certain=_certain(words))  # type: ignore[arg-type]
-    elif first == "if" and words[-1].text.lower() == "then":
-        blocks.begin("branch", statement)
+    if (head := _head(words)) is not None:
+        may_be_first = head[0].text.lower() == "proc" and not has_parameters(head)
+        blocks.begin_function(statement, function_name(head), first=may_be_first)
+    elif first in _LOOPS:
+        endless = [word.text.lower() for word in words] == ["while", "true", "do"]
+        certain = endless or (first == "for" and _runs(words, constants))
+        blocks.begin_loop(statement, words[1:], certain=certain, endless=endless)
+    elif first == "test" or (first == "if" and words[-1].text.lower() == "then"):
+        blocks.begin_branch(statement, words[1:])
     elif first in _CLOSE:
         blocks.end(statement, _CLOSE[first])  # type: ignore[arg-type]
     elif first in ("elseif", "else", "case", "default"):
-        blocks.otherwise(statement)
+        blocks.otherwise(statement, words[1:])
+    elif first in ("error", "undo", "backward"):
+        # The function ends before its handler, which begins anywhere.
+        blocks.add(Leave(statement.line, "function"))
+        blocks.opaque(statement)
+    elif first == "if" and (jump := words[-1].text.lower()) in _JUMPS:
+        blocks.evaluate(statement, words[1:])
+        blocks.add(Branch(statement.line, ((Leave(statement.line, _JUMPS[jump]),),)))
     elif first in _MOVES:
+        blocks.evaluate(statement, words[1:])
         _add_move(blocks, statement, words, constants)
-    elif first in _DATA or _assignment(words) is not None:
-        pass
-    elif len(words) == 1 and words[0].kind == "name" and first not in _HARMLESS and first not in _LINES:
-        blocks.add(Call(statement.line, first))
-    elif first not in _HARMLESS:
-        blocks.opaque(statement, moves=first != "velset")
+    elif first in _DATA or assigned(words, ":=") is not None:
+        blocks.evaluate(statement, _value(words))
+    elif first in _JUMPS:
+        blocks.evaluate(statement, words[1:])
+        blocks.jump(statement, first)
+    elif first == "pdispoff":
+        blocks.add(Frames(statement.line, "shift", (0.0,) * 6))
+    elif first in ("pdispset", "pdispon"):
+        blocks.opaque(statement, moves=False)
+    elif first in _HARMLESS or first in _CHANGING:
+        blocks.evaluate(statement, words[1:])
+    elif len(words) == 1 and words[0].kind == "name" and first not in _LINES:
+        blocks.call(statement, first)
+    elif first == "velset":
+        blocks.opaque(statement, moves=False, reframes=())
+    else:
+        blocks.opaque(statement)
 
 
-def _certain(words: Sequence[Token]) -> bool:
-    return [word.text.lower() for word in words] == ["while", "true", "do"] or words[0].text.lower() == "for"
+def _runs(words: Sequence[Token], constants: Mapping[str, Expression]) -> bool:
+    """Whether ``FOR i FROM 1 TO 6 DO`` runs once at least; either way counts where no step is given."""
+    texts = [word.text.lower() for word in words]
+    if texts[2:3] != ["from"] or "to" not in texts or "step" in texts or texts[-1] != "do":
+        return False
+    at = texts.index("to")
+    bounds = (number_of(read_expression(part), constants) for part in (words[3:at], words[at + 1 : -1]))
+    return None not in tuple(bounds)
 
 
 def _add_move(blocks: Blocks, statement: Statement, words: list[Token], constants: Mapping[str, Expression]) -> None:
-    arguments, kind = _arguments(words[1:]), words[0].text.lower()
+    arguments, kind = arguments_of(words[1:]), words[0].text.lower()
     via = arguments.pop(0) if kind == "movec" and arguments else None
     if len(arguments) < 4 or any(argument.value is None for argument in arguments[:4]):
         blocks.opaque(statement)
         return
     target, speed, zone, tool = arguments[:4]
     why = ""
-    frame = _frame_of_tool(tool.value, constants)
-    base = _frame_of_object(tool.switches.get("wobj"), constants) if "wobj" in tool.switches else (0.0,) * 6
+    frame = frame_of_tool(tool.value, constants)
+    base = frame_of_object(tool.switches.get("wobj"), constants) if "wobj" in tool.switches else (0.0,) * 6
     blocks.add(Frames(statement.line, "tool", frame))
     blocks.add(Frames(statement.line, "base", base))
-    slot = _time(speed, constants) if "t" in speed.switches else _speed(speed, constants)
-    blend = _zone(zone, constants)
-    if slot is None:
+    slot = time_of(speed, constants) if "t" in speed.switches else speed_of(speed, constants)
+    blend = zone_of(zone, constants)
+    if stands_apart(tool, constants):
+        why = "its tool stands still, or its work object moves"
+    elif slot is None:
         why = "its speed is not known before the program runs"
     elif blend is None:
         why = "its zone is not known before the program runs"
@@ -176,152 +269,11 @@ def _add_move(blocks: Blocks, statement: Statement, words: list[Token], constant
             line=statement.line,
             word=words[0].text,
             linear=_MOVES[kind],
-            target=_joint_target(target.value, constants) if kind == "moveabsj" else _pose_target(target, constants),
+            target=joint_target(target.value, constants) if kind == "moveabsj" else pose_target(target, constants),
             measure="tool",
             speed=(slot,) if slot is not None else (),
             blend=blend or 0.0,
             why=why,
-            via=None if via is None else _pose_target(via, constants),
+            via=None if via is None else pose_target(via, constants),
         )
     )
-
-
-def _arguments(words: Sequence[Token]) -> list[_Argument]:
-    """Arguments between commas that stand in no bracket; switches before the first argument count as its own."""
-    parts: list[list[Token]] = [[]]
-    level = 0
-    for word in words:
-        level += (word.text in ("[", "(", "{")) - (word.text in ("]", ")", "}"))
-        if word.text == "," and level == 0:
-            parts.append([])
-        else:
-            parts[-1].append(word)
-    found: list[_Argument] = []
-    for part in parts:
-        pieces: list[list[Token]] = [[]]
-        depth = 0
-        for word in part:
-            depth += (word.text in ("[", "(", "{")) - (word.text in ("]", ")", "}"))
-            if word.text == "\\" and depth == 0:
-                pieces.append([])
-            else:
-                pieces[-1].append(word)
-        switches = {
-            piece[0].text.lower(): read_expression(piece[2:]) if len(piece) > 2 else None
-            for piece in pieces[1:]
-            if piece
-        }
-        value = read_expression(pieces[0]) if pieces[0] else None
-        if value is None and not pieces[0] and not found and len(parts) > 1:
-            continue  # \Conc and its like, before the first argument
-        found.append(_Argument(value, pieces[0][-1].end if pieces[0] else 0, switches))
-    return found
-
-
-def _speed(argument: _Argument, constants: Mapping[str, Expression]) -> SpeedSlot | None:
-    own = argument.switches.get("v")
-    if "v" in argument.switches:
-        value = number_of(own, constants)
-        return None if own is None or not value or value < 0 else _slot(own.start, own.end, value, "{}")
-    written = argument.value
-    assert written is not None
-    if written.kind == "name" and written.name.lower() in _SPEEDS and written.name.lower() not in constants:
-        return _slot(argument.end, argument.end, _SPEEDS[written.name.lower()], "\\V:={}")
-    found = resolved(written, constants)
-    if found is None or found.kind != "list" or len(found.items) != 4:
-        return None
-    first = found.items[0]
-    value = number_of(first, constants)
-    if not value or value < 0:
-        return None
-    if written.kind == "list":
-        return _slot(first.start, first.end, value, "{}")
-    return _slot(argument.end, argument.end, value, "\\V:={}")
-
-
-def _time(argument: _Argument, constants: Mapping[str, Expression]) -> SpeedSlot | None:
-    own = argument.switches["t"]
-    value = number_of(own, constants)
-    if own is None or not value or value < 0:
-        return None
-    return SpeedSlot(own.start, own.end, value, most=MIN_TIME_S, unit="s", time=True)
-
-
-def _slot(start: int, end: int, value: float, template: str) -> SpeedSlot:
-    return SpeedSlot(start, end, value, template, _MAX_SPEED_MM_S, "mm/s", 1e-3)
-
-
-def _zone(argument: _Argument, constants: Mapping[str, Expression]) -> float | None:
-    """How far before the target the arm goes over into the next move [m]."""
-    if "z" in argument.switches:
-        value = number_of(argument.switches["z"], constants)
-        return None if value is None else value / 1e3
-    written = argument.value
-    assert written is not None
-    if written.kind == "name" and written.name.lower() in _ZONES and written.name.lower() not in constants:
-        return _ZONES[written.name.lower()] / 1e3
-    found = resolved(written, constants)
-    if found is None or found.kind != "list" or len(found.items) < 2:
-        return None
-    fine, zone = number_of(found.items[0], constants), number_of(found.items[1], constants)
-    return None if fine is None or zone is None else 0.0 if fine else zone / 1e3
-
-
-def _joint_target(expression: Expression | None, constants: Mapping[str, Expression]) -> Target:
-    found = resolved(expression, constants)
-    joints = numbers_of(found.items[0], constants) if found is not None and found.items else None
-    if joints is None or (found is not None and found.kind != "list"):
-        return Target(why="its target is not known before the program runs")
-    return Target(joints=tuple(math.radians(joint) for joint in joints if abs(joint) < _NO_EXTERNAL))
-
-
-def _pose_target(argument: _Argument, constants: Mapping[str, Expression]) -> Target:
-    unknown = Target(why="its target is not known before the program runs")
-    found, offset = resolved(argument.value, constants), [0.0, 0.0, 0.0]
-    if found is not None and found.kind == "call" and found.name.lower() == "offs" and len(found.items) == 4:
-        parts = [number_of(item, constants) for item in found.items[1:]]
-        if None in parts:
-            return unknown
-        offset = [part for part in parts if part is not None]
-        found = resolved(found.items[0], constants)
-    if found is None or found.kind != "list" or len(found.items) < 2:
-        return unknown
-    pose = _pose(found.items[0], found.items[1], constants)
-    if pose is None:
-        return unknown
-    return Target(pose=(*(x + d / 1e3 for x, d in zip(pose[:3], offset, strict=True)), *pose[3:]))
-
-
-def _pose(place: Expression, turn: Expression, constants: Mapping[str, Expression]) -> tuple[float, ...] | None:
-    x, q = numbers_of(place, constants), numbers_of(turn, constants)
-    if x is None or q is None or len(x) != 3 or len(q) != 4:
-        return None
-    rotation = from_quaternion(*q)
-    return None if rotation is None else (*(value / 1e3 for value in x), *rotation)
-
-
-def _frame_of_tool(expression: Expression | None, constants: Mapping[str, Expression]) -> tuple[float, ...] | None:
-    """Of tooldata ``[robhold, [[x, y, z], [q1, q2, q3, q4]], load]``; ``tool0`` is the flange."""
-    if expression is not None and expression.kind == "name" and expression.name.lower() == "tool0":
-        return (0.0,) * 6
-    found = resolved(expression, constants)
-    if found is None or found.kind != "list" or len(found.items) < 2:
-        return None
-    frame = resolved(found.items[1], constants)
-    return _pose(*frame.items[:2], constants) if frame is not None and len(frame.items) == 2 else None
-
-
-def _frame_of_object(expression: Expression | None, constants: Mapping[str, Expression]) -> tuple[float, ...] | None:
-    """Of wobjdata whose object frame is its user frame; ``wobj0`` is the base."""
-    if expression is not None and expression.kind == "name" and expression.name.lower() == "wobj0":
-        return (0.0,) * 6
-    found = resolved(expression, constants)
-    if found is None or found.kind != "list" or len(found.items) != 5:
-        return None
-    user, own = (resolved(item, constants) for item in found.items[3:])
-    if user is None or own is None or len(user.items) != 2 or len(own.items) != 2:
-        return None
-    inner = _pose(*own.items, constants)
-    if inner is None or any(abs(x) > 0 for x in inner):
-        return None
-    return _pose(*user.items, constants)

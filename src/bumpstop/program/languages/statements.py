@@ -13,8 +13,9 @@ from bumpstop.program.languages.syntax import Edit
 from bumpstop.rounding import rounded
 
 MIN_TIME_S = 0.2  # of a move whose time is given: two ramps of its acceleration leave some
+Jump = Literal["loop", "round", "function", "program"]
 Measure = Literal["tool", "joint", "axes"]
-Frame = Literal["tool", "base"]
+Frame = Literal["tool", "base", "shift"]
 
 
 @dataclass(frozen=True)
@@ -150,7 +151,7 @@ class Opaque:
         text: of the statement.
         moves: the arm may be elsewhere afterwards.
         resets: speeds may be others afterwards.
-        reframes: what may be another one afterwards, tool or frame.
+        reframes: what may be another one afterwards, tool, frame or displacement.
     """
 
     line: int
@@ -162,11 +163,11 @@ class Opaque:
 
 @dataclass(frozen=True)
 class Frames:
-    """The tool or the frame of poses changes.
+    """The tool or the frame of poses changes, or their displacement in it.
 
     Attributes:
-        pose: of the tool in the flange, or of the frame in the base: translation [m] and rotation vector [rad]; None:
-            not known, nor are targets given as poses from here on.
+        pose: of the tool in the flange, of the frame in the base, or of the displacement in the frame: translation [m]
+            and rotation vector [rad]; None: not known, nor are targets given as poses from here on.
     """
 
     line: int
@@ -180,11 +181,13 @@ class Loop:
 
     Attributes:
         certain: they are run once at least.
+        endless: only a jump leaves it.
     """
 
     line: int
     body: tuple[Node, ...]
     certain: bool = False
+    endless: bool = False
 
 
 @dataclass(frozen=True)
@@ -195,7 +198,15 @@ class Branch:
     bodies: tuple[tuple[Node, ...], ...]
 
 
-Node = Move | Setting | Call | Opaque | Frames | Loop | Branch
+@dataclass(frozen=True)
+class Leave:
+    """A jump out of the innermost loop, to its next round, out of the function, or to the end of the program."""
+
+    line: int
+    what: Jump
+
+
+Node = Move | Setting | Call | Opaque | Frames | Loop | Branch | Leave
 
 
 @dataclass(frozen=True)
@@ -208,6 +219,8 @@ class ReadProgram:
         functions: bodies by name; the main part may have the empty name.
         not_understood: lines and their text.
         notes: what was taken for granted.
+        main: the function that the program begins with, whose start is the cell's; None: not known which.
+        frames: what the language's statements and functions set, of tool, frame and displacement.
     """
 
     language: str
@@ -216,3 +229,5 @@ class ReadProgram:
     not_understood: tuple[tuple[int, str], ...] = ()
     notes: tuple[str, ...] = ()
     constants: Mapping[str, Expression] = field(default_factory=dict)
+    main: str | None = ""
+    frames: tuple[Frame, ...] = ()

@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-from bumpstop.program.languages.blocks import Assignments, Blocks
-from bumpstop.program.languages.expression import Expression, number_of, numbers_of, read_expression, resolved
-from bumpstop.program.languages.statements import MIN_TIME_S, Call, Frames, Move, ReadProgram, SpeedSlot, Target
+from bumpstop.program.languages.blocks import Assignments, Blocks, does_something
+from bumpstop.program.languages.calls import URSCRIPT_PURE, has_parameters
+from bumpstop.program.languages.expression import (
+    Expression,
+    assigned,
+    number_of,
+    numbers_of,
+    read_expression,
+    resolved,
+)
+from bumpstop.program.languages.statements import MIN_TIME_S, Frames, Jump, Move, ReadProgram, SpeedSlot, Target
 from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token, parse_lines
 
 _TOKENS = re.compile(
@@ -24,6 +32,8 @@ _HARMLESS_WORDS = (
     "write_output_float_register set_flag enter_critical exit_critical set_safety_mode_transition_hardness"
 )
 _HARMLESS = frozenset(_HARMLESS_WORDS.split())
+_JUMPS: Mapping[str, Jump] = {"break": "loop", "continue": "round", "return": "function", "halt": "program"}
+_SIGNS = ("=", "+=", "-=", "*=", "/=", "%=")
 # Arguments of the moves in their places; movep and movec have no time.
 _PLACES = {
     "movej": ("q", "a", "v", "t", "r"),
@@ -44,72 +54,83 @@ def parse_urscript(source: bytes) -> SyntaxTree:
 def read_urscript(source: bytes) -> ReadProgram:
     """What is understood of a program."""
     tree = parse_urscript(source)
-    assignments, names = Assignments(), set()
+    assignments, names = Assignments(), []
     for statement in tree.statements:
         words = statement.words
+        if len(words) > 1 and words[0].text in ("def", "sec"):
+            names.append(words[1].text.lower())
         if len(words) > 1 and words[0].text in ("def", "thread", "sec"):
-            names.add(words[1].text.lower())
             for parameter in words[3:]:
                 assignments.add(parameter.text, None)
-        if (assigned := _assignment(words)) is not None:
-            assignments.add(*assigned)
+        _assign(assignments, words)
     constants = assignments.constants()
-    blocks = Blocks()
+    blocks = Blocks(names, URSCRIPT_PURE, _JUMPS, ("tool",))
     for statement in tree.statements:
         if statement.words:
-            _add(blocks, statement, constants, names)
+            _add(blocks, statement, constants)
     functions = blocks.finish()
-    return ReadProgram("URScript", source, functions, tuple(blocks.not_understood), tuple(blocks.notes), constants)
+    main = "" if does_something(functions.get("", ())) else blocks.only_first(functions)
+    return ReadProgram(
+        "URScript",
+        source,
+        functions,
+        tuple(blocks.not_understood),
+        tuple(blocks.notes),
+        constants,
+        main=main,
+        frames=("tool",),
+    )
 
 
-def _assignment(words: list[Token]) -> tuple[str, Expression | None] | None:
+def _target_of(words: Sequence[Token]) -> tuple[str, Sequence[Token], Sequence[Token]] | None:
+    """The name that is assigned to, where it is not a part of it the sign, and the value."""
     if words and words[0].text in ("global", "local"):
         words = words[1:]
-    if len(words) > 1 and words[0].kind == "name" and words[1].text == "=":
-        return words[0].text, read_expression(words[2:])
-    # An element of a list changes the list.
-    if len(words) > 1 and words[0].kind == "name" and words[1].text == "[" and any(w.text == "=" for w in words):
-        return words[0].text, None
-    return None
+    found = assigned(words, *_SIGNS)
+    return None if found is None else (found[0], words[1 : found[1] + 1], words[found[1] + 1 :])
 
 
-def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expression], functions: set[str]) -> None:
+def _assign(assignments: Assignments, words: Sequence[Token]) -> None:
+    if (target := _target_of(words)) is not None:
+        name, sign, value = target
+        if [word.text for word in sign] == ["="]:
+            assignments.add(name, read_expression(value))
+        else:
+            assignments.change(name)
+
+
+def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expression]) -> None:
     words = statement.words
     first, last = words[0].text, words[-1].text
     if first in ("def", "sec") and last == ":" and len(words) > 2:
-        blocks.begin("function", statement, words[1].text)
+        blocks.begin_function(statement, words[1].text, first=first == "def" and not has_parameters(words))
     elif first == "thread" and last == ":" and len(words) > 2:
         # What runs beside the rest is called by nobody.
-        blocks.begin("function", statement, f"thread {words[1].text}")
+        blocks.begin_function(statement, f"thread {words[1].text}", first=False)
         blocks.opaque(statement)
     elif first == "while" and last == ":":
-        blocks.begin("loop", statement, certain=len(words) == 3 and words[1].text == "True")
+        always = len(words) == 3 and words[1].text == "True"
+        blocks.begin_loop(statement, words[1:], certain=always, endless=always)
     elif first == "if" and last == ":":
-        blocks.begin("branch", statement)
+        blocks.begin_branch(statement, words[1:-1])
     elif first in ("elif", "else") and last == ":":
-        blocks.otherwise(statement)
+        blocks.otherwise(statement, words[1:])
     elif first == "end" and len(words) == 1:
         blocks.end(statement)
-    elif _assignment(words) is not None:
-        value = _assignment(words)
-        if value is not None and value[1] is None and _may_move(words, functions):
-            blocks.opaque(statement)
+    elif (target := _target_of(words)) is not None:
+        blocks.evaluate(statement, target[2])
+    elif first in _JUMPS and (first == "return" or len(words) == 1):
+        blocks.evaluate(statement, words[1:])
+        blocks.jump(statement, first)
     elif (call := read_expression(words)) is not None and call.kind == "call":
-        _add_call(blocks, statement, call, constants, functions)
-    elif first in ("return", "break", "continue", "halt") or (call is not None and call.kind == "string"):
-        if first in ("break", "continue", "return"):
-            blocks.opaque(statement)
-    else:
+        _add_call(blocks, statement, call, constants)
+    elif call is None or call.kind != "string":
         blocks.opaque(statement)
 
 
-def _may_move(words: list[Token], functions: set[str]) -> bool:
-    return any(word.text.lower() in functions or word.text.startswith(("move", "servo", "speed")) for word in words)
-
-
-def _add_call(
-    blocks: Blocks, statement: Statement, call: Expression, constants: Mapping[str, Expression], functions: set[str]
-) -> None:
+def _add_call(blocks: Blocks, statement: Statement, call: Expression, constants: Mapping[str, Expression]) -> None:
+    if call.name in _PLACES or call.name == "set_tcp" or call.name in _HARMLESS:
+        blocks.evaluate(statement, statement.words[1:])
     if call.name in _PLACES:
         move = _move(statement, call, constants)
         blocks.add(move)
@@ -121,11 +142,8 @@ def _add_call(
         blocks.add(Frames(statement.line, "tool", tuple(tool) if known and tool else None))
         if not known:
             blocks.opaque(statement, moves=False)
-    elif call.name.lower() in functions and not call.items:
-        blocks.add(Call(statement.line, call.name.lower()))
     elif call.name not in _HARMLESS:
-        # It may set the tool.
-        blocks.opaque(statement, reframes=("tool",))
+        blocks.evaluate(statement, statement.words)
 
 
 def _move(statement: Statement, call: Expression, constants: Mapping[str, Expression]) -> Move:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 # A recording is thinned to this rate [Hz] and smoothed over so many rows: encoders tremble.
 _RATE_HZ, _SMOOTHED = 50.0, 7
+_MEDIAN = 0.6745  # of the absolute value of what is normally distributed, in standard deviations
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,10 +81,10 @@ def read_recorded(path: Path, cell: Cell) -> RecordedProgram:
 
     recording = Recording.load(path, robot=cell.robot)
     recording.check_robot(cell.robot)
-    t, q, notes = _smoothed(recording.t - recording.t[0], recording.q)
+    t, q, noise, notes = _smoothed(recording.t - recording.t[0], recording.q)
     robot = cell.robot
     segments = []
-    for number, (first, last) in enumerate(find_segments(t, q, None), start=1):
+    for number, (first, last) in enumerate(find_segments(t, q, None, noise=noise), start=1):
         rows = slice(first, last + 1)
         origin = tuple(int(np.searchsorted(recording.t - recording.t[0], t[i] - 1e-9)) + 1 for i in (first, last))
         segments.append(
@@ -104,8 +105,8 @@ def read_recorded(path: Path, cell: Cell) -> RecordedProgram:
     return RecordedProgram("recording", segments, t, q, notes)
 
 
-def _smoothed(t: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray, list[str]]:
-    """Evenly spaced rows, smoothed, and what was done."""
+def _smoothed(t: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray, float, list[str]]:
+    """Evenly spaced rows, smoothed, the noise that was in them, and what was done."""
     if len(t) < 4 or not t[-1] > 0:
         raise InputError("program", f"the recording has {len(t)} rows", "wanted four at least")
     rate = min(_RATE_HZ, (len(t) - 1) / float(t[-1]))
@@ -113,9 +114,11 @@ def _smoothed(t: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray, lis
     even = np.linspace(0.0, float(t[-1]), n)
     resampled = np.column_stack([np.interp(even, t, column) for column in q.T])
     if n < 2 * _SMOOTHED:
-        return even, resampled, []
+        return even, resampled, 0.0, []
     from scipy.signal import savgol_filter
 
     smooth = np.asarray(savgol_filter(resampled, _SMOOTHED, 3, axis=0))
     moved = float(np.abs(smooth - resampled).max())
-    return even, smooth, [f"rows at {rate:.3g} Hz, smoothed; that moves a joint by {moved:.2g} rad at most"]
+    # The median of what was taken away: in a motion it is more than noise.
+    noise = float(np.linalg.norm(np.median(np.abs(smooth - resampled), axis=0))) / _MEDIAN
+    return even, smooth, noise, [f"rows at {rate:.3g} Hz, smoothed; that moves a joint by {moved:.2g} rad at most"]

@@ -20,44 +20,51 @@ if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
     from bumpstop.model import Robot
 
-# Joints rest below this share of the greatest speed, and below this speed in any case [rad/s].
-_RESTS, _STANDS = 0.02, 1e-3
+# Joints rest below this speed [rad/s].
+_STANDS = 1e-3
+# Of the noise of rows: so many times that between two of them is a speed, and so much is a turn.
+_NOISE_SPEED, _NOISE_TURN = 2.0, 6.0
 # Between two peaks of the speed the arm turns round where it is slower than this share of the lower one.
 _TURNS = 0.1
-# A segment on which no joint turns more is none [rad].
-_MIN_TURN = 0.01
+# Where no joint turns more nothing moves: a hundredth of a millimetre at an arm's length [rad].
+_MIN_TURN = 1e-5
 _SAMPLES = 1500  # of a segment
 _FULL = 0.7  # of the greatest speed: from the first peak that reaches it to the last the arm goes at its own speed
 _MAX_RAMP = 95.0  # percentile of the acceleration along the path
 _DIFFERENCE_S = 1e-4
 
 
-def find_segments(time: FloatArray, position: FloatArray, velocity: FloatArray | None) -> list[tuple[int, int]]:
-    """First and last rows of the segments of a trajectory, in order.
+def find_segments(
+    time: FloatArray, position: FloatArray, velocity: FloatArray | None, *, noise: float = 0.0
+) -> list[tuple[int, int]]:
+    """First and last rows of the segments of a trajectory, in order; between them nothing moves.
 
     Args:
         time: (rows,) [s].
         position: (rows, dof).
         velocity: (rows, dof), or None: of the spline through the rows.
+        noise: standard deviation of the rows [rad], which is no motion.
     """
     rate = Trajectory(time - time[0], position).at(time - time[0], 1) if velocity is None else velocity
     speed = np.linalg.norm(rate, axis=1)
-    rests = max(_RESTS * float(speed.max(initial=0.0)), _STANDS)
+    rests = max(_STANDS, _NOISE_SPEED * noise / float(np.diff(time).min()))
+    turn = max(_MIN_TURN, _NOISE_TURN * noise)
+    inside = speed > rests
+    joined = inside[:-1] | inside[1:]
+    # Between two rows at rest the joints may still move: two rows apart are a motion.
+    joined |= np.abs(np.diff(position, axis=0)).max(axis=1) > turn
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], joined, [False]]).astype(np.int8))).reshape(-1, 2)
     found: list[tuple[int, int]] = []
-    moving = np.flatnonzero(speed > rests)
-    # Between two rows at rest the joints may still move: two rows far apart are a motion.
-    far = np.flatnonzero(np.abs(np.diff(position, axis=0)).max(axis=1) > _MIN_TURN)
-    inside = np.zeros(len(time), dtype=bool)
-    inside[moving] = True
-    joined = np.zeros(len(time) - 1, dtype=bool)
-    joined[far] = True
-    joined |= inside[:-1] | inside[1:]
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], joined, [False]]).astype(np.int8)))
-    for first, last in edges.reshape(-1, 2):
+    for first, last in edges:
         for begin, end in _split_at_turns(speed, int(first), int(last)):
-            if np.abs(position[begin : end + 1] - position[begin]).max() > _MIN_TURN:
+            if np.abs(position[begin : end + 1] - position[begin]).max() > turn:
                 found.append((begin, end))
-    return found
+    # What creeps too slowly for any row to show it is a motion, too.
+    bounds = [0, *(row for rows in found for row in rows), len(time) - 1]
+    for begin, end in zip(bounds[::2], bounds[1::2], strict=True):
+        if np.abs(position[begin : end + 1] - position[begin]).max() > turn:
+            found.append((begin, end))
+    return sorted(found)
 
 
 def _split_at_turns(speed: FloatArray, first: int, last: int) -> list[tuple[int, int]]:

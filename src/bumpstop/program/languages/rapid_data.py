@@ -1,0 +1,182 @@
+"""RAPID's data: arguments of instructions as speeds, zones, targets, tools and frames."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from bumpstop.program.languages.expression import Expression, number_of, numbers_of, read_expression, resolved
+from bumpstop.program.languages.rotation import from_quaternion
+from bumpstop.program.languages.statements import MIN_TIME_S, SpeedSlot, Target
+from bumpstop.program.languages.syntax import Token
+
+_SPEEDS = {
+    f"v{v}": float(v)
+    for v in (5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 400, 500, 600, 800, 1000, 1500, 2000, 2500, 3000)
+} | {f"v{v}": float(v) for v in (4000, 5000, 6000, 7000)}
+_ZONES = {"fine": 0.0, "z0": 0.3} | {f"z{z}": float(z) for z in (1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)}
+_MAX_SPEED_MM_S = 7000.0
+_NO_EXTERNAL = 9e8  # an external axis that is none is 9E9
+
+
+@dataclass(frozen=True)
+class Argument:
+    """One argument of an instruction, with the switches behind it."""
+
+    value: Expression | None
+    end: int
+    switches: Mapping[str, Expression | None]
+
+
+def arguments_of(words: Sequence[Token]) -> list[Argument]:
+    """Arguments between commas that stand in no bracket; switches before the first argument count as its own."""
+    parts: list[list[Token]] = [[]]
+    level = 0
+    for word in words:
+        level += (word.text in ("[", "(", "{")) - (word.text in ("]", ")", "}"))
+        if word.text == "," and level == 0:
+            parts.append([])
+        else:
+            parts[-1].append(word)
+    found: list[Argument] = []
+    for part in parts:
+        pieces: list[list[Token]] = [[]]
+        depth = 0
+        for word in part:
+            depth += (word.text in ("[", "(", "{")) - (word.text in ("]", ")", "}"))
+            if word.text == "\\" and depth == 0:
+                pieces.append([])
+            else:
+                pieces[-1].append(word)
+        switches = {
+            piece[0].text.lower(): read_expression(piece[2:]) if len(piece) > 2 else None
+            for piece in pieces[1:]
+            if piece
+        }
+        value = read_expression(pieces[0]) if pieces[0] else None
+        if value is None and not pieces[0] and not found and len(parts) > 1:
+            continue  # \Conc and its like, before the first argument
+        found.append(Argument(value, pieces[0][-1].end if pieces[0] else 0, switches))
+    return found
+
+
+def speed_of(argument: Argument, constants: Mapping[str, Expression]) -> SpeedSlot | None:
+    """The speed of a move; None where it is not known."""
+    own = argument.switches.get("v")
+    if "v" in argument.switches:
+        value = number_of(own, constants)
+        return None if own is None or not value or value < 0 else _slot(own.start, own.end, value, "{}")
+    written = argument.value
+    assert written is not None
+    if written.kind == "name" and written.name.lower() in _SPEEDS and written.name.lower() not in constants:
+        return _slot(argument.end, argument.end, _SPEEDS[written.name.lower()], "\\V:={}")
+    found = resolved(written, constants)
+    if found is None or found.kind != "list" or len(found.items) != 4:
+        return None
+    first = found.items[0]
+    value = number_of(first, constants)
+    if not value or value < 0:
+        return None
+    if written.kind == "list":
+        return _slot(first.start, first.end, value, "{}")
+    return _slot(argument.end, argument.end, value, "\\V:={}")
+
+
+def time_of(argument: Argument, constants: Mapping[str, Expression]) -> SpeedSlot | None:
+    """The time that a move takes; None where it is not known."""
+    own = argument.switches["t"]
+    value = number_of(own, constants)
+    if own is None or not value or value < 0:
+        return None
+    return SpeedSlot(own.start, own.end, value, most=MIN_TIME_S, unit="s", time=True)
+
+
+def _slot(start: int, end: int, value: float, template: str) -> SpeedSlot:
+    return SpeedSlot(start, end, value, template, _MAX_SPEED_MM_S, "mm/s", 1e-3)
+
+
+def zone_of(argument: Argument, constants: Mapping[str, Expression]) -> float | None:
+    """How far before the target the arm goes over into the next move [m]."""
+    if "z" in argument.switches:
+        value = number_of(argument.switches["z"], constants)
+        return None if value is None else value / 1e3
+    written = argument.value
+    assert written is not None
+    if written.kind == "name" and written.name.lower() in _ZONES and written.name.lower() not in constants:
+        return _ZONES[written.name.lower()] / 1e3
+    found = resolved(written, constants)
+    if found is None or found.kind != "list" or len(found.items) < 2:
+        return None
+    fine, zone = number_of(found.items[0], constants), number_of(found.items[1], constants)
+    return None if fine is None or zone is None else 0.0 if fine else zone / 1e3
+
+
+def joint_target(expression: Expression | None, constants: Mapping[str, Expression]) -> Target:
+    """Of ``MoveAbsJ``."""
+    found = resolved(expression, constants)
+    joints = numbers_of(found.items[0], constants) if found is not None and found.items else None
+    if joints is None or (found is not None and found.kind != "list"):
+        return Target(why="its target is not known before the program runs")
+    return Target(joints=tuple(math.radians(joint) for joint in joints if abs(joint) < _NO_EXTERNAL))
+
+
+def pose_target(argument: Argument, constants: Mapping[str, Expression]) -> Target:
+    """Of a move to a ``robtarget``, or ``Offs`` of one."""
+    unknown = Target(why="its target is not known before the program runs")
+    found, offset = resolved(argument.value, constants), [0.0, 0.0, 0.0]
+    if found is not None and found.kind == "call" and found.name.lower() == "offs" and len(found.items) == 4:
+        parts = [number_of(item, constants) for item in found.items[1:]]
+        if None in parts:
+            return unknown
+        offset = [part for part in parts if part is not None]
+        found = resolved(found.items[0], constants)
+    if found is None or found.kind != "list" or len(found.items) < 2:
+        return unknown
+    pose = _pose(found.items[0], found.items[1], constants)
+    if pose is None:
+        return unknown
+    return Target(pose=(*(x + d / 1e3 for x, d in zip(pose[:3], offset, strict=True)), *pose[3:]))
+
+
+def _pose(place: Expression, turn: Expression, constants: Mapping[str, Expression]) -> tuple[float, ...] | None:
+    x, q = numbers_of(place, constants), numbers_of(turn, constants)
+    if x is None or q is None or len(x) != 3 or len(q) != 4:
+        return None
+    rotation = from_quaternion(*q)
+    return None if rotation is None else (*(value / 1e3 for value in x), *rotation)
+
+
+def stands_apart(tool: Argument, constants: Mapping[str, Expression]) -> bool:
+    """The robot does not hold the tool, or holds the work object, or something else moves that."""
+    own, piece = (resolved(item, constants) for item in (tool.value, tool.switches.get("wobj")))
+    held = number_of(own.items[0], constants) if own is not None and own.kind == "list" and own.items else 1
+    flags = piece.items[:2] if piece is not None and piece.kind == "list" and len(piece.items) > 1 else ()
+    return held != 1 or any(number_of(flag, constants) != known for flag, known in zip(flags, (0, 1), strict=False))
+
+
+def frame_of_tool(expression: Expression | None, constants: Mapping[str, Expression]) -> tuple[float, ...] | None:
+    """Of tooldata ``[robhold, [[x, y, z], [q1, q2, q3, q4]], load]``; ``tool0`` is the flange."""
+    if expression is not None and expression.kind == "name" and expression.name.lower() == "tool0":
+        return (0.0,) * 6
+    found = resolved(expression, constants)
+    if found is None or found.kind != "list" or len(found.items) < 2:
+        return None
+    frame = resolved(found.items[1], constants)
+    return _pose(*frame.items[:2], constants) if frame is not None and len(frame.items) == 2 else None
+
+
+def frame_of_object(expression: Expression | None, constants: Mapping[str, Expression]) -> tuple[float, ...] | None:
+    """Of wobjdata whose object frame is its user frame; ``wobj0`` is the base."""
+    if expression is not None and expression.kind == "name" and expression.name.lower() == "wobj0":
+        return (0.0,) * 6
+    found = resolved(expression, constants)
+    if found is None or found.kind != "list" or len(found.items) != 5:
+        return None
+    user, own = (resolved(item, constants) for item in found.items[3:])
+    if user is None or own is None or len(user.items) != 2 or len(own.items) != 2:
+        return None
+    inner = _pose(*own.items, constants)
+    if inner is None or any(abs(x) > 0 for x in inner):
+        return None
+    return _pose(*user.items, constants)

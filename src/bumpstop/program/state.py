@@ -1,0 +1,71 @@
+"""What is known of arm and program at a place of it: where the arm is, and what is set."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bumpstop.arrays import FloatArray
+    from bumpstop.program.languages.statements import SpeedSlot
+
+_SAME = 1e-6  # [rad or m] what is less apart is the same: a place is found again from another one
+
+
+@dataclass
+class State:
+    """Where the arm is and what is set; None: not known. ``dead``: nothing runs on from here."""
+
+    q: FloatArray | None
+    tool: FloatArray | None = field(default_factory=lambda: np.eye(4))
+    base: FloatArray | None = field(default_factory=lambda: np.eye(4))
+    shift: FloatArray | None = field(default_factory=lambda: np.eye(4))
+    speeds: dict[str, SpeedSlot | None] = field(default_factory=dict)
+    dead: bool = False
+
+    def copy(self) -> State:
+        """Its own to change."""
+        return replace(self, speeds=dict(self.speeds))
+
+    def set(self, other: State) -> None:
+        """Make it another one."""
+        self.q, self.tool, self.base, self.shift = other.q, other.tool, other.base, other.shift
+        self.speeds, self.dead = dict(other.speeds), other.dead
+
+    @property
+    def frame(self) -> FloatArray | None:
+        """Of targets, in the base."""
+        return None if self.base is None or self.shift is None else self.base @ self.shift
+
+
+def equal(a: FloatArray | None, b: FloatArray | None) -> bool:
+    """Whether two values are the same, or neither is known."""
+    if a is None or b is None:
+        return a is b
+    return a.shape == b.shape and bool(np.abs(a - b).max(initial=0.0) < _SAME)
+
+
+def agreed(states: Sequence[State]) -> State:
+    """What is known where one of some states holds."""
+    first = states[0]
+
+    def common(name: str) -> FloatArray | None:
+        values = [getattr(state, name) for state in states]
+        return values[0] if all(equal(values[0], value) for value in values) else None
+
+    keys = {key for state in states for key in state.speeds}
+    speeds = {
+        key: first.speeds.get(key) if all(s.speeds.get(key, 0) == first.speeds.get(key, 0) for s in states) else None
+        for key in keys
+    }
+    return State(common("q"), common("tool"), common("base"), common("shift"), speeds)
+
+
+def alike(one: State, other: State) -> bool:
+    """Whether the same is known of two states."""
+    pairs = ((one.q, other.q), (one.tool, other.tool), (one.base, other.base), (one.shift, other.shift))
+    return one.speeds == other.speeds and all(equal(a, b) for a, b in pairs)
