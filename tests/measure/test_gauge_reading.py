@@ -12,7 +12,7 @@ import pytest
 from bumpstop.errors import InputError
 from bumpstop.measure.reading.gauge_curve import GaugeFormat, load_gauge_curve
 from bumpstop.measure.reading.gauge_reading import read_gauge
-from measure.gauge_cases import pressed, sprung_mass, write
+from measure.gauge_cases import Array, pressed, sprung_mass, write
 
 
 @pytest.mark.parametrize("rate", [1000.0, 4000.0, 10_000.0])
@@ -225,3 +225,56 @@ def test_columns_of_one_name_are_told_by_their_number(tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError, match=said):
             read_gauge(path, GaugeFormat(force_column=column))
+
+
+def _half_sine(begin: float, rise: float, *, rate: float = 5000.0, peak: float = 120.0) -> tuple[Array, Array]:
+    """A half sine that begins at a time, in a recording that begins at 0 s."""
+    time = np.arange(round(rate)) / rate
+    return time, peak * np.sin(np.clip((time - begin) * math.pi / 2 / rise, 0, math.pi))
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+@pytest.mark.parametrize("rate", [1000.0, 5000.0, 20_000.0])
+@pytest.mark.parametrize("rise", [0.006, 0.02, 0.04])
+def test_the_rise_is_no_zero(tmp_path: Path, rise: float, rate: float, noise: float) -> None:
+    """The zero is known to 1 % of the force, or the recording says that it has too little time before contact."""
+    random = np.random.default_rng(3)
+    to_a_tenth = math.asin(0.1) * 2 / math.pi * rise
+    for begin in np.array([-3, -2, -1, -0.3, 0, 0.2, 0.5, 0.8, 1.5, 5]) * to_a_tenth:
+        time, force = _half_sine(begin, rise, rate=rate)
+        reading = read_gauge(write(tmp_path / "curve.csv", time, force + noise * random.standard_normal(time.size)))
+        # Sampling at 1 kHz costs a clean 6 ms rise (w h)^4 / 128 of the peak, less than 4e-5.
+        assert reading.peak_N > 0.99 * 120 - 4 * noise, begin
+        assert math.isnan(reading.zero_N) == ("truncated" in {fault.name for fault in reading.faults})
+        if begin <= 0:
+            assert math.isnan(reading.zero_N)
+
+
+def test_a_zero_that_nothing_tells_is_named(tmp_path: Path) -> None:
+    """Below 0 N before contact the peak is too low: it cannot be relied on, and is a lower bound."""
+    for begin, shift, spoils, said in (
+        (0.0, 0.0, False, "The recording has too little time before contact: its zero is taken to be 0 N."),
+        (-0.003, 0.0, False, "The recording begins in contact, at 28.01 N: what was before is missing."),
+        (0.0006, -12.0, True, "The recording has too little time before contact, and shows -12 N: its zero is not"),
+        (-0.003, -12.0, True, "The recording begins in contact, at 16.01 N, and shows -12 N: its zero is not known"),
+    ):
+        time, force = _half_sine(begin, 0.02)
+        reading = read_gauge(write(tmp_path / "curve.csv", time, force + shift))
+        (fault,) = (each for each in reading.faults if each.name == "truncated")
+        assert fault.text.startswith(said)
+        assert (fault.spoils, reading.usable) == (spoils, not spoils)
+        assert reading.lower_bound_N == pytest.approx(108, rel=1e-3) if spoils else math.isnan(reading.lower_bound_N)
+
+
+@pytest.mark.parametrize("share", [0.4, 1.0, 2.0])
+@pytest.mark.parametrize("lasting", [0.0, 0.5])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_far_zero_is_no_contact(tmp_path: Path, sign: float, lasting: float, share: float) -> None:
+    """Afterwards the gauge shows no less: nothing pressed before. Else the bound is what was measured."""
+    time, force = _half_sine(0.2, 0.02)
+    force = np.where(time > 0.22, np.maximum(force, lasting * 120), force)
+    reading = read_gauge(write(tmp_path / "curve.csv", time, sign * (force + share * 120)))
+    assert reading.usable
+    assert reading.peak_N == pytest.approx(120, rel=1e-3)
+    other = read_gauge(write(tmp_path / "curve.csv", time, sign * (force - share * 120)))
+    assert (other.peak_N if other.usable else other.lower_bound_N) == pytest.approx(120, rel=1e-3)

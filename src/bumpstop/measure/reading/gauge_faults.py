@@ -34,6 +34,8 @@ _BESIDE_RISE = 400
 _ROUNDED, _MIN_DIGIT = 1.05, 1e-6
 _MIN_CORNERS = 5
 _MIN_CUT_SHARE = 0.05
+# A zero that is off by more than a share of the peak, and by more than this, is told [N].
+OFFSET_SHARE, MIN_OFFSET_N = 0.01, 1.0
 
 
 def sampling_faults(curve: GaugeCurve) -> list[GaugeFault]:
@@ -273,9 +275,8 @@ def _truncated(curve: GaugeCurve, at: int, onset: float, before: bool) -> list[G
     found = []
     force, last = curve.force, curve.force.size - 1
     peak = float(force[at])
-    if not before and force[0] > 0.05 * peak:
-        text = f"The recording begins in contact, at {force[0]:.4g} N: what was before is missing."
-        found.append(GaugeFault("truncated", 1, text, spoils=force[0] > 0.5 * peak))
+    if not before:
+        found.append(_nothing_before(force, peak))
     if at >= last - 1:
         text = "The recording ends at its highest force: the peak is not in it."
         found.append(GaugeFault("truncated", 1, text, spoils=True))
@@ -286,3 +287,18 @@ def _truncated(curve: GaugeCurve, at: int, onset: float, before: bool) -> list[G
         )
         found.append(GaugeFault("truncated", 1, text))
     return found
+
+
+def _nothing_before(force: FloatArray, peak: float) -> GaugeFault:
+    """What it means that there is too little time before contact: nothing tells the zero."""
+    begin, lowest = float(force[0]), float(force.min())
+    in_contact = begin > 0.05 * peak
+    begins = f"begins in contact, at {begin:.4g} N" if in_contact else "has too little time before contact"
+    negative = lowest < -max(MIN_OFFSET_N, OFFSET_SHARE * peak)
+    if negative:
+        text = f"The recording {begins}, and shows {lowest:.4g} N: its zero is not known, and lower than 0 N."
+    elif in_contact:
+        text = f"The recording {begins}: what was before is missing."
+    else:
+        text = f"The recording {begins}: its zero is taken to be 0 N."
+    return GaugeFault("truncated", 1, text, spoils=negative or begin > 0.5 * peak)

@@ -13,7 +13,7 @@ from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
 from bumpstop.measure.reading.gauge_contact import find_contact, late_fault
 from bumpstop.measure.reading.gauge_curve import GaugeCurve, GaugeFormat, load_gauge_curve
 from bumpstop.measure.reading.gauge_fault import GaugeFault
-from bumpstop.measure.reading.gauge_faults import curve_faults, sampling_faults
+from bumpstop.measure.reading.gauge_faults import MIN_OFFSET_N, OFFSET_SHARE, curve_faults, sampling_faults
 from bumpstop.measure.reading.gauge_pressure import corrected_pressure
 
 if TYPE_CHECKING:
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 # Contact begins where the force passes this share of the peak, unless a trigger is told.
 _TRIGGER_SHARE = 0.03
 _NOISE_SDS = 6.0
-# A zero that is off by more than a share of the peak, and by more than this, is told [N].
-_OFFSET_SHARE, _MIN_OFFSET_N = 0.01, 1.0
 # What is left is taken over this long after the first half second [s].
 _LASTING_S = 0.5
 _MIN_BASELINE = 5
+# So well a baseline tells the zero, as a share of what the force spans.
+_MAX_ZERO_ERROR = 0.01
 # What hides a higher peak, and leaves the forces that were recorded true.
 _HIDES_PEAK = frozenset({"saturated", "clipped", "coarse", "gaps", "truncated", "resampled"})
-# A recording that begins with more than this share of its highest force, and ends elsewhere, begins in contact.
+# A recording that begins with more than this share of its highest force, and ends with less, begins in contact.
 _IN_CONTACT = 0.3
 
 
@@ -48,7 +48,7 @@ class GaugeReading:
         peak_time: of the peak, after the onset [s].
         lasting_N: greatest force after the first 0.5 s [N]; NaN where the recording ends before.
         left_N: median force from 0.5 s to 1 s after the onset [N]; NaN where the recording ends before.
-        zero_N: force before contact, as the recording has it [N]; NaN: it begins in contact.
+        zero_N: force before contact, as the recording has it [N]; NaN: it has too little time before contact.
         drift_N: force once the gauge is free again less that before contact [N]; NaN: it is never free again.
         noise_N: standard deviation before contact [N]; NaN: too few samples.
         peak_pressure_N_cm2, lasting_pressure_N_cm2: highest pressure in and after the first 0.5 s; NaN: none recorded.
@@ -78,9 +78,13 @@ class GaugeReading:
 
     @property
     def lower_bound_N(self) -> float:
-        """The highest sample, where faults only hide a higher one [N]; NaN: the peak counts, or nothing is known."""
+        """The highest sample, where faults only hide a higher one [N]; NaN: the peak counts, or nothing is known.
+
+        Where the zero is not known it is no more than what the force spans.
+        """
         spoiling = {fault.name for fault in self.faults if fault.spoils}
-        return self.sampled_peak_N if spoiling and spoiling <= _HIDES_PEAK else math.nan
+        hidden = bool(spoiling) and spoiling <= _HIDES_PEAK
+        return min(self.sampled_peak_N, float(np.ptp(self.curve.force))) if hidden else math.nan
 
     def to_json(self) -> dict[str, Any]:
         """Figures by name; those that there are not are None."""
@@ -136,7 +140,7 @@ def analyse(curve: GaugeCurve, trigger_N: float | None = None) -> GaugeReading:
         force = -force
         faults.append(GaugeFault("inverted", 1, "The force is negative: it was turned over.", repaired=True))
     peak = float(force.max())
-    if before and abs(zero) > max(_MIN_OFFSET_N, _OFFSET_SHARE * peak):
+    if before and abs(zero) > max(MIN_OFFSET_N, OFFSET_SHARE * peak):
         text = f"The gauge shows {zero:.3g} N before contact: that was taken away."
         faults.append(GaugeFault("shifted", 1, text, repaired=True))
     zeroed = replace(curve, force=force)
@@ -160,7 +164,7 @@ def analyse(curve: GaugeCurve, trigger_N: float | None = None) -> GaugeReading:
     faults += curve_faults(zeroed, raw, at, first, onset, summit, before)
     if not any(fault.name == "wrong_column" for fault in faults):
         faults += late_fault(zeroed, at, onset)
-    if math.isfinite(drift) and abs(drift) > max(_MIN_OFFSET_N, _OFFSET_SHARE * peak):
+    if math.isfinite(drift) and abs(drift) > max(MIN_OFFSET_N, OFFSET_SHARE * peak):
         text = f"The gauge shows {drift:.3g} N more after the contact than before it."
         faults.append(GaugeFault("drift", 1, text))
     return GaugeReading(
@@ -189,22 +193,26 @@ def _highest(pressure: FloatArray | None, rows: npt.NDArray[np.bool_]) -> float:
 
 
 def _baseline(force: FloatArray) -> tuple[float, float, int]:
-    """Force before contact, its standard deviation, and how many samples it has; none where it begins in contact."""
-    span = float(force.max() - force.min())
-    if span == 0:
-        return 0.0, math.nan, 0
+    """Force before contact, its standard deviation, and how many samples it has; none where that was not recorded."""
+    none = 0.0, math.nan, 0
+    span = float(np.ptp(force))
     # Until the force first leaves what it begins with.
-    away = np.abs(force - np.median(force[:_MIN_BASELINE])) > 0.1 * span
-    count = int(np.argmax(away)) if away.any() else force.size
+    count = int(np.argmax(np.abs(force - np.median(force[:_MIN_BASELINE])) > 0.1 * span))
     # The rise itself is no baseline.
     count = count - max(1, count // 10) if count > _MIN_BASELINE else count
     if count < _MIN_BASELINE:
-        return 0.0, math.nan, 0
+        return none
     begin, highest = force[:count], float(np.abs(force).max())
     zero, end = float(np.median(begin)), float(np.median(force[-_MIN_BASELINE:]))
+    noise = float(begin.std())
+    # Where most of it is the rise, its median is off that of its first half; few noisy samples do not show a rise.
+    off = abs(zero - float(np.median(begin[: (count + 1) // 2])))
+    if off + noise / math.sqrt(count) > _MAX_ZERO_ERROR * span:
+        return none
+    # A gauge that was pressed from the beginning and is free later shows less then.
     one_sign = min(float(force.max()), -float(force.min())) < 0.02 * highest
-    in_contact = one_sign and abs(zero) > _IN_CONTACT * highest and abs(end - zero) > 0.1 * highest
-    return (0.0, math.nan, 0) if in_contact else (zero, float(begin.std()), count)
+    in_contact = one_sign and abs(zero) > _IN_CONTACT * highest and abs(zero) - abs(end) > 0.1 * highest
+    return none if in_contact else (zero, noise, count)
 
 
 def _summit(time: FloatArray, force: FloatArray, at: int) -> tuple[float, float]:
