@@ -165,3 +165,39 @@ def test_lines_with_a_number_above_the_header_are_no_rows(tmp_path: Path, above:
         assert reading.curve.columns == ("Time [s]", "Force [N]", "")
         assert reading.curve.time.size == time.size
         assert reading.curve.unreadable == len(begin) - len(rows)
+
+
+@pytest.mark.parametrize(
+    "above",
+    [
+        "time;force\n[ms];[kgf]",
+        "time;force\nms;daN",
+        "time;force\n[msec];[kp]",
+        "time;force;temperature\n[ms];[lbf];[C]",
+        "time;force;temperature;humidity\n[ms];[N];[C];[%]",
+    ],
+)
+def test_every_unit_is_known_in_a_line_of_its_own(tmp_path: Path, above: str) -> None:
+    """Also beside units of something else."""
+    _, force = pressed(rate=1000.0)
+    more = ";21" * (above.split("\n")[0].count(";") - 1)
+    path = tmp_path / "t.csv"
+    path.write_text("\n".join([above, *(f"{at};{value:.3f}{more}" for at, value in enumerate(force.tolist()))]) + "\n")
+    reading = read_gauge(path)
+    assert reading.rate_hz == pytest.approx(1000)
+    newtons = {"kgf": 9.80665, "kp": 9.80665, "daN": 10.0, "lbf": 4.4482216152605, "N": 1.0}
+    (unit,) = (unit for unit in newtons if unit in above.replace("[", ";").replace("]", ";").split("\n")[1].split(";"))
+    assert reading.sampled_peak_N == pytest.approx(newtons[unit] * force.max(), rel=0.02)
+
+
+@pytest.mark.parametrize("separator", [",", "\t", ";"])
+@pytest.mark.parametrize("other", [",", "\t", ";"])
+def test_lines_above_have_any_separator(tmp_path: Path, other: str, separator: str) -> None:
+    _, force = pressed(rate=1000.0)
+    rows = [f"{at}{separator}{value:.2f}" for at, value in enumerate(force.tolist())]
+    path = tmp_path / "t.csv"
+    path.write_text("\n".join([f"Device{other}XY", f"time [ms]{separator}force [N]", *rows]) + "\n")
+    assert read_gauge(path).faults == ()
+    # A line below lacks it.
+    path.write_text("\n".join([f"time [ms]{separator}force [N]", *rows, "end"]) + "\n")
+    assert {fault.name for fault in read_gauge(path).faults} == {"unreadable"}

@@ -136,6 +136,11 @@ def unit_of_name(name: str, quantity: Quantity) -> str | None:
     return None
 
 
+def is_unit(text: str) -> bool:
+    """Whether a cell is a unit, in brackets or not."""
+    return any(_unit(text.strip("[]() "), quantity) is not None for quantity in UNITS)
+
+
 def _without_unit(name: str) -> str:
     return re.sub(r"[\[(].*", "", name).strip()
 

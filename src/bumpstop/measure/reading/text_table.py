@@ -10,14 +10,15 @@ from functools import cached_property
 from pathlib import Path
 
 from bumpstop.errors import InputError
+from bumpstop.measure.reading.gauge_columns import is_unit
 from bumpstop.measure.reading.written_numbers import DecimalMarks, ambiguous, as_number, decimal_mark
 from bumpstop.text_files import MAX_BYTES, read_text
 
-_SEPARATORS = (";", "\t", ",")
 # Header lines of devices are at most so many.
 _MAX_PREAMBLE = 200
 # The last rows show what a row of the table is like.
 _LATER_ROWS = 20
+_IN_BRACKETS = re.compile(r"\[.*\]|\(.*\)")
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
 
 
@@ -146,11 +147,11 @@ def read_text_table(path: Path, wanted: str, *, max_bytes: int = MAX_BYTES) -> T
 
 
 def _separator(lines: list[str]) -> str:
-    """That which most of the last lines agree on."""
+    """That which is in all of the last lines, or in the first and in most of the last ones."""
     sample = lines[-50:]
-    counts = {mark: min(line.count(mark) for line in sample) for mark in _SEPARATORS}
     for mark in (";", "\t"):
-        if counts[mark] > 0 or lines[0].count(mark) > 0:
+        count = sum(mark in line for line in sample)
+        if count == len(sample) or (mark in lines[0] and 2 * count > len(sample)):
             return mark
     return ","
 
@@ -194,6 +195,8 @@ def is_figure(cell: str) -> bool:
 
 
 def _is_units(row: list[str]) -> bool:
-    known = {"s", "ms", "us", "µs", "n", "kn", "lbf", "lb", "n/cm2", "n/cm²", "mpa", "psi", "kpa", "bar", "sec"}
-    filled = [cell.strip("[]() ").lower() for cell in row if cell]
-    return bool(filled) and all(cell in known for cell in filled)
+    """Whether most cells of a row are units; what stands in brackets is one of something else."""
+    filled = [cell for cell in row if cell]
+    known = sum(map(is_unit, filled))
+    others = sum(_IN_BRACKETS.fullmatch(cell) is not None and not is_unit(cell) for cell in filled)
+    return known > 0 and 2 * (known + others) > len(filled)
