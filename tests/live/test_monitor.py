@@ -176,6 +176,17 @@ FAULTS: dict[str, tuple[Change, dict[K, int], int]] = {
         {K.LOST: 2},
         0,
     ),
+    # A count that jumps, or stands, says nothing: the times do.
+    "counted from elsewhere": (
+        lambda s: [at(one, sequence=i + 1001 * (i > 205)) for i, one in enumerate(s) if not 200 <= i <= 205],
+        {K.LOST: 6},
+        FILLING,
+    ),
+    "not counted up": (
+        lambda s: [at(one, sequence=0) for i, one in enumerate(s) if i not in (200, 201)],
+        {K.LOST: 2},
+        0,
+    ),
     "counts again": (
         lambda s: [*[at(one, sequence=i + 5000) for i, one in enumerate(s[:200])],
                    *[at(one, sequence=i) for i, one in enumerate(s[200:])]],

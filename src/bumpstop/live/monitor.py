@@ -62,7 +62,7 @@ class Monitor:
     """Judges the samples of a source.
 
     Where there is no sample, or one that cannot be judged, the state is ``"no_data"`` and the arm must stop, as in a
-    control loop; from there the detector arms itself as it does at its beginning.
+    control loop; behind a silence, a restart or a flood the detector arms itself as it does at its beginning.
 
     Args:
         detector: of the arm.

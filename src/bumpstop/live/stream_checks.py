@@ -86,8 +86,8 @@ class StreamChecks:
         damaged = self._damaged(sample, signal)
         if damaged:
             findings.append((SourceEventKind.DAMAGED, damaged, 1))
-        restart = self._look_at_sequence(sample, findings)
-        restart = self._look_at_time(sample, findings) or restart
+        counted, restart = self._look_at_sequence(sample, findings)
+        restart = self._look_at_time(sample, findings, counted) or restart
         if restart:
             self._close, self._back, self.flooded = 0, 0, False
             self._stamp, self._received = sample.stamp_s, sample.received_s
@@ -126,28 +126,26 @@ class StreamChecks:
                 return f"{name} of {self._detector.joints[bad]} is {values[bad]}"
         return ""
 
-    def _look_at_sequence(self, sample: JointSample, findings: list[Finding]) -> bool:
-        """Whether the sender's count has begun again."""
+    def _look_at_sequence(self, sample: JointSample, findings: list[Finding]) -> tuple[bool, bool]:
+        """Whether the sender's count tells how many samples are missing, and whether it has begun again."""
         number, before = sample.sequence, self._sequence
-        if number is None:
-            return False
         self._sequence = number
-        if before is None or number == before + 1 or number == before:
-            return False
+        # A count that stands or jumps says nothing of samples.
+        if number is None or before is None or number == before or number - before > _RESTART_COUNT:
+            return False, False
         if number > before:
-            if number - before <= _RESTART_COUNT:
-                findings.append(
-                    (SourceEventKind.LOST, f"{number - before - 1} samples are missing", number - before - 1)
-                )
-            return False
+            missing = number - before - 1
+            if missing:
+                findings.append((SourceEventKind.LOST, f"{missing} samples are missing", missing))
+            return True, False
         if before - number < _RESTART_COUNT and number != 0:
             self._sequence = before
-            return False
+            return False, False
         findings.append((SourceEventKind.RESTARTED, f"the source counts from {number} again", 1))
-        return True
+        return False, True
 
-    def _look_at_time(self, sample: JointSample, findings: list[Finding]) -> bool:
-        """Whether the sender's clock has begun again."""
+    def _look_at_time(self, sample: JointSample, findings: list[Finding], counted: bool) -> bool:
+        """Whether the sender's clock has begun again; samples are missing by its times where no count tells."""
         if self._stamp == -math.inf:
             self._stamp, self._received = sample.stamp_s, sample.received_s
             return False
@@ -163,7 +161,7 @@ class StreamChecks:
         if self._paced and step - max(passed, 0.0) > _AHEAD_S:
             text = f"the sender's clock went ahead by {step - passed:.3g} s"
             findings.append((SourceEventKind.JUMPED_AHEAD, text, 1))
-        elif step > _LATE_SHARE * self._period and sample.sequence is None:
+        elif step > _LATE_SHARE * self._period and not counted:
             count = max(1, round(step / self._period) - 1)
             findings.append((SourceEventKind.LOST, f"{count} samples are missing, {step:.3g} s", count))
         self._stamp, self._received = sample.stamp_s, sample.received_s
