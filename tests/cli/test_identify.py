@@ -216,7 +216,7 @@ def test_inertias_that_bodies_can_have_are_written_for_other_programs(tmp_path: 
         (("--consistent",), "--consistent: is for dynamics, not for joint models"),
         (("--second-moments",), "--second-moments: is for a payload, not for joint models"),
         (("--model", "payload"), "--joint-model: is missing"),
-        (("--model", "payload", "--joint-model", "sia5d"), "--joint-model: is of joints joint_s"),
+        (("--model", "payload", "--joint-model", "sia5d"), "--robot: is 'ur5e', and the model was fitted to 'sia5d'"),
         (("--model", "payload", "--joint-model", "absent.toml"), "absent.toml"),
         (("--model", "payload", "--consistent"), "--consistent: is for dynamics"),
         (

@@ -8,12 +8,18 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.identification import identify_payload, inertial_regressor, judge_payload, with_payload
+from bumpstop.identification import (
+    identify_dynamics,
+    identify_payload,
+    inertial_regressor,
+    judge_payload,
+    with_payload,
+)
 from bumpstop.identification.payload.tip_parameters import parameters_of, pseudo_inertia
 from bumpstop.identification.statistics.robust_fit import visible_share
 from bumpstop.model import LinkInertia, inverse_dynamics, with_rotors
 from bumpstop.recording import Recording
-from identification.drives import driven, drives, fourier
+from identification.drives import driven, drives, fourier, planted
 
 MASS, CENTER = 2.5, (0.03, -0.02, 0.09)
 
@@ -220,3 +226,24 @@ def test_what_cannot_be_fitted_is_refused() -> None:
         identify_payload(log, robot, model=model)
     with pytest.raises(bs.InputError, match="has 6 joints"):
         identify_payload(replace(log, tau=q), bs.Robot.load("panda"))
+
+
+def test_a_model_of_another_arm_is_refused() -> None:
+    """All arms of one maker share the names of their joints: 2 kg came out as 1.26 with dynamics of a neighbour."""
+    robot, other = bs.Robot.load("ur5e"), bs.Robot.load("ur10")
+    motion = fourier(robot, 10.0, 100.0, 5)
+    model, currents = planted(robot, motion, 1)
+    t, q, qd, qdd = motion
+    log = replace(currents, t=t, q=q, current=None, tau=inverse_dynamics(robot, q, qd, qdd) + np.sign(qd))
+    dynamics = identify_dynamics(log, robot, cutoff_hz=5.0).model
+    said = "robot: is 'ur10', and the model was fitted to 'ur5e'"
+    with pytest.raises(bs.InputError, match=said):
+        identify_payload(currents, other, model=model)
+    with pytest.raises(bs.InputError, match=said):
+        identify_payload(log, other, dynamics=dynamics)
+    # The path of a URDF tells nothing of the arm.
+    assert identify_payload(currents, robot, model=replace(model, robot="here/arm.urdf")).parameters["m"].value
+    renamed = replace(robot.joints[1], name="j_2")
+    turned = replace(robot, joints=(robot.joints[0], renamed, *robot.joints[2:]))
+    with pytest.raises(bs.InputError, match="has a joint 'j_2' where the model's ur5e has 'shoulder_lift_joint'"):
+        identify_payload(currents, turned, model=model)

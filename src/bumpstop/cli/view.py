@@ -95,9 +95,10 @@ def _watch(model: str | None, thresholds: str | None) -> Watch | None:
         return None
 
     def watch(recording: Recording, robot: Robot) -> DetectionRun:
-        from bumpstop.cli.detection.residual_source import check_arm_of_fit, load_model, thresholds_of
+        from bumpstop.cli.detection.residual_source import load_model, thresholds_of
         from bumpstop.detection import detect
         from bumpstop.identification import DynamicsModel
+        from bumpstop.identification.arm_of_fit import check_arm_of_fit
 
         found = None if model is None else load_model(model, None, None, None)[0]
         if isinstance(found, DynamicsModel):

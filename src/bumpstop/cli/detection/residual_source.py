@@ -347,6 +347,7 @@ def load_model(
     """
     from bumpstop.cli.identification.arm_recordings import is_dynamics
     from bumpstop.identification import DynamicsFit
+    from bumpstop.identification.arm_of_fit import check_arm_of_fit
     from bumpstop.joint import JointTorqueModel
 
     named = None if robot is None else load_robot(robot, base, tip)
@@ -364,25 +365,6 @@ def load_model(
         return dynamics, dynamics.robot
     joints = JointTorqueModel.load(model)
     return joints, named if named is not None else load_robot(joints.robot, base, tip)
-
-
-def check_arm_of_fit(dynamics: DynamicsModel, arm: Robot, field: str) -> None:
-    """Refuse another arm than the one whose dynamics were fitted: they know their own, and it alone would count.
-
-    Raises:
-        InputError: about ``field``: the arm has another number of joints, another name, or other names of joints.
-    """
-    from bumpstop.text_files import other_robot
-
-    own, valid = dynamics.robot, "wanted the arm of the fit, or a fit of this arm"
-    if arm.dof != own.dof:
-        raise InputError(field, f"{arm.name} has {arm.dof} joints, the model's {own.name} has {own.dof}", valid)
-    if other_robot(arm.name, own.name):
-        raise InputError(field, f"is {arm.name!r}, and the model was fitted to {own.name!r}", valid)
-    for mine, its in zip(arm.joints, own.joints, strict=True):
-        if mine.name != its.name:
-            problem = f"{arm.name} has a joint {mine.name!r} where the model's {own.name} has {its.name!r}"
-            raise InputError(field, problem, valid)
 
 
 def thresholds_of(text: str, joints: Robot | int) -> Thresholds:

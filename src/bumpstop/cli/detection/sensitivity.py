@@ -118,10 +118,10 @@ def _hidden(arm: Robot, model: str | None, stiction: str | None) -> tuple[FloatA
     """
     import numpy as np
 
-    from bumpstop.cli.detection.residual_source import check_arm_of_fit
     from bumpstop.cli.identification.arm_recordings import is_dynamics
     from bumpstop.detection.standing import hidden_torques
     from bumpstop.identification import DynamicsFit, DynamicsModel
+    from bumpstop.identification.arm_of_fit import check_arm_of_fit
     from bumpstop.identification.fit_verdict import as_sentences, fit_faults
     from bumpstop.joint import JointTorqueModel
 

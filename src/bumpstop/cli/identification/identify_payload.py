@@ -48,16 +48,13 @@ def identify_what_is_carried(
     drives = None
     if joint_model is not None:
         drives = JointTorqueModel.load(joint_model)
-        names = [joint.name for joint in arm.joints]
-        if [joint.name for joint in drives.joints] != names:
-            given = ", ".join(joint.name for joint in drives.joints)
-            raise InputError("--joint-model", f"is of joints {given}", f"wanted {', '.join(names)}")
     elif log.tau is None and dynamics is None:
         raise InputError("--joint-model", "is missing", "currents become torques by a joint model that identify wrote")
     if cutoff_hz is not None and not 0 < cutoff_hz < 0.4 * log.rate_hz:
         raise InputError("--cutoff", f"is {cutoff_hz:g}", f"wanted above 0 and below {0.4 * log.rate_hz:g} Hz")
     of_arm = None if dynamics is None else DynamicsFit.load(dynamics).model
-    with as_options({"mass": "--mass", "dynamics": "--dynamics", "model": "--joint-model"}), progress("fitting"):
+    options = {"mass": "--mass", "dynamics": "--dynamics", "model": "--joint-model", "robot": "--robot"}
+    with as_options(options), progress("fitting"):
         found = identify_payload(
             log,
             arm,

@@ -13,6 +13,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.display import Displayed, draw_parameters, parameter_frame
 from bumpstop.errors import InputError
+from bumpstop.identification.arm_of_fit import check_arm_of_fit
 from bumpstop.identification.comparison import Comparison, JointScore, joint_score
 from bumpstop.identification.dynamics.regressor import INERTIAL
 from bumpstop.identification.fit import Quantity
@@ -231,17 +232,19 @@ def identify_payload(
             else along -z.
 
     Raises:
-        InputError: both a model and dynamics, a mass that no payload has, no currents or torques, another number of
-            joints, too few rows, no joint whose torque is known.
+        InputError: both a model and dynamics, one of another arm, a mass that no payload has, no currents or torques,
+            another number of joints, too few rows, no joint whose torque is known.
     """
     recording.check_robot(robot)
     if model is not None and dynamics is not None:
         raise InputError("model", "is given beside dynamics", "wanted one of them: both say the arm's friction")
+    of_arm = model if dynamics is None else dynamics
+    if of_arm is not None:
+        check_arm_of_fit(of_arm, robot, "robot")
     if mass is not None and not 0 < mass < _MAX_MASS:
         raise InputError("mass", f"is {mass:g} kg", f"wanted above 0 and below {_MAX_MASS:g}")
     if gravity is None:
-        known = dynamics or model
-        gravity = STANDARD_GRAVITY if known is None else known.gravity
+        gravity = STANDARD_GRAVITY if of_arm is None else of_arm.gravity
     cutoff = min(5.0, 0.1 * recording.rate_hz) if cutoff_hz is None else cutoff_hz
     source = PayloadSource(robot=robot, model=model, dynamics=dynamics, cutoff_hz=cutoff, gravity=gravity)
     samples = PayloadSamples.of(recording, source)

@@ -191,8 +191,6 @@ def _torques(
 
     robot, model, dynamics = source.robot, source.model, source.dynamics
     if dynamics is not None:
-        if dynamics.robot.dof != robot.dof:
-            raise InputError("dynamics", f"has {dynamics.robot.dof} joints", f"{robot.name} has {robot.dof}")
         known = ~np.isin(np.arange(robot.dof), dynamics.unscaled)
         return _torque_of_recording(recording, motion.t, dynamics.gains), dynamics.torque(motion), known
     if model is None:
@@ -204,8 +202,6 @@ def _torques(
         return interpolate_to(motion.t, recording.t, recording.tau), own, np.ones(robot.dof, dtype=bool)
     if recording.current is None:
         raise InputError("recording", "has no motor current", "wanted current_1 ..")
-    if len(model.joints) != robot.dof:
-        raise InputError("model", f"has {len(model.joints)} joints", f"{robot.name} has {robot.dof}")
     known = np.array([joint.parameters["B"] is not None for joint in model.joints])
     if not known.any():
         raise InputError("model", "knows the gain of no joint", "wanted at least one")
