@@ -7,6 +7,7 @@ for rad and N for Nm.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -28,6 +29,18 @@ if TYPE_CHECKING:
 JacobianRows = Literal["linear", "all"]
 STANDARD_GRAVITY = (0.0, 0.0, -9.80665)  # acceleration of free fall, frame of an upright base [m/s2]
 FREE_FALL = (9.7, 9.9)  # its size on this planet, at any height that robots stand at [m/s2]
+
+
+def check_free_fall(gravity: Sequence[float], field: str) -> None:
+    """Refuse an acceleration of free fall (3,) that no robot on this planet feels: 1 for a direction, 980 for cm/s2.
+
+    Raises:
+        InputError: about ``field``: its size is not that of ``FREE_FALL``.
+    """
+    size, (low, high) = math.hypot(*gravity), FREE_FALL
+    if not low <= size <= high:
+        valid = f"wanted X,Y,Z of {low:g} to {high:g} in all, as 0,0,9.80665 on a ceiling or -9.80665,0,0 on a wall"
+        raise InputError(field, f"is {size:.4g} m/s2 in all", valid)
 
 
 def inverse_dynamics(

@@ -260,6 +260,7 @@ def test_damaged_plans_are_refused(tmp_path: Path, plans: dict[str, Identificati
         (lambda text: text.replace("home = [", "home = [1000, ", 1), "home"),
         (lambda text: text.replace("pose = [0.0", "pose = [999.0", 1), "outside its limits"),
         (lambda text: text.replace("swing_deg", "swing", 1), "unknown key 'swing'"),
+        (lambda text: text.replace("-9.80665", "-1.0", 1), "gravity: is 1 m/s2 in all"),
         (lambda text: text[:60], "not valid TOML|has no key"),
     ):
         file.write_text(spoil(sound))
@@ -274,7 +275,11 @@ def test_damaged_plans_are_refused(tmp_path: Path, plans: dict[str, Identificati
         ({"repeats": 0}, "repeats"),
         ({"acceleration": float("nan")}, "acceleration"),
         ({"floor": float("inf")}, "floor"),
-        ({"gravity": (0.0, 0.0, 0.0)}, "gravity: is zero"),
+        ({"gravity": (0.0, 0.0, 0.0)}, "gravity: is 0 m/s2 in all; wanted X,Y,Z of 9.7 to 9.9 in all"),
+        ({"gravity": (0.0, 0.0, -1.0)}, "gravity: is 1 m/s2 in all"),
+        ({"gravity": (0.0, 0.0, -980.0)}, "gravity: is 980 m/s2 in all"),
+        ({"gravity": (0.0, float("nan"), -9.8)}, "gravity: is nan m/s2 in all"),
+        ({"load_m": (0.0, float("nan"), 0.1)}, "load_m: is not finite"),
     ],
 )
 def test_settings_that_make_no_sense(settings: dict[str, object], message: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from bumpstop.collision.scenario.spellings import other_spelling
 from bumpstop.collision.scenario.uncertainty_table import check_uncertainty, flattened
 from bumpstop.collision.scenario.unused_keys import given_without_effect, keys_without_effect
 from bumpstop.errors import InputError, near_matches
-from bumpstop.model.dynamics import FREE_FALL
+from bumpstop.model.dynamics import check_free_fall
 
 # Keys of [motion] that say its velocity in parts.
 _SPEED = ("speed_mm_s", "direction")
@@ -47,10 +46,7 @@ class Scenario(ScenarioTables):
 
     @model_validator(mode="after")
     def _falls_as_on_earth(self) -> Scenario:
-        size, (low, high) = math.hypot(*self.gravity_m_s2), FREE_FALL
-        if not low <= size <= high:
-            valid = f"wanted {low:g} to {high:g} in all, as [0, 0, 9.80665] on a ceiling or [-9.80665, 0, 0] on a wall"
-            raise InputError("gravity_m_s2", f"is {size:.4g} m/s2 in all", valid)
+        check_free_fall(self.gravity_m_s2, "gravity_m_s2")
         return self
 
     @model_validator(mode="after")

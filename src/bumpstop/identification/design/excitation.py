@@ -19,7 +19,7 @@ from bumpstop.identification.design.clearance import Clearance, usable_joint_ran
 from bumpstop.identification.design.plan import loaded_robot
 from bumpstop.identification.design.timed_path import TimedPath
 from bumpstop.identification.dynamics.regressor import inertial_names, inertial_regressor
-from bumpstop.model.dynamics import STANDARD_GRAVITY
+from bumpstop.model.dynamics import STANDARD_GRAVITY, check_free_fall
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
@@ -74,6 +74,7 @@ class ExcitationSettings:
                 raise InputError(name, f"is {value}", f"wanted {low:g} to {high:g}")
         if self.floor is not None and not math.isfinite(self.floor):
             raise InputError("floor", f"is {self.floor}", "wanted a height [m]")
+        check_free_fall(self.gravity, "gravity")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

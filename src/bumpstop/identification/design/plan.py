@@ -16,7 +16,7 @@ from bumpstop.identification.design.gravity_pose import GravityPose, Unobservabl
 from bumpstop.identification.design.timed_path import PathBuilder, TimedPath, top_speed
 from bumpstop.identification.payload.payload import with_payload
 from bumpstop.model import gravity_torque, with_rotors
-from bumpstop.model.dynamics import STANDARD_GRAVITY
+from bumpstop.model.dynamics import STANDARD_GRAVITY, check_free_fall
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
@@ -91,10 +91,10 @@ class ProtocolSettings:
                 raise InputError(name, f"is {value}", f"wanted {low:g} to {high:g}")
         if self.floor is not None and not math.isfinite(self.floor):
             raise InputError("floor", f"is {self.floor}", "wanted a height [m]")
-        if not (np.isfinite(self.gravity).all() and np.isfinite(self.load_m).all()):
-            raise InputError("gravity", "is not finite")
-        if not any(self.gravity):
-            raise InputError("gravity", "is zero", "wanted a direction: it is gravity that shows what a current gives")
+        if not np.isfinite(self.load_m).all():
+            raise InputError("load_m", "is not finite")
+        # It is gravity that shows what a current gives: its size becomes that of every gain.
+        check_free_fall(self.gravity, "gravity")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
