@@ -247,3 +247,37 @@ def test_a_model_of_another_arm_is_refused() -> None:
     turned = replace(robot, joints=(robot.joints[0], renamed, *robot.joints[2:]))
     with pytest.raises(bs.InputError, match="has a joint 'j_2' where the model's ur5e has 'shoulder_lift_joint'"):
         identify_payload(currents, turned, model=model)
+
+
+def test_a_payload_moved_beyond_what_the_model_saw_is_told() -> None:
+    """``validate`` said so of the same recording; the payload was "usable" with errors of ten standard errors."""
+    robot = bs.Robot.load("ur5e")
+    carrying = with_payload(robot, MASS, CENTER)
+    small, wide = fourier(robot, 20.0, 100.0, 5), fourier(robot, 20.0, 100.0, 6)
+    t, q, qd, qdd = small
+    still = 0.3
+    q, qd, qdd = q.mean(axis=0) + still * (q - q.mean(axis=0)), still * qd, still * qdd
+
+    def torques(arm: bs.Robot, motion: tuple[np.ndarray, ...], seed: int) -> Recording:
+        t, q, qd, qdd = motion
+        noise = 0.2 * np.random.default_rng(seed).normal(size=q.shape)
+        return Recording(t=t, q=q, tau=inverse_dynamics(arm, q, qd, qdd) + 3 * np.tanh(qd / 0.01) + 2 * qd + noise)
+
+    fit = identify_dynamics(torques(robot, (t, q, qd, qdd), 1), robot, cutoff_hz=5.0)
+    for motion, told in (((t, q, qd, qdd), False), (wide, True)):
+        log = torques(carrying, motion, 2)
+        warnings = judge_payload(identify_payload(log, robot, dynamics=fit), log, robot).warnings
+        for words in ("the positions of the fit", "the speeds of the fit"):
+            assert any(words in one for one in warnings) == told, warnings
+    log = torques(carrying, wide, 2)
+    unknown = judge_payload(identify_payload(log, robot, dynamics=replace(fit, seen=None)), log, robot).warnings
+    assert any("does not say what motion it was fitted to" in one for one in unknown)
+
+    model = drives(robot, inverse_dynamics(with_rotors(carrying, 0.0), *wide[1:]))
+    log = driven(carrying, wide, model, 3)
+    for currents, speed, told in (((-8.0, 8.0), (0.0, 9.0), False), ((-0.5, 0.5), (0.0, 0.1), True)):
+        joints = tuple(replace(joint, current_range=currents, speed_range=speed) for joint in model.joints)
+        found = identify_payload(log, robot, model=replace(model, joints=joints))
+        warnings = judge_payload(found, log, robot).warnings
+        for words in ("want joint currents outside those of the fit", "are faster than the fit saw"):
+            assert any(words in one for one in warnings) == told, warnings

@@ -52,7 +52,7 @@ def identify_what_is_carried(
         raise InputError("--joint-model", "is missing", "currents become torques by a joint model that identify wrote")
     if cutoff_hz is not None and not 0 < cutoff_hz < 0.4 * log.rate_hz:
         raise InputError("--cutoff", f"is {cutoff_hz:g}", f"wanted above 0 and below {0.4 * log.rate_hz:g} Hz")
-    of_arm = None if dynamics is None else DynamicsFit.load(dynamics).model
+    of_arm = None if dynamics is None else DynamicsFit.load(dynamics)
     options = {"mass": "--mass", "dynamics": "--dynamics", "model": "--joint-model", "robot": "--robot"}
     with as_options(options), progress("fitting"):
         found = identify_payload(

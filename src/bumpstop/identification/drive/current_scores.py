@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from bumpstop.recording import Recording
 
 DEFAULT_CUTOFF_HZ = 10.0
+# Rows outside, as a share of all, that are worth a word: single ones are peaks between rows of the fit.
+_TOLD = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -193,6 +195,25 @@ def compare_currents(
         outside_current=total.outside_current / len(rows.t),
         outside_speed=total.outside_speed / len(rows.t),
     )
+
+
+def outside_ranges(model: JointTorqueModel, current: FloatArray | None, speed: FloatArray | None) -> list[str]:
+    """What of a motion lies outside the ranges of a joint model's fit, a sentence for each joint and quantity.
+
+    Args:
+        model: of the joints.
+        current: (n,) share of the rows outside; None: not counted.
+        speed: (n,) the same of the speeds.
+    """
+    return [
+        f"{joint.name}: {100 * share:.3g} % of the rows {words}"
+        for shares, words in (
+            (current, "want joint currents outside those of the fit"),
+            (speed, "are faster than the fit saw"),
+        )
+        for joint, share in zip(model.joints, [] if shares is None else shares.tolist(), strict=False)
+        if share > _TOLD
+    ]
 
 
 def _current_by_free_gain(

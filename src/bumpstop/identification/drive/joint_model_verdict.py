@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bumpstop.identification.drive.current_scores import outside_ranges
 from bumpstop.identification.drive.observability import OPPOSITE_SIGN
 from bumpstop.identification.fit_verdict import (
     OTHER_CAUSES,
@@ -39,8 +40,6 @@ _DRIFT = 0.1
 _ILL_CONDITIONED = 1000.0
 # Friction has a sign when it is so many standard errors from zero.
 _SURELY = 3.0
-# Rows outside, as a share of all, that are worth a word: single ones are peaks between rows of the fit.
-_TOLD = 0.05
 # A payload's mass is hardly known where its standard error is above this share of it.
 _HARDLY = 0.3
 
@@ -143,13 +142,7 @@ def judge_currents(
     if robot is not None:
         tell_doubtful_columns(recordings, robot, "current", faults, warnings, judged=judged)
     tell_unpredicted(found, faults, warnings)
-    for shares, words in (
-        (found.outside_current, "want joint currents outside those of the fit"),
-        (found.outside_speed, "are faster than the fit saw"),
-    ):
-        for joint, share in zip(found.model.joints, [] if shares is None else shares.tolist(), strict=False):
-            if share > _TOLD:
-                warnings.append(f"{joint.name}: {100 * share:.3g} % of the rows {words}")
+    warnings += outside_ranges(found.model, found.outside_current, found.outside_speed)
     if robot is not None:
         tell_shifts(recordings, robot, "current", faults, warnings, gravity=found.gravity)
     return FitVerdict(faults=tuple(dict.fromkeys(faults)), warnings=tuple(warnings))
@@ -206,6 +199,7 @@ def judge_payload(found: PayloadFit, recording: Recording, robot: Robot) -> FitV
     left = (found.rmse**2).sum() / max(float((found.rmse_without**2).sum()), 1e-300)
     if mass is not None and error is not None and abs(mass) > 2 * error and left > 1 - 0.05:
         warnings.append(f"the payload explains {100 * (1 - left):.2g} % of what the arm leaves open")
+    warnings += found.outside
     quantity = "tau" if recording.tau is not None else "current"
     tell_shifts([recording], robot, quantity, faults, warnings, gravity=found.source.gravity)
     warnings += doubtful_columns([recording], robot, quantity)

@@ -29,6 +29,7 @@ from bumpstop.identification.segments.recorded_columns import (
     doubtful_columns,
     tell_doubtful_columns,
 )
+from bumpstop.identification.segments.seen_motion import outside_fit
 from bumpstop.model import unit_of
 
 if TYPE_CHECKING:
@@ -117,10 +118,7 @@ def judge_predictions(
     judged = [score.name for score in scores if not score.free_gain]
     tell_doubtful_columns(recordings, fit.model.robot, quantity, faults, warnings, judged=judged)
     tell_unpredicted(scores, quantity, filter_hz, faults, warnings)
-    if fit.seen is not None:
-        warnings += fit.seen.outside(rows.motion, [joint.name for joint in fit.model.robot.joints])
-    else:
-        warnings.append("the model's file does not say what motion it was fitted to: fit it again to know")
+    warnings += outside_fit(fit.seen, rows.motion, [joint.name for joint in fit.model.robot.joints])
     tell_shifts(recordings, fit.model.robot, quantity, faults, warnings, gravity=fit.model.gravity)
     return FitVerdict(faults=tuple(dict.fromkeys(faults)), warnings=tuple(dict.fromkeys(warnings)))
 

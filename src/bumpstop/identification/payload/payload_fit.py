@@ -15,6 +15,7 @@ from bumpstop.display import Displayed, draw_parameters, parameter_frame
 from bumpstop.errors import InputError
 from bumpstop.identification.arm_of_fit import check_arm_of_fit
 from bumpstop.identification.comparison import Comparison, JointScore, joint_score
+from bumpstop.identification.dynamics.fit_file import DynamicsEstimate
 from bumpstop.identification.dynamics.regressor import INERTIAL
 from bumpstop.identification.fit import Quantity
 from bumpstop.identification.payload.payload_samples import FIT_PER_CUTOFF, PayloadSamples, PayloadSource
@@ -76,6 +77,7 @@ class PayloadFit(Displayed):
         condition: condition number of the weighted columns that were fitted, each brought to length one.
         unexplained: share of the torque's variance beyond the arm's that is left on held-out fifths of the rows.
         verdict: on the fit, in the words of :attr:`FitVerdict.status`; empty: it was not judged.
+        outside: what of the motion lies outside that of the dynamics' or the joint model's own fit, a sentence each.
     """
 
     source: PayloadSource
@@ -98,6 +100,7 @@ class PayloadFit(Displayed):
     condition: float | None = None
     unexplained: float | None = None
     verdict: str = ""
+    outside: tuple[str, ...] = ()
 
     def predict(self, recording: Recording) -> Comparison:
         """Torque of the arm with the payload, beside that of the recording; of joints whose torque is known.
@@ -206,7 +209,7 @@ def identify_payload(
     robot: Robot,
     *,
     model: JointTorqueModel | None = None,
-    dynamics: DynamicsModel | None = None,
+    dynamics: DynamicsEstimate | DynamicsModel | None = None,
     mass: float | None = None,
     inertia: bool = False,
     cutoff_hz: float | None = None,
@@ -224,7 +227,8 @@ def identify_payload(
         recording: with currents, if a model is given, else with torques.
         robot: without payload, with inertia.
         model: joint torque model of this robot, fitted without payload or with the payload declared.
-        dynamics: fit of this robot without payload, in place of its inertia and of a joint model.
+        dynamics: fit of this robot without payload, in place of its inertia and of a joint model; of its model alone
+            it is not known what motion it was fitted to.
         mass: of the payload where it is known [kg]; then only its centre is looked for.
         inertia: fit second moments, too; without, those of a point mass are taken.
         cutoff_hz: of the motion's filter; default: 5, or a tenth of the recorded rate where that is less.
@@ -238,7 +242,9 @@ def identify_payload(
     recording.check_robot(robot)
     if model is not None and dynamics is not None:
         raise InputError("model", "is given beside dynamics", "wanted one of them: both say the arm's friction")
-    of_arm = model if dynamics is None else dynamics
+    fit = dynamics if isinstance(dynamics, DynamicsEstimate) else None
+    own = dynamics.model if isinstance(dynamics, DynamicsEstimate) else dynamics
+    of_arm = model if own is None else own
     if of_arm is not None:
         check_arm_of_fit(of_arm, robot, "robot")
     if mass is not None and not 0 < mass < _MAX_MASS:
@@ -246,7 +252,7 @@ def identify_payload(
     if gravity is None:
         gravity = STANDARD_GRAVITY if of_arm is None else of_arm.gravity
     cutoff = min(5.0, 0.1 * recording.rate_hz) if cutoff_hz is None else cutoff_hz
-    source = PayloadSource(robot=robot, model=model, dynamics=dynamics, cutoff_hz=cutoff, gravity=gravity)
+    source = PayloadSource(robot=robot, model=model, dynamics=own, cutoff_hz=cutoff, gravity=gravity, fit=fit)
     samples = PayloadSamples.of(recording, source)
     wanted, seen_by, others = samples.smooth_torque - samples.smooth_arm, samples.payload, samples.others
     count = 10 if inertia else 4
@@ -308,6 +314,7 @@ def identify_payload(
         explained=seen_by @ moments,
         condition=condition_of(fitted[:, fitted.any(axis=0)]),
         unexplained=held_out_share(weight_columns, residual + weight_columns @ solution),
+        outside=samples.outside,
     )
 
 

@@ -10,13 +10,19 @@ import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
+from bumpstop.identification.drive.current_scores import outside_ranges
 from bumpstop.identification.dynamics.regressor import link_regressor
 from bumpstop.identification.payload.tip_parameters import tip_to_link
 from bumpstop.identification.segments.drive_samples import split_at_gaps
 from bumpstop.identification.segments.motion import MIN_ROWS, UniformMotion, interpolate_to, lowpass, resample
+from bumpstop.identification.segments.seen_motion import outside_fit
+from bumpstop.joint.model import TorqueState
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
+    from bumpstop.identification.dynamics.fit_file import DynamicsEstimate
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
@@ -34,6 +40,7 @@ class PayloadSource:
         robot: without payload, with inertia.
         model: joint torque model, of recordings with currents; or None.
         dynamics: of the arm without payload, in place of its inertia and of a joint model; or None.
+        fit: that gave the dynamics, which knows its own motion and errors; None: not known.
         cutoff_hz: of the motion's filter.
         gravity: acceleration of free fall in the base frame [m/s2].
     """
@@ -43,6 +50,7 @@ class PayloadSource:
     dynamics: DynamicsModel | None
     cutoff_hz: float
     gravity: tuple[float, float, float]
+    fit: DynamicsEstimate | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +70,7 @@ class PayloadSamples:
         rate_hz: rows a second of the first segment.
         rows_left: recorded rows left away.
         unfiltered_payload, unfiltered_others: (N, k, ...) columns before the filter.
+        outside: what of the motion lies outside that of the dynamics' or the joint model's fit, a sentence each.
     """
 
     t: FloatArray
@@ -79,6 +88,7 @@ class PayloadSamples:
     rows_left: int
     unfiltered_payload: FloatArray
     unfiltered_others: FloatArray
+    outside: tuple[str, ...]
 
     @classmethod
     def of(cls, recording: Recording, source: PayloadSource, widths: FloatArray | None = None) -> PayloadSamples:
@@ -129,6 +139,7 @@ class PayloadSamples:
             rows_left=left,
             unfiltered_payload=trimmed(payload, smooth=False),
             unfiltered_others=trimmed(others, smooth=False),
+            outside=tuple(_outside(source, parts, motions, inside)),
         )
 
 
@@ -148,6 +159,30 @@ def _parts(recording: Recording, cutoff_hz: float) -> tuple[list[Recording], int
         problem = f"has no {MIN_ROWS} rows and {_MIN_PERIODS / cutoff_hz:.3g} s without a gap"
         raise InputError("recording", problem, "record for longer, or give a higher cut-off")
     return found, recording.t.size - used
+
+
+def _outside(
+    source: PayloadSource,
+    parts: Sequence[Recording],
+    motions: Sequence[UniformMotion],
+    inside: Sequence[npt.NDArray[np.bool_]],
+) -> list[str]:
+    """What of the motion lies outside that of the fit of a model: there its torque is a guess."""
+    if source.fit is not None:
+        kept = [own.part(rows) for own, rows in zip(motions, inside, strict=True)]
+        t, q, qd, qdd = (np.concatenate([getattr(own, name) for own in kept]) for name in ("t", "q", "qd", "qdd"))
+        names = [joint.name for joint in source.robot.joints]
+        return outside_fit(source.fit.seen, UniformMotion(t, q, qd, qdd, motions[0].rate_hz), names)
+    if source.model is None:
+        return []
+    state, smooth_hz = TorqueState.at_rest(source.robot.dof), FIT_PER_CUTOFF * source.cutoff_hz
+    for part, own, rows in zip(parts, motions, inside, strict=True):
+        assert part.current is not None
+        # As the range of the fit: noise would carry rows out of it.
+        smooth = lowpass(interpolate_to(own.t, part.t, part.current), own.rate_hz, smooth_hz)
+        source.model.torque(smooth[rows], own.qd[rows], own.qdd[rows], state)
+    count = sum(int(np.count_nonzero(rows)) for rows in inside)
+    return outside_ranges(source.model, state.outside_current / count, state.outside_speed / count)
 
 
 def _inside(t: FloatArray, cutoff_hz: float) -> npt.NDArray[np.bool_]:

@@ -74,3 +74,10 @@ class SeenMotion:
                         f"{100 * own.max() / unit_share:.3g} % of their range"
                     )
         return found
+
+
+def outside_fit(seen: SeenMotion | None, motion: UniformMotion, names: Sequence[str]) -> list[str]:
+    """What of a motion lies outside that of a fit, or that nobody can tell: its file may be of an older version."""
+    if seen is None:
+        return ["the model's file does not say what motion it was fitted to: fit it again to know"]
+    return seen.outside(motion, names)
