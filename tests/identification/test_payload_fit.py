@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import bumpstop as bs
 from bumpstop.identification import (
+    DynamicsFit,
+    PayloadFit,
     identify_dynamics,
+    identify_joint_model,
     identify_payload,
     inertial_regressor,
     judge_payload,
@@ -281,3 +285,64 @@ def test_a_payload_moved_beyond_what_the_model_saw_is_told() -> None:
         warnings = judge_payload(found, log, robot).warnings
         for words in ("want joint currents outside those of the fit", "are faster than the fit saw"):
             assert any(words in one for one in warnings) == told, warnings
+
+
+def deviations(found: PayloadFit) -> list[float]:
+    """Of mass and centre, in standard errors."""
+    assert found.center is not None
+    assert found.center_errors is not None
+    mass, error = found.parameters["m"].value, found.standard_errors["m"]
+    assert mass is not None
+    assert error is not None
+    return [(mass - MASS) / error, *((np.array(found.center) - CENTER) / np.array(found.center_errors))]
+
+
+def test_errors_of_fitted_dynamics_are_in_those_of_the_payload(tmp_path: Path) -> None:
+    """In intervals of noise alone these deviations lie too rarely; errors of a file of an older version are larger."""
+    robot = bs.Robot.load("ur5e")
+    squares: dict[str, list[float]] = {name: [] for name in ("fit", "file", "old", "model")}
+    for seed in range(8):
+        logs = []
+        for part, arm in enumerate((robot, with_payload(robot, MASS, CENTER))):
+            t, q, qd, qdd = fourier(robot, (10.0, 40.0)[part], 100.0, 30 + seed)
+            noise = 0.5 * np.random.default_rng(2 * seed + part).normal(size=q.shape)
+            tau = inverse_dynamics(arm, q, qd, qdd) + 3 * np.tanh(qd / 0.01) + 2 * qd + noise
+            logs.append(Recording(t=t, q=q, tau=tau))
+        fit = identify_dynamics(logs[0], robot, cutoff_hz=5.0)
+        fit.save(tmp_path / "arm.toml")
+        of_file, old = DynamicsFit.load(tmp_path / "arm.toml"), replace(fit, covariance=None)
+        for name, dynamics in (("fit", fit), ("file", of_file), ("old", old), ("model", fit.model)):
+            found = identify_payload(logs[1], robot, dynamics=dynamics)
+            squares[name] += [z * z for z in deviations(found)]
+            warnings = judge_payload(found, logs[1], robot).warnings
+            assert any("do not know of errors of the dynamics" in one for one in warnings) == (name == "model")
+    means = {name: float(np.mean(each)) for name, each in squares.items()}
+    assert means["file"] == pytest.approx(means["fit"], rel=0.01)
+    assert means["old"] < means["fit"] < 0.6 * means["model"]
+    # Four deviations of one fit hang together: the mean of 32 is above 2 less than once in 100.
+    assert means["fit"] < 2
+
+
+def test_an_uncertain_inertia_is_in_the_errors_of_the_payload() -> None:
+    """Masses off by 5 %: in the gains, which were fitted to them, and in the torque that the arm takes."""
+    robot = bs.Robot.load("ur5e")
+    squares: dict[float, list[float]] = {0.0: [], 0.05: []}
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        joints = []
+        for joint in robot.joints:
+            assert joint.inertia is not None
+            mass, far = joint.inertia.mass * (1 + 0.05 * rng.normal()), np.linalg.norm(joint.inertia.center)
+            center = tuple((np.array(joint.inertia.center) + 0.05 * far * rng.normal(size=3)).tolist())
+            joints.append(replace(joint, inertia=replace(joint.inertia, mass=mass, center=center)))
+        true = replace(robot, joints=tuple(joints))
+        carrying, motion = with_payload(true, MASS, CENTER), fourier(robot, 20.0, 100.0, 50 + seed)
+        model = drives(true, inverse_dynamics(with_rotors(carrying, 0.0), *motion[1:]), kind="linear")
+        bare, log = driven(true, motion, model, seed), driven(carrying, motion, model, 100 + seed)
+        for share, found in squares.items():
+            fit = identify_joint_model(
+                bare, robot, cutoff_hz=5.0, maps=["linear"], frictions=["power"], inertia_uncertainty=share
+            )
+            payload = identify_payload(log, robot, model=fit.model, inertia_uncertainty=share)
+            found += [z * z for z in deviations(payload)]
+    assert np.mean(squares[0.05]) < 2 < np.mean(squares[0.0])

@@ -24,6 +24,7 @@ from bumpstop.identification import (
 from bumpstop.identification.segments.motion import UniformMotion
 from bumpstop.identification.segments.recorded_columns import clipped_share
 from bumpstop.identification.segments.seen_motion import SeenMotion
+from bumpstop.joint import Parameter
 from bumpstop.model import inverse_dynamics, write_urdf
 from bumpstop.recording import Recording
 from cli.support import run, strict_json
@@ -188,6 +189,12 @@ def test_payloads_are_judged() -> None:
     robot = bs.Robot.load("ur5e")
     motion = fourier(robot, 10.0, 94.0, 3)
     truth, _ = with_drives(robot, motion, 3)
+    # Drives that were seen under as much current, with gains whose errors are known.
+    joints = []
+    for joint in truth.joints:
+        gain = Parameter(joint.value("B"), 0.01 * joint.value("B"))
+        joints.append(replace(joint, parameters={**joint.parameters, "B": gain}, current_range=(-1e5, 1e5)))
+    truth = replace(truth, joints=tuple(joints))
     log = driven(with_payload(robot, 2.0, (0.02, -0.01, 0.08)), motion, truth, 3)
     found = identify_payload(log, robot, model=truth)
     verdict = judge_payload(found, log, robot)

@@ -34,7 +34,7 @@ _TAKEN_BY: Mapping[str, tuple[tuple[str, ...], Mapping[str, str]]] = {
     "--known": (("joint", "dynamics"), {}),
     "--cutoff": (("joint", "dynamics", "payload", "drive-train"), {}),
     "--pushes": (("drive-train",), {"dynamics": "give --model drive-train", "joint": "give --model drive-train"}),
-    "--inertia-uncertainty": (("joint",), {}),
+    "--inertia-uncertainty": (("joint", "payload"), {"dynamics": "they are fitted without the robot's inertia"}),
     "--payload": (
         ("joint", "dynamics", "drive-train"),
         {"payload": "leave it out: it is what this fit looks for", "protocol": "leave it out: the plan says it"},

@@ -93,7 +93,7 @@ def identify(
         float | None,
         typer.Option(
             metavar="SHARE",
-            help="Of joint models: relative standard uncertainty of the robot's inertia, in the errors of the gains.",
+            help="Of joint models and payloads: relative standard uncertainty of the robot's inertia, in the errors.",
             show_default="0.05",
         ),
     ] = None,
@@ -208,6 +208,7 @@ def identify(
                 inertia=second_moments,
                 cutoff_hz=cutoff,
                 gravity=falls,
+                inertia_uncertainty=inertia_uncertainty,
                 out=out,
                 as_json=as_json,
             )

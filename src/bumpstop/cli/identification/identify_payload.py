@@ -35,11 +35,13 @@ def identify_what_is_carried(
     inertia: bool,
     cutoff_hz: float | None,
     gravity: tuple[float, float, float] | None,
+    inertia_uncertainty: float | None,
     out: Path | None,
     as_json: bool,
 ) -> int:
     """Fit a payload, write it and its page, and print what was found."""
     from bumpstop.identification import DynamicsFit, identify_payload, judge_payload
+    from bumpstop.identification.drive.error_sources import INERTIA_UNCERTAINTY
     from bumpstop.joint import JointTorqueModel
 
     if len(logs) != 1:
@@ -50,10 +52,15 @@ def identify_what_is_carried(
         drives = JointTorqueModel.load(joint_model)
     elif log.tau is None and dynamics is None:
         raise InputError("--joint-model", "is missing", "currents become torques by a joint model that identify wrote")
+    if dynamics is not None and inertia_uncertainty is not None:
+        raise InputError(
+            "--inertia-uncertainty", "has no effect with --dynamics, which need no inertia", "give one of them"
+        )
     if cutoff_hz is not None and not 0 < cutoff_hz < 0.4 * log.rate_hz:
         raise InputError("--cutoff", f"is {cutoff_hz:g}", f"wanted above 0 and below {0.4 * log.rate_hz:g} Hz")
     of_arm = None if dynamics is None else DynamicsFit.load(dynamics)
     options = {"mass": "--mass", "dynamics": "--dynamics", "model": "--joint-model", "robot": "--robot"}
+    options["inertia_uncertainty"] = "--inertia-uncertainty"
     with as_options(options), progress("fitting"):
         found = identify_payload(
             log,
@@ -64,6 +71,7 @@ def identify_what_is_carried(
             inertia=inertia,
             cutoff_hz=cutoff_hz,
             gravity=gravity,
+            inertia_uncertainty=INERTIA_UNCERTAINTY if inertia_uncertainty is None else inertia_uncertainty,
         )
     verdict = judge_payload(found, log, arm)
     model_file = out if out is None or out.suffix == ".toml" else out / FIT_FILES["payload"]

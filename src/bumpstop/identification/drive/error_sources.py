@@ -15,6 +15,7 @@ from bumpstop.identification.statistics.robust_fit import HUBER, RobustFit
 if TYPE_CHECKING:
     from bumpstop.identification.drive.drive_model import DriveModel, JointMotion
     from bumpstop.identification.segments.drive_samples import DriveSamples
+    from bumpstop.identification.segments.motion import UniformMotion
     from bumpstop.model import LinkInertia, Robot
 
 INERTIA_UNCERTAINTY = 0.05
@@ -67,7 +68,7 @@ def error_of_choice(models: Sequence[GainByModel], chosen: int, weights: FloatAr
 
 
 def inertia_changes(
-    rows: DriveSamples, arm: Robot, gravity: tuple[float, float, float], uncertainty: float
+    rows: DriveSamples | UniformMotion, arm: Robot, gravity: tuple[float, float, float], uncertainty: float
 ) -> FloatArray:
     """Changes of the torque (N, n, 4 n) that one standard deviation of the inertia makes, each independent [Nm or N].
 

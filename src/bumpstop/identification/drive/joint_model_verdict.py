@@ -200,6 +200,8 @@ def judge_payload(found: PayloadFit, recording: Recording, robot: Robot) -> FitV
     if mass is not None and error is not None and abs(mass) > 2 * error and left > 1 - 0.05:
         warnings.append(f"the payload explains {100 * (1 - left):.2g} % of what the arm leaves open")
     warnings += found.outside
+    if found.errors_unknown:
+        warnings.append(f"the standard errors do not know of errors of {found.errors_unknown}: nothing states them")
     quantity = "tau" if recording.tau is not None else "current"
     tell_shifts([recording], robot, quantity, faults, warnings, gravity=found.source.gravity)
     warnings += doubtful_columns([recording], robot, quantity)

@@ -55,7 +55,7 @@ class DynamicsFit(DynamicsEstimate, Displayed):
         rows_used: of the fit, behind the filter.
         rows_whole: rows that the filter leaves of the whole recordings; where these are more, blocks of ``rows_used``
             rows stand for them. 0: read from a file.
-        covariance: of the base parameters, whose diagonal the errors are; None: read from a file.
+        covariance: (p, p) of the base parameters, by the errors and their correlations; None: a file without them.
         rows_left: recorded rows in segments between gaps too short to use.
         rows_beside_gaps: recorded rows left away within a period of the cut-off of a gap.
         rows_at_ends: the same where recordings begin and end.
@@ -74,7 +74,6 @@ class DynamicsFit(DynamicsEstimate, Displayed):
 
     held_out: dict[float, float]
     unobservable: tuple[str, ...]
-    covariance: FloatArray | None = None
     rows_left: int = 0
     rows_beside_gaps: int = 0
     rows_whole: int = 0

@@ -42,6 +42,7 @@ class DynamicsEstimate:
     seen: SeenMotion | None = None
     source: Mapping[str, str] = field(default_factory=dict)
     created_from: tuple[str, ...] = ()
+    covariance: FloatArray | None = None
 
     @property
     def verdict(self) -> str:
@@ -103,6 +104,10 @@ def save_fit(fit: DynamicsEstimate, path: str | os.PathLike[str]) -> None:
         ]
         if model.predicting is not None:
             lines.append(f"predicting = {float(model.predicting[place])!r}  # value in predictions; 0: left out")
+        if fit.covariance is not None:
+            size = np.maximum(fit.errors[: place + 1], 1e-300)
+            shares = ", ".join(f"{x:.5g}" for x in fit.covariance[place, :place] / (size[:place] * size[place]))
+            lines.append(f"correlation = [{shares}]  # of its error with those of the parameters above")
     write_text(path, "\n".join(lines) + "\n")
 
 
@@ -143,6 +148,7 @@ def load_fit(path: str | os.PathLike[str], make: Callable[..., Fit]) -> Fit:
         gravity = vector3(_possible(data.get("gravity", STANDARD_GRAVITY)))
         parameters = data["parameter"]
         gains, gain_errors = _gains(data.get("gain"), robot)
+        errors = _finite([parameter["standard_error"] for parameter in parameters])
         predicting = [parameter["predicting"] for parameter in parameters if "predicting" in parameter]
         if predicting and len(predicting) < len(parameters):
             raise ValueError("only some parameters have a value in predictions")
@@ -165,7 +171,8 @@ def load_fit(path: str | os.PathLike[str], make: Callable[..., Fit]) -> Fit:
                 verdict=str(data.get("verdict", "")),
             ),
             names=tuple(str(parameter["name"]) for parameter in parameters),
-            errors=_finite([parameter["standard_error"] for parameter in parameters]),
+            errors=errors,
+            covariance=_covariance([parameter.get("correlation") for parameter in parameters], errors),
             gain_errors=gain_errors,
             held_out={},
             unobservable=(),
@@ -178,6 +185,20 @@ def load_fit(path: str | os.PathLike[str], make: Callable[..., Fit]) -> Fit:
         raise InputError(where, f"has no key {error.args[0]!r}", "wanted a file that identify wrote") from None
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(where, f"cannot be used ({error})", "wanted a file that identify wrote") from None
+
+
+def _covariance(rows: list[Any], errors: FloatArray) -> FloatArray | None:
+    """Of the parameters (p, p), from the correlations of each with those above; None: a file of an older version."""
+    if any(row is None for row in rows):
+        return None
+    found = np.eye(errors.size)
+    for place, row in enumerate(rows):
+        below = _finite(row)
+        if below.shape != (place,) or np.abs(below).max(initial=0.0) > 1 + 1e-3:
+            raise ValueError("correlation is not one from -1 to 1 with each parameter above")
+        found[place, :place] = found[:place, place] = below
+    covariance: FloatArray = found * np.outer(errors, errors)
+    return covariance
 
 
 def _joints(numbers: Any, key: str, dof: int) -> tuple[int, ...]:

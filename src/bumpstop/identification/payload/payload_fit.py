@@ -15,9 +15,11 @@ from bumpstop.display import Displayed, draw_parameters, parameter_frame
 from bumpstop.errors import InputError
 from bumpstop.identification.arm_of_fit import check_arm_of_fit
 from bumpstop.identification.comparison import Comparison, JointScore, joint_score
+from bumpstop.identification.drive.error_sources import INERTIA_UNCERTAINTY
 from bumpstop.identification.dynamics.fit_file import DynamicsEstimate
 from bumpstop.identification.dynamics.regressor import INERTIAL
 from bumpstop.identification.fit import Quantity
+from bumpstop.identification.payload.model_errors import errors_of_model
 from bumpstop.identification.payload.payload_samples import FIT_PER_CUTOFF, PayloadSamples, PayloadSource
 from bumpstop.identification.payload.tip_parameters import point_moments
 from bumpstop.identification.statistics.held_out import held_out_share
@@ -61,7 +63,8 @@ class PayloadFit(Displayed):
         widths: (n,) speed over which that Coulomb friction turns [rad/s or m/s].
         parameters: by name: ``m`` [kg], ``mx my mz`` [kg m] and, if asked for, ``Ixx Iyy Izz Ixy Ixz Iyz`` [kg m2]
             about the origin of the tip, in its frame.
-        standard_errors: likewise; they hold under residuals correlated in time and between joints.
+        standard_errors: likewise; they hold under residuals correlated in time and between joints, and know of errors
+            of the arm's own model but those of :attr:`errors_unknown`.
         center: of mass in the frame of the tip [m], or None.
         center_errors: standard errors of ``center``, or None.
         unobservable: names of what the motion cannot show.
@@ -101,6 +104,25 @@ class PayloadFit(Displayed):
     unexplained: float | None = None
     verdict: str = ""
     outside: tuple[str, ...] = ()
+
+    @property
+    def errors_known(self) -> str:
+        """What the standard errors know of, in words."""
+        source = self.source
+        if source.dynamics is not None:
+            return "noise" if source.fit is None else "noise and of the errors of the dynamics"
+        gains = "" if source.model is None else " and of the errors of the joint model's gains"
+        known = f"noise, of an inertia of the arm known to {100 * source.inertia_uncertainty:g} %"
+        return f"{known}{gains}" if gains else known.replace(", of", " and of")
+
+    @property
+    def errors_unknown(self) -> str:
+        """The model whose errors nothing states, and the standard errors do not know of; empty: there is none."""
+        source = self.source
+        if source.dynamics is not None:
+            return "the dynamics" if source.fit is None else ""
+        gains = [] if source.model is None else [joint.parameters["B"] for joint in source.model.joints]
+        return "the joint model" if any(gain and gain.standard_error is None for gain in gains) else ""
 
     def predict(self, recording: Recording) -> Comparison:
         """Torque of the arm with the payload, beside that of the recording; of joints whose torque is known.
@@ -169,6 +191,7 @@ class PayloadFit(Displayed):
             lines.append(f"  {name}: {rmse:.3g} {units[name]} left, {without:.3g} {units[name]} without the payload")
         if self.joints_left_out:
             lines.append(f"left out, of unknown gain: {', '.join(self.joints_left_out)}")
+        lines.append(f"standard errors know of {self.errors_known}")
         return "\n".join(lines)
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -214,6 +237,7 @@ def identify_payload(
     inertia: bool = False,
     cutoff_hz: float | None = None,
     gravity: tuple[float, float, float] | None = None,
+    inertia_uncertainty: float = INERTIA_UNCERTAINTY,
 ) -> PayloadFit:
     """Fit mass and first moments of a payload at the tip, by weighted least squares.
 
@@ -234,6 +258,8 @@ def identify_payload(
         cutoff_hz: of the motion's filter; default: 5, or a tenth of the recorded rate where that is less.
         gravity: acceleration of free fall in the base frame [m/s2]; default: that of the dynamics or of the model,
             else along -z.
+        inertia_uncertainty: relative standard uncertainty of every link's mass and, independently, of the distance of
+            its centre; without dynamics the standard errors count with it.
 
     Raises:
         InputError: both a model and dynamics, one of another arm, a mass that no payload has, no currents or torques,
@@ -247,12 +273,22 @@ def identify_payload(
     of_arm = model if own is None else own
     if of_arm is not None:
         check_arm_of_fit(of_arm, robot, "robot")
+    if not 0 <= inertia_uncertainty < 1:
+        raise InputError("inertia_uncertainty", f"is {inertia_uncertainty}", "wanted 0 or more, and below 1")
     if mass is not None and not 0 < mass < _MAX_MASS:
         raise InputError("mass", f"is {mass:g} kg", f"wanted above 0 and below {_MAX_MASS:g}")
     if gravity is None:
         gravity = STANDARD_GRAVITY if of_arm is None else of_arm.gravity
     cutoff = min(5.0, 0.1 * recording.rate_hz) if cutoff_hz is None else cutoff_hz
-    source = PayloadSource(robot=robot, model=model, dynamics=own, cutoff_hz=cutoff, gravity=gravity, fit=fit)
+    source = PayloadSource(
+        robot=robot,
+        model=model,
+        dynamics=own,
+        cutoff_hz=cutoff,
+        gravity=gravity,
+        fit=fit,
+        inertia_uncertainty=inertia_uncertainty,
+    )
     samples = PayloadSamples.of(recording, source)
     wanted, seen_by, others = samples.smooth_torque - samples.smooth_arm, samples.payload, samples.others
     count = 10 if inertia else 4
@@ -278,16 +314,18 @@ def identify_payload(
         weight = weight / np.maximum(residual.std(axis=0), 1e-12)
     weight_columns = columns / np.maximum(residual.std(axis=0), 1e-12)[None, :, None]
     residual = residual / np.maximum(residual.std(axis=0), 1e-12)
-    covariance = _covariance(weight_columns, residual)
+    noise = _covariance(weight_columns, residual)
+    # Noise says what the motion shows, errors of the model only how well.
+    covariance = noise + errors_of_model(weight_columns, weight, samples, source)
     # A column of nothing but zeros, as that of a known mass, is not fitted.
     fitted = weight_columns.reshape(-1, weight_columns.shape[2])
     shares = visible_share(flat)[:count]
     if mass is not None:
         solution[0], shares[0], covariance[0], covariance[:, 0] = mass, 1.0, 0.0, 0.0
     names = INERTIAL[:count]
-    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))[:count]
+    spread, by_noise = (np.sqrt(np.maximum(np.diag(one), 0.0))[:count] for one in (covariance, noise))
     enough = max(1.0, float(solution[0])) * np.array([1.0] + [_ARM] * 3 + [_ARM**2] * 6)[:count]
-    seen = (shares > _DEPENDENT) & (spread < enough)
+    seen = (shares > _DEPENDENT) & (by_noise < enough)
     center, center_errors = _center(solution[:4], covariance[:4, :4]) if seen[:4].all() else (None, None)
     left_out = tuple(joint.name for joint, own in zip(robot.joints, samples.known, strict=True) if not own)
     moments = solution[:count] if inertia else np.concatenate([solution[:4], point])

@@ -41,6 +41,7 @@ class PayloadSource:
         model: joint torque model, of recordings with currents; or None.
         dynamics: of the arm without payload, in place of its inertia and of a joint model; or None.
         fit: that gave the dynamics, which knows its own motion and errors; None: not known.
+        inertia_uncertainty: relative standard uncertainty of the robot's inertia.
         cutoff_hz: of the motion's filter.
         gravity: acceleration of free fall in the base frame [m/s2].
     """
@@ -51,6 +52,7 @@ class PayloadSource:
     cutoff_hz: float
     gravity: tuple[float, float, float]
     fit: DynamicsEstimate | None = None
+    inertia_uncertainty: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +72,8 @@ class PayloadSamples:
         rate_hz: rows a second of the first segment.
         rows_left: recorded rows left away.
         unfiltered_payload, unfiltered_others: (N, k, ...) columns before the filter.
+        motion: of these rows, of all joints.
+        gain_errors: (k,) standard errors of the joints' gains as shares of them; 0: the torque was recorded.
         outside: what of the motion lies outside that of the dynamics' or the joint model's fit, a sentence each.
     """
 
@@ -88,6 +92,8 @@ class PayloadSamples:
     rows_left: int
     unfiltered_payload: FloatArray
     unfiltered_others: FloatArray
+    motion: UniformMotion
+    gain_errors: FloatArray
     outside: tuple[str, ...]
 
     @classmethod
@@ -123,6 +129,7 @@ class PayloadSamples:
             )
 
         torque, arm = (np.concatenate([own[k] for own in torques]) for k in (0, 1))
+        moved = _joined([own.part(rows) for own, rows in zip(motions, inside, strict=True)])
         return cls(
             t=np.concatenate([own.t[rows] for own, rows in zip(motions, inside, strict=True)]),
             qd=trimmed(qd, smooth=False),
@@ -139,7 +146,9 @@ class PayloadSamples:
             rows_left=left,
             unfiltered_payload=trimmed(payload, smooth=False),
             unfiltered_others=trimmed(others, smooth=False),
-            outside=tuple(_outside(source, parts, motions, inside)),
+            motion=moved,
+            gain_errors=_gain_errors(recording, source)[known],
+            outside=tuple(_outside(source, moved, parts, motions, inside)),
         )
 
 
@@ -161,18 +170,22 @@ def _parts(recording: Recording, cutoff_hz: float) -> tuple[list[Recording], int
     return found, recording.t.size - used
 
 
+def _joined(parts: Sequence[UniformMotion]) -> UniformMotion:
+    """Segments one after another."""
+    t, q, qd, qdd = (np.concatenate([getattr(own, name) for own in parts]) for name in ("t", "q", "qd", "qdd"))
+    return UniformMotion(t, q, qd, qdd, parts[0].rate_hz, parts[0].gravity)
+
+
 def _outside(
     source: PayloadSource,
+    moved: UniformMotion,
     parts: Sequence[Recording],
     motions: Sequence[UniformMotion],
     inside: Sequence[npt.NDArray[np.bool_]],
 ) -> list[str]:
     """What of the motion lies outside that of the fit of a model: there its torque is a guess."""
     if source.fit is not None:
-        kept = [own.part(rows) for own, rows in zip(motions, inside, strict=True)]
-        t, q, qd, qdd = (np.concatenate([getattr(own, name) for own in kept]) for name in ("t", "q", "qd", "qdd"))
-        names = [joint.name for joint in source.robot.joints]
-        return outside_fit(source.fit.seen, UniformMotion(t, q, qd, qdd, motions[0].rate_hz), names)
+        return outside_fit(source.fit.seen, moved, [joint.name for joint in source.robot.joints])
     if source.model is None:
         return []
     state, smooth_hz = TorqueState.at_rest(source.robot.dof), FIT_PER_CUTOFF * source.cutoff_hz
@@ -243,3 +256,18 @@ def _torques(
     torque = model.torque(interpolate_to(motion.t, recording.t, recording.current), motion.qd, motion.qdd)
     own = inverse_dynamics(with_rotors(robot, 0.0), motion.q, motion.qd, motion.qdd, gravity=motion.gravity)
     return np.where(known, torque, 0.0), own, known
+
+
+def _gain_errors(recording: Recording, source: PayloadSource) -> FloatArray:
+    """(n,) standard errors of the gains as shares of them; 0 where there is none, or it is not known."""
+    errors = np.zeros(source.robot.dof)
+    if source.model is not None:
+        for j, joint in enumerate(source.model.joints):
+            gain = joint.parameters["B"]
+            if gain is not None and gain.standard_error is not None:
+                errors[j] = gain.standard_error / gain.value
+    elif source.fit is not None and source.fit.gain_errors is not None and recording.tau is None:
+        assert source.fit.model.gains is not None
+        seen = np.isfinite(source.fit.gain_errors)
+        errors[seen] = np.abs(source.fit.gain_errors[seen] / source.fit.model.gains[seen])
+    return errors

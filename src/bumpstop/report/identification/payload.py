@@ -50,7 +50,7 @@ class PayloadPart(Part):
             paragraph(
                 "What the tip carries, in the frame of the tip: mass, first moments, and second moments about its "
                 "origin where they were asked for. Standard errors hold where residuals are correlated in time and "
-                "between joints; they do not know of errors in the arm's own inertia or in its joint model."
+                f"between joints; they know of {found.errors_known}."
             ),
             table(("", "value", "standard error", "unit"), rows, caption="Payload", numbers=True),
             *([bullets(said)] if said else []),
