@@ -64,3 +64,18 @@ def test_minutes_have_a_digit_where_they_are_few() -> None:
     assert minutes is not None
     assert float(minutes[1]) < 10
     assert re.fullmatch(r"\d\.\d", minutes[1])
+
+
+def test_the_rate_of_the_rows_is_not_one_of_the_motion(tmp_path: Path) -> None:
+    """At one row a second the curve through the points was another motion, 5 mm nearer to the floor than was told."""
+    written = []
+    for rate in (1, 50, 400):
+        folder = tmp_path / str(rate)
+        options = ("--robot", "ur5e", "--rounds", 0, "--periods", 1, "--harmonics", 8, "--period-s", 5)
+        result = run("plan", "excitation", *options, "--rate", rate, "--out", folder, "--json")
+        assert (result.status, result.err) == (0, "")
+        written.append((folder / "excitation.json").read_bytes())
+        assert len((folder / "excitation.csv").read_text().splitlines()) == 5 * rate + 2
+    assert written[0] == written[1] == written[2]
+    points = strict_json(written[0].decode())["points"]
+    assert len(points) == 5 * 64 + 1  # forty for each period of the highest harmonic

@@ -308,7 +308,7 @@ def excitation(
     files: list[str] = []
     if out is not None:
         with writing(out):
-            files = write_path(out, "excitation", found.path(rate), arm, rate)
+            files = write_path(out, "excitation", found.path(), arm, rate)
     if as_json:
         answer = {
             "robot": arm.name,

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 _DEPENDENT = 1e-8  # of a column of random motion that others make up
 _RANDOM_ROWS = 200
 _ROWS = 60  # of a period, while it is optimised
+_FINE = 40  # rows of a period of the highest harmonic, by which limits and clearance are judged
+_RATE_HZ = 50.0  # of waypoints, at least
 _KEEP = 0.98  # of every limit
 
 
@@ -108,9 +110,12 @@ class Excitation:
         """Positions, speeds and accelerations (N, n)."""
         return _series(self.middle, self.sine, self.cosine, self.settings.period_s, t)
 
-    def path(self, rate_hz: float = 50.0) -> TimedPath:
-        """All periods as waypoints at an even rate."""
-        seconds = self.settings.periods * self.settings.period_s
+    def path(self, rate_hz: float | None = None) -> TimedPath:
+        """All periods as waypoints at an even rate; default: at which the curve through them is the series."""
+        series = self.settings
+        if rate_hz is None:
+            rate_hz = max(_RATE_HZ, _FINE * series.harmonics / series.period_s)
+        seconds = series.periods * series.period_s
         t = np.linspace(0.0, seconds, max(2, math.ceil(seconds * rate_hz)) + 1)
         q, qd, qdd = self.at(t)
         # At rest to the last digit: what rounding leaves is a motion that begins at next to no speed.
@@ -175,7 +180,7 @@ class _Search:
         self.clear = Clearance(robot, settings.floor, settings.radius)
         self.low, self.high = usable_joint_range(robot, math.radians(5))
         self.columns = base_columns(robot, settings.gravity)
-        self.fine = np.linspace(0.0, settings.period_s, 40 * settings.harmonics + 1)
+        self.fine = np.linspace(0.0, settings.period_s, _FINE * settings.harmonics + 1)
         self.coarse = np.linspace(0.0, settings.period_s, _ROWS, endpoint=False)
 
     def begin(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
