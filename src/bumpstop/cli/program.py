@@ -47,6 +47,8 @@ def command(
     only_slower: Annotated[
         bool, typer.Option("--only-slower", help="Lower speeds that are too high, and raise none.")
     ] = False,
+    columns: Annotated[Path | None, typer.Option(help="Of a recording: its column file (TOML).")] = None,
+    topic: Annotated[str | None, typer.Option(help="Of a recording: topic of a bag that has several.")] = None,
     threads: Threads = 2,
     changes: Annotated[
         list[str] | None,
@@ -72,11 +74,18 @@ def command(
     checked = [load_scenario(file, dict(change(text) for text in changes or [])) for file in scenario]
     # Of a bag a folder is written, of a recording a CSV file.
     names = (escape(program.name), f"{escape(program.stem)}.csv", f"{escape(program.stem)}/**/*")
-    read = [*recording_files([program]), *scenario, *scenario_files(checked)]
+    read = [*recording_files([program], columns), *scenario, *scenario_files(checked)]
     check_inputs(out, read, *names, "summary.json", "segments/*", "report.html")
     with progress("judging segments") as share:
         result = evaluate_program(
-            program, *checked, max_speed_mm_s=max_speed, faster=not only_slower, threads=threads, progress=share
+            program,
+            *checked,
+            max_speed_mm_s=max_speed,
+            faster=not only_slower,
+            columns=columns,
+            topic=topic,
+            threads=threads,
+            progress=share,
         )
     files = []
     if out is not None:

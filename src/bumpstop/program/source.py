@@ -101,20 +101,37 @@ class TextProgram:
         return edited(self.read.source, edits)
 
 
-def read_source(path: Path, cell: Cell, max_speed: float) -> Source:
+def read_source(
+    path: Path, cell: Cell, max_speed: float, *, columns: Path | None = None, topic: str | None = None
+) -> Source:
     """Read a program, a trajectory or a recording by its name's ending.
 
     Args:
         path: of the file; of a bag also its folder.
         cell: whose robot it is for.
         max_speed: what is tried first where a program does not say how fast the tool goes [m/s].
+        columns: of a recording: its column file.
+        topic: of a recording: that of a bag with several.
 
     Raises:
-        InputError: it cannot be read, or holds no motion.
+        InputError: it cannot be read, or holds no motion; or what is for recordings is given of something else.
     """
-    ending = path.suffix.lower()
     if not path.exists():
         raise InputError(str(path), "there is no such file", "wanted a program, a trajectory or a recording")
+    source = _commanded(path, cell, max_speed)
+    if source is None:
+        from bumpstop.program.trajectories.recorded import read_recorded
+
+        return read_recorded(path, cell, columns=columns, topic=topic)
+    for option, given in (("--columns", columns), ("--topic", topic)):
+        if given is not None:
+            raise InputError(option, "has no meaning without a recording", "leave it out, or name a recording")
+    return source
+
+
+def _commanded(path: Path, cell: Cell, max_speed: float) -> Source | None:
+    """What an arm is told to do; None of a recording."""
+    ending = path.suffix.lower()
     if ending in (*_URSCRIPT, *_KRL, *_RAPID) and not path.is_dir():
         return _text_program(path, ending, cell, max_speed)
     if ending == ".dat":
@@ -127,9 +144,7 @@ def read_source(path: Path, cell: Cell, max_speed: float) -> Source:
 
     if holds_trajectories(path):
         return read_bag_trajectories(path, cell)
-    from bumpstop.program.trajectories.recorded import read_recorded
-
-    return read_recorded(path, cell)
+    return None
 
 
 def _text_program(path: Path, ending: str, cell: Cell, max_speed: float) -> TextProgram:

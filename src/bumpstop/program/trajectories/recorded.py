@@ -71,15 +71,21 @@ class RecordedProgram:
         return ("\n".join([",".join(names), *rows]) + "\n").encode()
 
 
-def read_recorded(path: Path, cell: Cell) -> RecordedProgram:
+def read_recorded(path: Path, cell: Cell, *, columns: Path | None = None, topic: str | None = None) -> RecordedProgram:
     """A recording in any format of ``bumpstop recording``.
+
+    Args:
+        path: of the recording.
+        cell: whose robot it is of.
+        columns: its column file.
+        topic: of a bag with several.
 
     Raises:
         InputError: it cannot be read, is of another arm, or rests all the time.
     """
     from bumpstop.recording import Recording
 
-    recording = Recording.load(path, robot=cell.robot)
+    recording = Recording.load(path, columns=columns, topic=topic, robot=cell.robot)
     recording.check_robot(cell.robot)
     t, q, noise, notes = _smoothed(recording.t - recording.t[0], recording.q)
     robot = cell.robot

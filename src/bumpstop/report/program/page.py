@@ -28,6 +28,7 @@ _LIMITED_BY = {
     "max_speed": "joints, language or highest speed looked at",
     "slower_only": "only lowered",
     "nothing_safe": "no speed is safe",
+    "false_alarms": "false alarms before contact",
     "simulation_steps": "coarse simulation steps",
 }
 _CLAIMS = (
