@@ -22,7 +22,7 @@ _UNITS = {
     "position": {"deg": "deg", "degrees": "deg", "mm": "mm"},
     "velocity": {"deg": "deg/s", "degrees": "deg/s", "degs": "deg/s", "rpm": "rpm", "mm": "mm/s"},
     "current": {"ma": "mA"},
-    "torque": {"mnm": "mNm"},
+    "torque": {"mnm": "mNm", "knm": "kNm"},
 }
 _DEFAULT_UNIT = {"time": "s", "position": "rad", "velocity": "rad/s", "current": "A", "torque": "Nm"}
 

@@ -21,7 +21,7 @@ UNITS: dict[str, dict[str, float]] = {
     "reference": {"rad": 1.0, "deg": _DEG, "m": 1.0, "mm": 1e-3},
     "velocity": {"rad/s": 1.0, "deg/s": _DEG, "rpm": np.pi / 30, "m/s": 1.0, "mm/s": 1e-3},
     "current": {"A": 1.0, "mA": 1e-3},
-    "torque": {"Nm": 1.0, "mNm": 1e-3, "N": 1.0},
+    "torque": {"Nm": 1.0, "mNm": 1e-3, "kNm": 1e3, "N": 1.0},
     "wrench": {"SI": 1.0},
 }
 # A coupling is given because positions are those of motors, unless the file says otherwise.

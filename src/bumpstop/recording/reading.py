@@ -46,7 +46,7 @@ _OTHER_UNIT: dict[str, dict[str, dict[str, str]]] = {
     "position": {"prismatic": {"deg": "mm"}, "revolute": {"mm": "deg"}},
     "reference": {"prismatic": {"deg": "mm"}, "revolute": {"mm": "deg"}},
     "velocity": {"prismatic": {"deg/s": "mm/s", "rpm": "mm/s"}, "revolute": {"mm/s": "deg/s"}},
-    "torque": {"prismatic": {"mNm": "N"}, "revolute": {}},
+    "torque": {"prismatic": {"mNm": "N", "kNm": "N"}, "revolute": {}},
 }
 
 

@@ -15,10 +15,12 @@ from bumpstop.recording.checks.held import held_notes
 from bumpstop.recording.checks.jumps import impossible_rows, spikes, turns, usual_speed
 from bumpstop.recording.checks.rates import rate_faults, rates_unit
 from bumpstop.recording.checks.time_order import disorder
+from bumpstop.recording.checks.torque_units import torque_faults
 from bumpstop.recording.checks.units import (
     IMPOSSIBLE,
     TIMES_LIMITS,
     reject_units,
+    short_period,
     suspect_time_and_current,
     suspect_units,
 )
@@ -102,6 +104,8 @@ def checked(
     names = list(raw.joint_names or (f"joint {j + 1}" for j in range(kept["position"].shape[1])))
     if "velocity" in kept:
         faults += rate_faults(kept["t"][:, 0], kept["position"], kept["velocity"], names)
+    if robot is not None and "torque" in kept:
+        faults += torque_faults(kept["position"], kept["torque"], robot)
     notes += held_notes(kept["t"][:, 0], kept["position"], kept, names)
     counts: dict[str, int] = {}
     for _, reason, _ in reasons:
@@ -297,6 +301,7 @@ def _refuse(reasons: list[tuple[int, str, str]], raw: RawRecording, good: int, m
         )
         raise InputError(str(path), problem, "write time with more digits, or give rate_hz in place of its column")
     if reasons and len(reasons) > max_bad * raw.rows_read:
+        short = short_period(raw.values["t"][:, 0])
         share = len(reasons) / raw.rows_read
         first = "; ".join(f"{raw.numbered} {row} ({why})" for row, why in _as_list(reasons)[:3])
         problem = f"{len(reasons)} of {raw.rows_read} rows are bad ({100 * share:.3g} %): {first}"
@@ -304,6 +309,8 @@ def _refuse(reasons: list[tuple[int, str, str]], raw: RawRecording, good: int, m
         even = ""
         if doubled > len(reasons) / 2:
             even = "; rows sampled evenly need no stamps: give their rate (--rate, or rate_hz of a column file)"
-        raise InputError(str(path), problem, f"at most {100 * max_bad:g} % may be (--max-bad){even}")
+        raise InputError(
+            str(path), problem, f"at most {100 * max_bad:g} % may be (--max-bad){even}{'; ' + short if short else ''}"
+        )
     if good < 2:
         raise InputError(str(path), f"has {good} usable rows", "wanted at least 2")

@@ -16,6 +16,7 @@ TIMES_LIMITS = 10.0
 _ENOUGH = 20_000  # rows that show a unit
 _TOO_FAST = 3.0  # times the speed limit: what a tenth of the rows exceed are other units
 _MAX_PERIOD_S = 0.9  # [s] between rows; controllers report more often
+_MIN_PERIOD_S = 5e-5  # [s]; and less often
 _MAX_CURRENT = 200.0  # [A]; drives of arms take less
 _MANY_TURNS = 20.0  # [rad]; few arms turn a joint so far
 # By the kind of joint: a unit that others use, in SI, the unit of SI, and what one is taken for the other.
@@ -60,8 +61,13 @@ def suspect_units(q: FloatArray, robot: Robot | None, path: Path) -> list[str]:
 
 
 def reject_units(t: FloatArray, q: FloatArray, robot: Robot, path: Path) -> None:
-    """Positions within the limits whose speeds are not, and would be if they were degrees or millimetres."""
+    """Positions within the limits whose speeds are not, and would be with other times, in degrees or millimetres."""
     share = too_fast(t, q, robot)
+    hint = short_period(t)
+    if hint and (share > _TOO_FAST).any():
+        j = int(np.argmax(share))
+        problem = f"joint {j + 1} moves at {share[j]:.3g} times its speed limit or more in a tenth of the rows"
+        raise InputError(str(path), problem, hint)
     for kind, (unit, factor, si, words) in _TAKEN_FOR_SI.items():
         own = np.array([joint.kind == kind for joint in robot.joints])
         fast = own & (share > _TOO_FAST)
@@ -75,9 +81,23 @@ def reject_units(t: FloatArray, q: FloatArray, robot: Robot, path: Path) -> None
             raise InputError(str(path), problem, f'position = {{ ..., unit = "{unit}" }} in the column file, not {si}')
 
 
+def short_period(t: FloatArray) -> str:
+    """What to say of times (N,) [s] that follow each other faster than controllers report; empty: they do not."""
+    steps = np.diff(t[np.isfinite(t)])
+    steps = steps[steps > 0]
+    step = float(np.median(steps)) if steps.size else _MIN_PERIOD_S
+    if step >= _MIN_PERIOD_S:
+        return ""
+    return (
+        f"rows are {step:.3g} s apart, and no controller reports at {1e-3 / step:.4g} kHz: are the times seconds, "
+        'taken for milliseconds (time = { ..., unit = "s" })?'
+    )
+
+
 def suspect_time_and_current(values: dict[str, FloatArray]) -> list[str]:
-    """Suspect milliseconds and milliamperes where seconds and amperes were said."""
-    notes = []
+    """Suspect milliseconds for seconds and seconds for milliseconds, and milliamperes for amperes."""
+    short = short_period(values["t"][:, 0])
+    notes = [f"{short[0].upper()}{short[1:]}"] if short else []
     step = float(np.median(np.diff(values["t"][:, 0])))
     if step > _MAX_PERIOD_S:
         notes.append(
