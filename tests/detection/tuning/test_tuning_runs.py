@@ -180,3 +180,29 @@ def test_a_rate_beyond_the_peaks_is_refused_with_terms_too() -> None:
     with pytest.raises(bs.InputError, match=r"per_hour: .* cannot be tuned for"):
         tune(runs(1, 2.0, 1), 1e6, terms=("fast",))
     assert math.isfinite(tune(runs(1, 2.0, 1), terms=("fast",)).target)
+
+
+@pytest.mark.parametrize("count", [2, 4, 9])
+def test_contacts_in_a_recording_are_told_together(count: int) -> None:
+    """Without one of them the others rule as much: two pushes raised a threshold from 7.7 to 47.7 Nm without a word."""
+    quiet, free = runs(2, 4.0, 11, kinds=("normal",) * 3)
+    rows = quiet.rows.copy()
+    starts = np.linspace(3000, 21_000, count).astype(int)
+    for number, start in enumerate(starts):
+        rows[start : start + 40, 1] += 40.0 + 5 * number
+    pushed = ResidualSeries(quiet.t, rows, "pushed.csv")
+    for recordings in (pushed, [pushed, free]):
+        tuning, clean = tune(recordings, 60.0), tune(quiet, 60.0)
+        (note,) = [note for note in tuning.notes if "rule" in note]
+        assert note.startswith(f"{count} moments rule the thresholds together: joint 2 has up to")
+        assert "contacts" in note
+        assert "s of pushed.csv; without them the threshold would be" in note
+        listed = note.partition(" at ")[2].partition(" s of")[0].split(", ")
+        np.testing.assert_allclose([float(t) for t in listed], (starts + 20) / 100, atol=0.21)
+        assert tuning.thresholds()[1] > 2 * clean.thresholds()[1]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_moments_are_told_of_recordings_without_contacts(seed: int) -> None:
+    """Normal, slow, heavy and spiky joints."""
+    assert not [note for note in tune(runs(1 + seed % 2, 6.0, 100 + seed)).notes if "together" in note]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -18,8 +19,29 @@ _LONG_S = (1.0, 3.0)  # starts and ends of runs, and to either side of a moment 
 _RULES = 1.25  # a threshold that is so many times what it would be without a moment is ruled by it
 _NEAR_S = 5.0  # from a run's first or last row: cutting that much off costs little
 _MIN_ROWS = 10  # of what is left of a segment
+_SEVERAL = 12  # moments that are looked for together
+_STAND_OUT = (
+    1.5  # times the next largest residual: where several end; and what a threshold with them has of one without
+)
 
 Rows = list[npt.NDArray[np.bool_]]
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """Rows that may rule thresholds.
+
+    Attributes:
+        words: what it is, before "rule".
+        seconds: how long it lasts to a side.
+        rows: masks, one of each segment.
+        times: when they are and of which run; empty where the largest residual among them tells.
+    """
+
+    words: str
+    seconds: float
+    rows: Rows
+    times: str = ""
 
 
 def ruling_moments(
@@ -32,7 +54,8 @@ def ruling_moments(
     """Notes of moments without which a threshold would be lower by a fifth or more.
 
     Tried are the first and the last second of all runs, where there are several, and the largest residual of every
-    joint with a second to either side; then three seconds instead of one.
+    joint with a second to either side; then three seconds instead of one. Before a single residual several that stand
+    out are tried together, as contacts do: without one of them the others would rule as much.
 
     Args:
         segments: that the thresholds were found from.
@@ -43,24 +66,32 @@ def ruling_moments(
     """
     notes: list[str] = []
     told: Rows = [np.zeros(len(part.t), dtype=bool) for part in segments]
-    for words, seconds, rows in _candidates(segments, len(joints)):
-        if any((of & before).any() for of, before in zip(rows, told, strict=True)):
+    for one in _candidates(segments, names, len(joints)):
+        if any((of & before).any() for of, before in zip(one.rows, told, strict=True)):
             continue  # a start, an end or another joint's moment has told of it
-        found = _ruled(segments, rows, thresholds, without)
+        found = _ruled(segments, one, thresholds, without)
         if found is None:
             continue
         j, lower = found
-        told = [one | of for one, of in zip(told, rows, strict=True)]
-        k, row = _largest(segments, rows, j)
+        told = [of | before for of, before in zip(one.rows, told, strict=True)]
+        k, row = _largest(segments, one.rows, j)
         part = segments[k]
-        run = [one for one in segments if one.run == part.run]
+        size = f"{abs(float(part.residual[row, j])):.3g}"
+        change = f"the threshold would be {lower:.3g} instead of {thresholds[j]:.3g}"
+        if one.times:
+            notes.append(
+                f"{one.words} rule the thresholds together: joint {joints[j] + 1} has up to {size} at {one.times}; "
+                f"without them {change}. Are there contacts in it? If so, tune on recordings without any, or on what "
+                "lies before, between and after them (--from, --until)."
+            )
+            continue
+        run = [other for other in segments if other.run == part.run]
         after, before = float(part.t[row] - run[0].t[0]), float(run[-1].t[-1] - part.t[row])
         near = f"{after:.3g} s after its first row" if after <= before else f"{before:.3g} s before its last row"
         notes.append(
-            f"{words} the thresholds: joint {joints[j] + 1} has {abs(float(part.residual[row, j])):.3g} at "
-            f"{time_text(float(part.t[row]))} s of {names[part.run]}, {near}; without it the threshold would be "
-            f"{lower:.3g} instead of {thresholds[j]:.3g}. If alarms should not be judged by it, "
-            f"{_remedy(after, before, seconds)}."
+            f"{one.words} the thresholds: joint {joints[j] + 1} has {size} at "
+            f"{time_text(float(part.t[row]))} s of {names[part.run]}, {near}; without it {change}. If alarms should "
+            f"not be judged by it, {_remedy(after, before, one.seconds)}."
         )
     return notes
 
@@ -74,38 +105,95 @@ def _remedy(after: float, before: float, seconds: float) -> str:
 
 
 def _ruled(
-    segments: Sequence[Segment], rows: Rows, thresholds: FloatArray, without: Callable[[list[Segment]], FloatArray]
+    segments: Sequence[Segment],
+    candidate: _Candidate,
+    thresholds: FloatArray,
+    without: Callable[[list[Segment]], FloatArray],
 ) -> tuple[int, float] | None:
     """The joint whose threshold some rows rule most, and what it would be without them; None: they rule none."""
+    rows, rules = candidate.rows, _STAND_OUT if candidate.times else _RULES
     sizes = [np.abs(part.residual) for part in segments]
     inside = np.max([size[of].max(axis=0, initial=0.0) for size, of in zip(sizes, rows, strict=True)], axis=0)
     outside = np.max([size[~of].max(axis=0, initial=0.0) for size, of in zip(sizes, rows, strict=True)], axis=0)
-    if not (inside > _RULES * outside).any():
+    if not (inside > rules * outside).any():
         return None
     try:
         lower = without(_left(segments, rows))
     except InputError:  # too little is left to tell
         return None
     j = int(np.argmax(thresholds / lower))
-    return (j, float(lower[j])) if thresholds[j] > _RULES * lower[j] else None
+    return (j, float(lower[j])) if thresholds[j] > rules * lower[j] else None
 
 
-def _candidates(segments: Sequence[Segment], dof: int) -> Iterator[tuple[str, float, Rows]]:
-    """What may rule, how long it lasts to a side, and its rows."""
+def _candidates(segments: Sequence[Segment], names: Sequence[str], dof: int) -> Iterator[_Candidate]:
+    """What may rule, in the order in which it is tried."""
     runs = {part.run for part in segments}
     first = {run: min(float(part.t[0]) for part in segments if part.run == run) for run in runs}
     last = {run: max(float(part.t[-1]) for part in segments if part.run == run) for run in runs}
-    everything = [np.ones(len(part.t), dtype=bool) for part in segments]
-    largest = [_largest(segments, everything, j) for j in range(dof)]
     for long in _LONG_S:
         if len(runs) > 1:
             # One of several starts does not rule alone: the others would still be there.
-            yield "The starts of recordings rule", long, [part.t <= first[part.run] + long for part in segments]
-            yield "The ends of recordings rule", long, [part.t >= last[part.run] - long for part in segments]
-        for k, row in largest:
-            run, time = segments[k].run, segments[k].t[row]
-            rows = [(part.run == run) & (np.abs(part.t - time) <= long) for part in segments]
-            yield "One moment rules", long, rows
+            starts = [part.t <= first[part.run] + long for part in segments]
+            yield _Candidate("The starts of recordings rule", long, starts)
+            ends = [part.t >= last[part.run] - long for part in segments]
+            yield _Candidate("The ends of recordings rule", long, ends)
+        largest = [_largest_apart(segments, j, long) for j in range(dof)]
+        for moments in largest:
+            several = _standing_out(moments)
+            # Starts and ends alone are told as such.
+            at_ends = len(runs) > 1 and all(
+                min(one.time - first[one.run], last[one.run] - one.time) <= max(_LONG_S) for one in several
+            )
+            if several and not at_ends:
+                rows = _any([moment.rows for moment in several])
+                yield _Candidate(f"{len(several)} moments", long, rows, _times(several, names))
+        for moments in largest:
+            yield _Candidate("One moment rules", long, moments[0].rows)
+
+
+@dataclass(frozen=True)
+class _Moment:
+    """A largest residual of a joint: its run, its time [s], its size, and the rows around it."""
+
+    run: int
+    time: float
+    size: float
+    rows: Rows
+
+
+def _largest_apart(segments: Sequence[Segment], joint: int, long: float) -> list[_Moment]:
+    """The largest residuals of a joint, the first one first, each so long away from those before it [s]."""
+    left: Rows = [np.ones(len(part.t), dtype=bool) for part in segments]
+    found: list[_Moment] = []
+    while len(found) <= _SEVERAL and any(of.any() for of in left):
+        k, row = _largest(segments, left, joint)
+        run, time = segments[k].run, segments[k].t[row]
+        near = [(part.run == run) & (np.abs(part.t - time) <= long) for part in segments]
+        found.append(_Moment(run, float(time), abs(float(segments[k].residual[row, joint])), near))
+        left = [of & ~around for of, around in zip(left, near, strict=True)]
+    return found
+
+
+def _standing_out(moments: Sequence[_Moment]) -> Sequence[_Moment]:
+    """Those before the deepest step down in size, where they are several and the step is deep."""
+    if len(moments) < 2:
+        return ()
+    steps = [one.size / max(after.size, 1e-300) for one, after in pairwise(moments)]
+    count = int(np.argmax(steps)) + 1
+    return moments[:count] if count > 1 and steps[count - 1] > _STAND_OUT else ()
+
+
+def _any(masks: Sequence[Rows]) -> Rows:
+    return [np.logical_or.reduce(of) for of in zip(*masks, strict=True)]
+
+
+def _times(moments: Sequence[_Moment], names: Sequence[str]) -> str:
+    """When moments are, run by run, in words."""
+    found: dict[int, list[float]] = {}
+    for one in moments:
+        found.setdefault(one.run, []).append(one.time)
+    each = (f"{', '.join(time_text(t) for t in sorted(times))} s of {names[run]}" for run, times in found.items())
+    return "; ".join(each)
 
 
 def _largest(segments: Sequence[Segment], rows: Rows, joint: int) -> tuple[int, int]:
