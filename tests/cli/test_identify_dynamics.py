@@ -245,3 +245,16 @@ def test_a_fit_that_is_not_usable_is_not_used_without_a_word(tmp_path: Path) -> 
         assert any(NOT_USABLE in note for note in found["notes"]), use
         assert NOT_USABLE in (tmp_path / "page/report.html").read_text(encoding="utf-8"), use
     assert strict_json(run(*fit, "--json").out)["verdict"]["status"] == "not usable"
+
+
+def test_page_and_terminal_of_a_fit_show_the_same_rows(tmp_path: Path) -> None:
+    """Of more than 10 000 rows blocks are fitted; the page's errors were those of all rows, under the same words."""
+    planted(bs.Robot.load(ROBOT), 1, seconds=130.0).save(tmp_path / "long.parquet")
+    done = run("identify", tmp_path / "long.parquet", "--robot", ROBOT, "--cutoff", 6, "-o", tmp_path / "fit")
+    assert done.status == 0, done.err
+    assert "in blocks spread over the time" in done.out
+    page = (tmp_path / "fit" / "report.html").read_text(encoding="utf-8")
+    told = re.search(r"^elbow_joint +[\d.]+ +[\d.]+ +(\S+) +(\S+) +(\S+)", done.out, re.MULTILINE)
+    (shown,) = re.findall(r"<th[^>]*>elbow_joint</th>(?:<td[^>]*>[^<]*</td>){2}((?:<td[^>]*>[^<]*</td>){3})", page)
+    assert told is not None
+    assert re.findall(r">([^<]+)</td>", shown) == list(told.groups())

@@ -63,7 +63,10 @@ def identify_dynamics_of(
     if consistent:
         with progress("fitting consistent inertias"):
             bodies = consistent_inertias(logs, fit, payloads=carried)
-    scores = fit.score(logs if fit.fitted is None else None, payloads=carried)
+    # Those of the page, too: of many rows the fit took blocks.
+    rows = fit.model.rows(logs, payloads=carried) if fit.fitted is None else fit.fitted
+    comparison = fit.model.compare_rows(rows)
+    scores = comparison.scores()
     verdict = judge_dynamics(fit, logs)
     model_file = out if out is None or out.suffix == ".toml" else out / FIT_FILES["dynamics"]
     urdf = None if model_file is None or bodies is None else model_file.with_suffix(".urdf")
@@ -71,10 +74,10 @@ def identify_dynamics_of(
         if model_file != out:
             dynamics_report(
                 fit,
+                comparison,
                 logs,
                 out,
                 where="on the rows of the fit",
-                filter_hz=None,
                 contact_joint=None,
                 bodies=bodies,
                 payloads=carried,
@@ -125,7 +128,8 @@ def validate_dynamics(
     carried = carried_of(payload, len(logs))
     with progress("comparing"):
         rows = fit.model.rows(logs, payloads=carried)
-        scores = fit.model.compare_rows(rows, filter_hz=filter_hz).scores()
+        comparison = fit.model.compare_rows(rows, filter_hz=filter_hz)
+        scores = comparison.scores()
         verdict = judge_predictions(fit, rows, scores, filter_hz or fit.model.cutoff_hz, logs)
     where = f"on {logs[0].source}" if len(logs) == 1 else f"on {len(logs)} recordings"
     notes = fit_notes(model, logs)
@@ -133,10 +137,10 @@ def validate_dynamics(
     if out is not None:
         contact = dynamics_report(
             fit,
+            comparison,
             logs,
             out,
             where=where,
-            filter_hz=filter_hz,
             contact_joint=contact_joint,
             payloads=carried,
             verdict=verdict,

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         JointModelFit,
         Payload,
     )
+    from bumpstop.identification.comparison import Comparison
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
     from bumpstop.report.section import Part
@@ -26,11 +27,11 @@ if TYPE_CHECKING:
 
 def dynamics_report(
     fit: DynamicsFit,
+    comparison: Comparison,
     logs: Sequence[Recording],
     folder: Path,
     *,
     where: str,
-    filter_hz: float | None,
     contact_joint: int | None,
     bodies: ConsistentFit | None = None,
     payloads: Sequence[Payload | None] = (),
@@ -40,10 +41,10 @@ def dynamics_report(
 
     Args:
         fit: the model.
+        comparison: what the terminal shows the scores of.
         logs: with torques; of a single one that has a wrench, contact is compared, too.
         folder: of the page.
         where: on which rows, in words.
-        filter_hz: where both are compared filtered; default: the fit's.
         contact_joint: whose torque the contact comparison uses, from 1; default: the joint that it loads most.
         bodies: inertias that bodies can have, or None.
         payloads: what each recording carried beyond what the arm of the fit did; default: nothing.
@@ -56,7 +57,6 @@ def dynamics_report(
     from bumpstop.report.identification.parameters import ParametersPart, RecordingsPart
     from bumpstop.report.identification.validation import SelectionPart, write_validation_report
 
-    comparison = fit.predict(logs, filter_hz=filter_hz, payloads=payloads)
     contact = None
     if len(logs) == 1 and not any(payloads):
         contact = contact_of(fit.model, logs[0], joint=None if contact_joint is None else contact_joint - 1)

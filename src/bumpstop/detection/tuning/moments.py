@@ -20,9 +20,7 @@ _RULES = 1.25  # a threshold that is so many times what it would be without a mo
 _NEAR_S = 5.0  # from a run's first or last row: cutting that much off costs little
 _MIN_ROWS = 10  # of what is left of a segment
 _SEVERAL = 12  # moments that are looked for together
-_STAND_OUT = (
-    1.5  # times the next largest residual: where several end; and what a threshold with them has of one without
-)
+_STAND_OUT = 2.0  # so many times the next largest residual the last of several is, and a threshold with them without
 
 Rows = list[npt.NDArray[np.bool_]]
 
