@@ -168,7 +168,7 @@ def test_pages_carry_parameters_with_errors_and_what_reading_found(tmp_path: Pat
     fitted = run("identify", tmp_path / "run.parquet", "--robot", ROBOT, "--cutoff", 6, "-o", tmp_path / "fit")
     checked = run("validate", tmp_path / "fit/model.toml", tmp_path / "run.parquet", "--from", 1, "-o", tmp_path / "on")
     assert (fitted.status, checked.status) == (0, 0), fitted.err + checked.err
-    errors = re.findall(r"^ +(-?[\d.]+) \+- ([\d.e-]+)  (.*?)(?:  \(|$)", fitted.out, flags=re.MULTILINE)
+    errors = re.findall(r"^ +(-?[\d.]+) \+- ([\d.e-]+) (?:kg|N).*?  (.*?)(?:  \(|$)", fitted.out, flags=re.MULTILINE)
     assert len(errors) > 40
     for folder in ("fit", "on"):
         page = (tmp_path / folder / "report.html").read_text(encoding="utf-8")

@@ -18,7 +18,7 @@ def test_a_trade_curve_without_a_point_free_of_alarms_is_not_acceptable() -> Non
     assert "Alarms before contact" in noisy.out
     curve = run(*SPEED, "--vary", "detector.thresholds=1:2:2")
     assert curve.status == 3
-    assert curve.out.count("; alarms before contact 0.9") == 2
+    assert curve.out.count("; alarms before contact 9") == 2
     # One point that is acceptable is an answer.
     curve = run(*SPEED, "--vary", "detector.thresholds=[2, 12]")
     assert curve.status == 0

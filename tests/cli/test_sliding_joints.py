@@ -95,6 +95,12 @@ def test_fits(shop: tuple[str, Path, Path], tmp_path: Path) -> None:
         result = run("identify", log, "--robot", urdf, *options, "--cutoff", "8", "-o", tmp_path / "out")
         assert result.status == 0, result.err
         check(name, result.out, words(tmp_path / "out/report.html"))
+        if "--consistent" in options:
+            unit = "N" if name == "gantry" else r"Nm \(N\)"
+            assert re.search(rf"mean error, {unit} +sd, {unit} +rmse, {unit}$", result.out, re.MULTILINE)
+            # Slides have friction in N, and in N s/m where it grows with the speed.
+            assert re.search(r"\+- \S+ N  coulomb_\d", result.out)
+            assert re.search(r"\+- \S+ N s/m  viscous_\d", result.out)
         if name == "gantry" and "--consistent" in options:
             rotors = re.findall(r"rotor \S+ (.*); torque error \S+ (\w+),", result.out)
             assert rotors == [("kg", "N")] * 3
@@ -104,7 +110,14 @@ def test_thresholds(shop: tuple[str, Path, Path], tmp_path: Path) -> None:
     name, urdf, log = shop
     result = run("tune", log, "--robot", urdf, "--out", tmp_path / "out")
     assert result.status == 0, result.err
-    assert f">threshold, {'N' if name == 'gantry' else 'Nm (N)'}<" in words(tmp_path / "out/report.html")
+    unit = "N" if name == "gantry" else "Nm (N)"
+    for heading in (f"threshold, {unit}", f"95 % interval, {unit}"):
+        assert f">{heading}<" in words(tmp_path / "out/report.html")
+        assert heading in result.out
+    terms = run("tune", log, "--robot", urdf, "--terms", "fast,speed,acceleration")
+    # Headings as long as those of a scara are folded.
+    per = ("per speed, N s/m", "per acceleration, N s2/m") if name == "gantry" else ("Nm s/rad", "Nm s2/rad")
+    assert all(heading in terms.out for heading in per)
     if name == "gantry":
         check(name, result.out, words(tmp_path / "out/report.html"))
 
@@ -135,4 +148,6 @@ def test_sensitivity(shop: tuple[str, Path, Path]) -> None:
     assert result.status == 0, result.err
     heading = next(line for line in result.out.splitlines() if "threshold" in line and "joint" in line)
     check(name, heading)
-    assert ("N per N" if name == "gantry" else "Nm (N) per N") in heading
+    unit = "N" if name == "gantry" else "Nm (N)"
+    assert all(words in heading for words in (f"threshold, {unit} ", f"{unit} per N", f"undetected, {unit} "))
+    assert f"singular values (linear, {'1' if name == 'gantry' else 'm/rad (1)'}): " in result.out

@@ -297,3 +297,12 @@ def test_stopping_tables_are_shown(tmp_path: Path) -> None:
     assert "None for without." in stopping
     assert "constant_time: d = v T / 2" in stopping
     assert any(str(table) == row[0] and len(row[1]) == 64 for row in text.rows if len(row) == 2)
+
+
+def test_probabilities_of_a_page_are_all_in_percent(tmp_path: Path, result: RegisterResult) -> None:
+    """P(over) was, and a false alarm beside it was 0.0123."""
+    page = Text(write_register(result, tmp_path).read_text(encoding="utf-8"))
+    (at,) = (i for i, row in enumerate(page.rows) if row and row[-1] == "false alarm")
+    for row, one in zip(page.rows[at + 1 :], result.results, strict=False):
+        assert row[0] == one.situation.name
+        assert re.fullmatch(r"(?:less than |over )?[\d.]+ %", row[-1]), row[-1]

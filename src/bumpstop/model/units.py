@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -23,3 +24,13 @@ def unit_of(*joints: Joint, turning: str = "Nm", sliding: str = "N") -> str:
     if kinds == {"prismatic"}:
         return sliding
     return f"{turning} ({sliding})" if "prismatic" in kinds else turning
+
+
+def one_unit(units: Sequence[str]) -> str:
+    """Units of one quantity of several joints as :func:`unit_of` tells them together: ``Nm (N)`` for ``Nm`` and ``N``.
+
+    Args:
+        units: of each joint; one or more, and no more than two different ones, of which the longer is of what turns.
+    """
+    turning, *sliding = sorted(set(units), key=len, reverse=True)
+    return f"{turning} ({sliding[0]})" if sliding else turning

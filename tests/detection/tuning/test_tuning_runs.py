@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -206,3 +207,16 @@ def test_contacts_in_a_recording_are_told_together(count: int) -> None:
 def test_no_moments_are_told_of_recordings_without_contacts(seed: int) -> None:
     """Normal, slow, heavy and spiky joints."""
     assert not [note for note in tune(runs(1 + seed % 2, 6.0, 100 + seed)).notes if "together" in note]
+
+
+def test_notes_of_a_threshold_have_its_unit() -> None:
+    """Those of a joint that slides are newtons."""
+    quiet = runs(1, 4.0, 11, kinds=("normal",) * 2)[0]
+    rows = quiet.rows.copy()
+    rows[9000:9020] += 60.0
+    for units, unit in (((), "Nm"), (("N", "N"), "N")):
+        notes = tune(ResidualSeries(quiet.t, rows, "one.csv"), 60.0, units=units).notes
+        (note,) = [note for note in notes if "rule" in note]
+        assert re.search(rf" has \d+\.\d {unit} at .* would be \S+ {unit} instead of \S+ {unit}\.", note), note
+        biased = tune(ResidualSeries(quiet.t, quiet.rows + 9.0, "biased.csv"), 60.0, units=units).notes
+        assert any(re.search(rf"mean of \S+ {unit}, much of its threshold of \S+ {unit}:", note) for note in biased)

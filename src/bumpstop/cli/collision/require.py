@@ -142,11 +142,12 @@ def _thresholds(scenario: Scenario, lowest: float) -> str:
 
 
 def _print_curve(rows: list[dict[str, Any]], required: str, against: str) -> None:
+    from bumpstop.collision.probability_text import percent
     from bumpstop.study.answer_warnings import FAILS_WITH_FINER_STEPS
 
     typer.echo(f"{against:>36}  {required:>36}  fails by")
     for row in rows:
         value = "no value" if row["value"] is None else f"{row['value']:.4g}"
-        alarms = "" if row["false_alarm_ok"] else f"; alarms before contact {row['false_alarm_at_value']:.2g}"
+        alarms = "" if row["false_alarm_ok"] else f"; alarms before contact {percent(row['false_alarm_at_value'])}"
         steps = f"; {FAILS_WITH_FINER_STEPS}" if row["fails_with_finer_steps"] else ""
         typer.echo(f"{row['against']['value']:>36.6g}  {value:>36}  {row['binding']}{alarms}{steps}")

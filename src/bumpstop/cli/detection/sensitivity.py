@@ -298,12 +298,13 @@ def _print(found: dict[str, Any], arm: Robot) -> None:
         console.print(f"note: {note}")
     table = Table(box=None, pad_edge=False)
     torque = unit_of(*arm.joints)
-    for heading in ("joint", "threshold", f"{torque} per N", f"undetected {torque}", "as force, N"):
+    for heading in ("joint", f"threshold, {torque}", f"{torque} per N", f"undetected, {torque}", "as force, N"):
         table.add_column(heading, justify="left" if heading == "joint" else "right")
     for joint in found["joints"]:
         table.add_row(joint["name"], *(_figure(value) for key, value in joint.items() if key != "name"))
     console.print(table)
-    for words, key in (("linear", "linear"), ("all six, m and rad mixed", "six_rows")):
+    linear = unit_of(*arm.joints, turning="m/rad", sliding="1")
+    for words, key in ((f"linear, {linear}", "linear"), ("all six, m and rad mixed", "six_rows")):
         values = " ".join(f"{value:.4g}" for value in found[f"singular_values_{key}"])
         number = _figure(found[f"condition_number_{key}"])
         console.print(f"singular values ({words}): {values}; condition number {number}")

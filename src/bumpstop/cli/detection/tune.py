@@ -67,6 +67,7 @@ def command(
     from bumpstop.cli.detection.operating_curve import check_joints, load_scenarios, notes, operating_curve
     from bumpstop.cli.detection.scenario_noise import ScenarioNoise
     from bumpstop.detection import tune
+    from bumpstop.model import unit_of
 
     wanted = _terms(terms)
     for option, value in (("--trim-start", trim_start), ("--trim-end", trim_end)):
@@ -86,10 +87,11 @@ def command(
     series = [_trimmed(one, trim_start, trim_end) for one, _ in loaded]
     check_joints(scenarios, series[0].dof)
     recorded = not all(holds_residuals(path) for path in recordings)
+    units = [unit_of(joint) for joint in residual_source.parts[1].joints] if recorded else []
     monitored = joint_numbers(joints, series[0].dof) if joints is not None else None
     try:
         with progress("tuning"):
-            tuning = tune(series, per_hour, joints=monitored, confidence=confidence, terms=wanted)
+            tuning = tune(series, per_hour, joints=monitored, confidence=confidence, terms=wanted, units=units)
     except InputError as error:
         options = {"per_hour": "--per-hour", "confidence": "--confidence", "terms": "--terms"}
         option = options.get(error.field, error.field)
@@ -105,10 +107,8 @@ def command(
         _save(tuning, series, save, residual_source if recorded else None)
     page = None
     if out is not None:
-        from bumpstop.model import unit_of
         from bumpstop.report.detection.tuning import write_tuning
 
-        unit = unit_of(*residual_source.parts[1].joints) if recorded else "Nm"
         asked = f"contact-free recordings: {', '.join(path.name for path in recordings)}"
         about = "; ".join(filter(None, (residual_source.arm, asked)))
         page = write_tuning(
@@ -116,7 +116,6 @@ def command(
             [point.to_json() for point in points],
             out,
             names,
-            unit,
             about,
             asked={
                 "recordings": ", ".join(str(path) for path in recordings),

@@ -16,6 +16,7 @@ from bumpstop.cli.identification.fit_options import FIT_FILES
 from bumpstop.cli.identification.fit_verdict import exit_status, print_reading, print_verdict
 from bumpstop.cli.identification.model_report import dynamics_report
 from bumpstop.cli.identification.parameters import parameters_json
+from bumpstop.cli.identification.score_table import print_scores
 from bumpstop.cli.option_names import as_options
 from bumpstop.cli.progress import progress
 from bumpstop.errors import InputError
@@ -222,23 +223,7 @@ def _known_gains(given: Sequence[str] | None) -> dict[str, float]:
 
 
 def _print_scores(scores: Sequence[JointScore], cutoff_hz: float, where: str) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    from bumpstop.identification.comparison import rest_words
-    from bumpstop.terminal import number, share
-
-    table = Table(box=None, pad_edge=False)
-    for heading in ("joint", "R2", "R2 unfiltered", "mean error", "sd", "rmse"):
-        table.add_column(heading, justify="left" if heading == "joint" else "right")
-    for score in scores:
-        unit = f" {score.unit}" if score.free_gain else ""
-        errors = (f"{number(error)}{unit}" for error in (score.mean, score.sd, score.rmse))
-        table.add_row(score.name, *(share(x, rests=score.rests) for x in (score.r2, score.r2_raw)), *errors)
-    console = Console(highlight=False, markup=False)
-    console.print(f"predicted torque {where}, compared at {cutoff_hz:g} Hz, errors unfiltered")
-    console.print(table)
-    if words := rest_words(scores):
-        typer.echo(f"note: {words}")
+    title = f"predicted torque {where}, compared at {cutoff_hz:g} Hz, errors unfiltered"
+    print_scores(title, [score.name for score in scores], scores)
     if hidden := [score.name for score in scores if score.free_gain]:
         typer.echo(f"note: R2 of {', '.join(hidden)} is that up to a free gain, errors are of the current [A]")

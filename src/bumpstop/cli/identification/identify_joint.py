@@ -16,6 +16,7 @@ from bumpstop.cli.identification.arm_recordings import known_of
 from bumpstop.cli.identification.fit_options import FIT_FILES
 from bumpstop.cli.identification.fit_verdict import exit_status, print_reading, print_verdict
 from bumpstop.cli.identification.model_report import joint_model_report
+from bumpstop.cli.identification.score_table import print_scores
 from bumpstop.cli.progress import progress
 from bumpstop.errors import InputError
 from bumpstop.terminal import terminal
@@ -198,27 +199,7 @@ def _score(score: JointScore | None, unit: str) -> dict[str, Any]:
 
 
 def _print_scores(found: CurrentComparison, scores: Sequence[JointScore | None], title: str) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    from bumpstop.identification.comparison import rest_words
-    from bumpstop.terminal import number, share
-
-    table = Table(box=None, pad_edge=False)
-    for heading in ("joint", "R2", "R2 unfiltered", "mean error", "sd", "rmse"):
-        table.add_column(heading, justify="left" if heading == "joint" else "right")
+    print_scores(title, [joint.name for joint in found.model.joints], scores)
     hidden = [score.name for score in scores if score is not None and score.free_gain]
-    for joint, score in zip(found.model.joints, scores, strict=True):
-        if score is None:
-            table.add_row(joint.name, *["unknown gain"], *[""] * 4)
-            continue
-        errors = (score.mean, score.sd, score.rmse)
-        shares = (share(x, rests=score.rests) for x in (score.r2, score.r2_raw))
-        table.add_row(score.name, *shares, *map(number, errors))
-    console = Console(highlight=False, markup=False)
-    console.print(title)
-    console.print(table)
-    if words := rest_words([score for score in scores if score is not None]):
-        typer.echo(f"note: {words}")
     if hidden:
         typer.echo(f"note: R2 of {', '.join(hidden)} is that up to a free gain: the gain is not known")

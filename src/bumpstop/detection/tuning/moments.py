@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -45,7 +45,7 @@ class _Candidate:
 def ruling_moments(
     segments: Sequence[Segment],
     names: Sequence[str],
-    joints: Sequence[int],
+    units: Mapping[int, str],
     thresholds: FloatArray,
     without: Callable[[list[Segment]], FloatArray],
 ) -> list[str]:
@@ -58,13 +58,14 @@ def ruling_moments(
     Args:
         segments: that the thresholds were found from.
         names: of their runs.
-        joints: numbers from 0 of the columns.
+        units: of each joint of the columns, by its number from 0.
         thresholds: (dof,) constant ones, of these columns [Nm or N].
         without: thresholds (dof,) of the segments that are left.
     """
     notes: list[str] = []
+    joints = list(units)
     told: Rows = [np.zeros(len(part.t), dtype=bool) for part in segments]
-    for one in _candidates(segments, names, len(joints)):
+    for one in _candidates(segments, names, len(units)):
         if any((of & before).any() for of, before in zip(one.rows, told, strict=True)):
             continue  # a start, an end or another joint's moment has told of it
         found = _ruled(segments, one, thresholds, without)
@@ -74,8 +75,9 @@ def ruling_moments(
         told = [of | before for of, before in zip(one.rows, told, strict=True)]
         k, row = _largest(segments, one.rows, j)
         part = segments[k]
-        size = f"{abs(float(part.residual[row, j])):.3g}"
-        change = f"the threshold would be {lower:.3g} instead of {thresholds[j]:.3g}"
+        unit = units[joints[j]]
+        size = f"{abs(float(part.residual[row, j])):.3g} {unit}"
+        change = f"the threshold would be {lower:.3g} {unit} instead of {thresholds[j]:.3g} {unit}"
         if one.times:
             notes.append(
                 f"{one.words} rule the thresholds together: joint {joints[j] + 1} has up to {size} at {one.times}; "

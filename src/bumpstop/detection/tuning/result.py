@@ -13,6 +13,7 @@ from bumpstop.detection.thresholds import Thresholds
 from bumpstop.detection.tuning.extreme_values import PeaksOverThreshold
 from bumpstop.detection.tuning.run_spread import RunSpread
 from bumpstop.errors import InputError
+from bumpstop.model.units import one_unit
 from bumpstop.terminal import table, text_of
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ class Tuning:
         period_s: between rows [s].
         terms: what was tuned beside constant thresholds.
         notes: what a person should know.
+        units: (dof,) of the thresholds; empty: Nm.
     """
 
     shares: FloatArray
@@ -52,6 +54,7 @@ class Tuning:
     period_s: float
     terms: tuple[Term, ...] = ()
     notes: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         return text_of(self.show)
@@ -69,8 +72,22 @@ class Tuning:
             cells = [f"{value:.4g}", f"{below:.4g} to {above:.4g}"] if math.isfinite(value) else ["not monitored", ""]
             cells += [f"{column[j - 1]:.4g}" if math.isfinite(value) else "" for column in more.values()]
             rows.append((" ".join((str(j), *names[j - 1 : j])), *cells))
-        headings = ("joint", "threshold", f"{percent} interval", *more)
+        own = (f"{name}, {self.unit_of_term(name.removeprefix('per '))}" for name in more)
+        headings = ("joint", f"threshold, {self.unit}", f"{percent} interval, {self.unit}", *own)
         console.print(table(headings, rows, left=("joint",) if names else ()))
+
+    @property
+    def unit(self) -> str:
+        """Of the thresholds of all joints together."""
+        return one_unit(self.units) if self.units else "Nm"
+
+    def unit_of_term(self, term: str) -> str:
+        """Of the thresholds that one of :attr:`terms` tunes."""
+        if term == "fast":
+            return self.unit
+        power = "s2" if term == "acceleration" else "s"
+        each = {"Nm": f"Nm {power}/rad", "N": f"N {power}/m"}
+        return one_unit([each[unit] for unit in self.units or ("Nm",)])
 
     def thresholds(self, per_hour: float | None = None) -> FloatArray:
         """Constant thresholds (dof,) for a rate, default the target [Nm or N]; all keep their proportion."""

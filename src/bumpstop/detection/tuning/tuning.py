@@ -35,6 +35,7 @@ def tune(
     joints: Sequence[int] | None = None,
     confidence: float = 0.95,
     terms: Sequence[Term] = (),
+    units: Sequence[str] = (),
 ) -> Tuning:
     """Choose thresholds that residuals of contact-free motion pass a wanted number of times an hour.
 
@@ -59,6 +60,7 @@ def tune(
         confidence: of the intervals, between 0.5 and 0.999.
         terms: what to tune beside constant thresholds: ``"fast"``, those of the band-pass channel, with as many
             alarms as the others; ``"speed"`` and ``"acceleration"``, what the motion of a joint adds.
+        units: of the residuals of each joint (dof,), ``"Nm"`` or ``"N"``; default: ``"Nm"``.
 
     Raises:
         InputError: recordings that do not go together, a joint in ``joints`` without noise, too few independent peaks,
@@ -83,18 +85,19 @@ def tune(
         if j in monitored:
             raise InputError(f"residual of joint {j + 1}", "never changes", "leave that joint out")
     rows = [one for number, part in enumerate(parts) for one in _segments(part, number, monitored, wanted)]
-    found, tail, units = _tail(rows, period, per_hour)
+    found, tail, larger = _tail(rows, period, per_hour)
     lengths = [sum(len(one.t) for one in rows if one.run == number) for number in range(len(parts))]
     tuning = Tuning(
         _of_all(found.constant, monitored, dof, math.inf),
         np.stack([_of_all(found.speed, monitored, dof, 0.0), _of_all(found.acceleration, monitored, dof, 0.0)]),
         _of_all(found.fast, monitored, dof, math.inf),
         tail,
-        replace(RunSpread.of(tail, lengths), units=units),
+        replace(RunSpread.of(tail, lengths), units=larger),
         float(per_hour),
         confidence,
         period,
         wanted,
+        units=tuple(units),
     )
     thresholds = tuning.thresholds()
     notes = _notes(tuning, thresholds, rows, monitored, parts)
@@ -104,7 +107,8 @@ def tune(
         fewer, its_tail, _ = _tail(left, period, per_hour)
         return fewer.constant * its_tail.level_of(per_hour)
 
-    notes += ruling_moments(rows, [part.source for part in parts], monitored, thresholds[monitored], without)
+    watched = {j: tuning.units[j] if tuning.units else "Nm" for j in monitored}
+    notes += ruling_moments(rows, [part.source for part in parts], watched, thresholds[monitored], without)
     if asked is None and supported > _DEFAULT_PER_HOUR:
         notes.append(
             f"No rate was given: {hours_in_words(tail.hours)} carry one alarm in {_DEFAULT_REACH:g} times that, "
@@ -245,9 +249,10 @@ def _notes(
     mean = np.concatenate([one.residual for one in rows]).mean(axis=0)
     for j, bias in zip(monitored, mean, strict=True):
         if abs(bias) > _BIASED * thresholds[j]:
+            unit = tuning.units[j] if tuning.units else "Nm"
             notes.append(
-                f"The residual of joint {j + 1} has a mean of {bias:.3g}, much of its threshold of "
-                f"{thresholds[j]:.3g}: a model that fits better would allow a lower one."
+                f"The residual of joint {j + 1} has a mean of {bias:.3g} {unit}, much of its threshold of "
+                f"{thresholds[j]:.3g} {unit}: a model that fits better would allow a lower one."
             )
     gaps = sum(len(part.segments()) - 1 for part in parts)
     if gaps:

@@ -103,8 +103,9 @@ class DynamicsFit(DynamicsEstimate, Displayed):
         lines.append(f"{len(self.model.values)} base parameters from {self.rows_used} rows{whole}")
         lines += left_out_notes(self.rows_left, self.rows_beside_gaps, self.model.cutoff_hz)
         for name, value, error in zip(self.names, self.model.values, self.errors, strict=True):
+            unit = column_unit(name.split()[0], self.model.robot, self.model.couplings)
             weak = "" if abs(value) >= 2 * error else "  (not distinguishable from zero)"
-            lines.append(f"  {value:12.4g} +- {error:.2g}  {name}{weak}")
+            lines.append(f"  {value:12.4g} +- {error:.2g} {unit}  {name}{weak}")
         lines += self._friction_lines()
         if self.rows_at_ends:
             lines.append(f"note: {self.rows_at_ends} rows at the ends of recordings are left away")

@@ -31,7 +31,6 @@ def write_tuning(
     operating_curve: Sequence[dict[str, Any]],
     folder: Path,
     joints: Sequence[str] = (),
-    unit: str = "Nm",
     about: str = "",
     *,
     asked: Mapping[str, str],
@@ -45,12 +44,11 @@ def write_tuning(
             them.
         folder: made where it is missing.
         joints: their names, where they are known.
-        unit: of the thresholds.
         about: the robot and the recordings, in words.
         asked: options and their values, for the table of settings.
         detector: settings of the detector whose residuals they are; empty where they came from a file.
     """
-    parts: list[Part] = [TailPart(tuning, joints, unit)]
+    parts: list[Part] = [TailPart(tuning, joints)]
     if any(point["scenarios"] for point in operating_curve):
         parts.append(OperatingCurvePart(operating_curve, tuning.target))
     parts.append(SettingsPart(asked, detector))
@@ -64,10 +62,9 @@ class TailPart(Part):
     title = "Thresholds"
     anchor = "tail"
 
-    def __init__(self, tuning: Tuning, joints: Sequence[str] = (), unit: str = "Nm") -> None:
+    def __init__(self, tuning: Tuning, joints: Sequence[str] = ()) -> None:
         self.tuning = tuning
         self.joints = joints
-        self.unit = unit
 
     def content(self) -> list[Html]:
         """The thresholds with their intervals, and the notes."""
@@ -86,7 +83,12 @@ class TailPart(Part):
                 f"These thresholds stand for {number(tuning.target)} false alarms an hour; with {percent} confidence "
                 f"the rate lies between {low:.3g} and {high:.3g}."
             ),
-            table(["", f"threshold, {self.unit}", f"{percent} interval"], rows, caption="Thresholds", numbers=True),
+            table(
+                ["", f"threshold, {tuning.unit}", f"{percent} interval, {tuning.unit}"],
+                rows,
+                caption="Thresholds",
+                numbers=True,
+            ),
             bullets(tuning.notes),
         ]
 

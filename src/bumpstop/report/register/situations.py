@@ -6,7 +6,7 @@ import math
 from functools import partial
 from typing import TYPE_CHECKING
 
-from bumpstop.collision.probability_text import apart, decimal, percent
+from bumpstop.collision.probability_text import apart, percent
 from bumpstop.register.outcome import OUTCOME_WORDS
 from bumpstop.report.banner import Sign, banner
 from bumpstop.report.markup import Html, element, paragraph, table, whole, whole_figures
@@ -156,6 +156,12 @@ def _p_over(result: SituationResult) -> str:
     return apart(result.p_over, result.verdict.accepted_probability, text)
 
 
+def _false_alarm(result: SituationResult) -> str:
+    verdict = result.verdict
+    text = partial(percent, integrated=result.method == "exact")
+    return apart(verdict.false_alarm_probability, verdict.max_false_alarm, text)
+
+
 def _where(result: SituationResult) -> tuple[str, ...]:
     situation = result.situation
     contact = situation.scenario.contact
@@ -183,7 +189,7 @@ def _figures(result: SituationResult) -> list[str]:
         allowed = [getattr(one, name) for one in (first, limits) if one is not None]
         cells += [number(values[q], *allowed) for q in ("p50", "p99", "p999")]
         cells.append(" / ".join("none" if not limit else as_written(limit) for limit in allowed) or "none")
-    return [*cells, decimal(result.verdict.false_alarm_probability, integrated=result.method == "exact")]
+    return [*cells, _false_alarm(result)]
 
 
 def _draw(figure: Figure, shown: Sequence[SituationResult]) -> None:
