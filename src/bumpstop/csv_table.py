@@ -29,7 +29,9 @@ class CsvTable:
     rows: list[tuple[int, list[str] | InputError]]
 
 
-def read_csv_table(text: str, path: Path, wanted: str, row_in_words: str, may_lack: Sequence[str] = ()) -> CsvTable:
+def read_csv_table(
+    text: str, path: Path, wanted: str, row_in_words: str, may_lack: Sequence[str] = (), known: Sequence[str] = ()
+) -> CsvTable:
     """Read a table; lines without content, and comments that begin with ``#`` and stand alone, are passed over.
 
     Each line is read by itself: a quotation mark that is not closed would swallow the rows after it.
@@ -40,6 +42,7 @@ def read_csv_table(text: str, path: Path, wanted: str, row_in_words: str, may_la
         wanted: what the file should have been.
         row_in_words: what a row stands for, ``situation``.
         may_lack: columns whose cells a row may leave out, where they are the last.
+        known: names of columns, which count whatever the case of their letters: spreadsheets begin them with capitals.
 
     Raises:
         InputError: there is no head, or it is no CSV.
@@ -51,7 +54,9 @@ def read_csv_table(text: str, path: Path, wanted: str, row_in_words: str, may_la
     head_line, head = heads[0]
     delimiter = max((";", "\t", ","), key=lambda mark: (head.count(mark), mark == ";"))
     valid = f"wanted one {row_in_words} in each line"
-    names = [name.strip() for name in cells_of(head, delimiter, f"{path} row {head_line}", valid)]
+    spelling = {name.casefold(): name for name in known}
+    given = (name.strip() for name in cells_of(head, delimiter, f"{path} row {head_line}", valid))
+    names = [spelling.get(name.casefold(), name) for name in given]
     least = len(names)
     while least > 0 and names[least - 1] in may_lack:
         least -= 1

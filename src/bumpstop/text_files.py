@@ -17,6 +17,7 @@ from bumpstop.output_files import write_bytes
 
 MAX_BYTES = 10_000_000
 _MAX_INTEGER = 2**64
+_NAMED_FILES = 3  # of a folder that was given in place of one of them
 
 
 def is_path(robot: str) -> bool:
@@ -49,6 +50,12 @@ def as_path(value: Any, field: str) -> Path:
         raise InputError(field, problem, "wanted text or a pathlib.Path") from None
 
 
+def _file_in(folder: Path, wanted: str) -> str:
+    """What was wanted, and which files of a folder may have been meant, as of ``identify --out FOLDER``."""
+    found = sorted(str(file) for file in folder.glob("*.toml") if file.is_file())[:_NAMED_FILES]
+    return "; ".join(filter(None, (wanted, f"in it is {' and '.join(found)}" if found else "")))
+
+
 def read_text(
     path: str | os.PathLike[str], wanted: str, *, field: str | None = None, max_bytes: int = MAX_BYTES
 ) -> str:
@@ -69,6 +76,8 @@ def read_text(
         with path.open("rb") as file:
             content = file.read(max_bytes + 1)
     except (OSError, ValueError) as error:  # ValueError: a NUL character in the path
+        if isinstance(error, OSError) and path.is_dir():
+            raise InputError(name, f"{quoted}is a folder", _file_in(path, wanted)) from None
         why = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError(name, f"{quoted}cannot be read ({why})", wanted) from None
     if len(content) > max_bytes:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+import bumpstop as bs
+from bumpstop.identification import DynamicsFit
 from cli.support import EXAMPLE, Result, evaluate, run
 
 
@@ -104,7 +106,7 @@ def test_an_empty_folder_is_not_the_current_one(
         ("contact.body=\x1b[31mred", r"contact.body: '\x1b[31mred'"),
         ("contact.limits=absent.toml", "absent.toml' cannot be read (No such"),
         ("contact.limits=ts1506", "contact.limits: no table is called 'ts1506'"),
-        ("contact.limits=/tmp", "contact.limits: '/tmp' cannot be read (Is a directory)"),
+        ("contact.limits=/tmp", "contact.limits: '/tmp' is a folder"),
         ("contact.kind=free", "contact.body_mass_kg: is missing; free contact needs it: bgia2011 gives no mass"),
         ("detector.residuals=absent.parquet", "detector.residuals: "),
         ("motion.kind=trajectory", 'motion.velocity_mm_s: has no meaning with kind = "trajectory"; leave it out'),
@@ -214,7 +216,7 @@ def test_files_that_are_no_scenario(tmp_path: Path) -> None:
     binary.write_bytes(bytes(range(256)))
     empty.write_text("")
     check_refusal(run("evaluate", absent), f"{absent}: cannot be read (No such file or directory)")
-    check_refusal(run("evaluate", tmp_path), f"{tmp_path}: cannot be read (Is a directory)")
+    check_refusal(run("evaluate", tmp_path), f"{tmp_path}: is a folder")
     check_refusal(run("evaluate", binary), f"{binary}: is not UTF-8 text (byte 129)")
     check_refusal(run("evaluate", empty), "robot: is missing; wanted the name of a robot (bumpstop robots lists them)")
     check_refusal(run("evaluate", "/dev/zero"), "/dev/zero: is longer than 1000000 bytes")
@@ -305,3 +307,24 @@ def test_refused_before_anything_is_written(tmp_path: Path) -> None:
     check_refusal(evaluate("contact.area_cm2=0", options=("--out", folder)))
     assert not folder.exists()
     assert EXAMPLE.exists()
+
+
+def test_the_folder_of_a_fit_is_no_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """``identify -o fit`` writes fit/model.toml; ``--model fit`` was told that no built-in model is called so."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "fit").mkdir()
+    (tmp_path / "fit" / "model.toml").write_text('kind = "dynamics"\n')
+    (tmp_path / "log.csv").write_text("t,q_1\n0,0\n1,0\n")
+    words = "joint model: 'fit' is a folder; wanted a joint model (TOML); in it is fit/model.toml"
+    for command in (
+        ("tune", "log.csv", "--model", "fit"),
+        ("detect", "log.csv", "--model", "fit", "--thresholds", "9"),
+        ("detector", "arm.detector", "--model", "fit", "--thresholds", "9"),
+        ("sensitivity", "ur5e", "--pose-deg", "0,0,0,0,0,0", "--thresholds", "9,9,9,9,9,9", "--model", "fit"),
+        ("validate", "fit", "log.csv"),
+    ):
+        check_refusal(run(*command), words)
+    with pytest.raises(bs.InputError, match=r"^fit: is a folder; .*in it is fit/model.toml"):
+        DynamicsFit.load("fit")
+    (tmp_path / "empty").mkdir()
+    check_refusal(run("evaluate", "empty"), "empty: is a folder")

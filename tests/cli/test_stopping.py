@@ -11,6 +11,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.cli.main import main
+from bumpstop.collision.stopping import load_stopping_table
 
 ROOT = Path(__file__).resolve().parents[2]
 TM5_700 = str(ROOT / "examples" / "stopping" / "tm5_700.toml")
@@ -109,6 +110,36 @@ def test_the_full_speed_of_the_command_counts(capsys: pytest.CaptureFixture[str]
 def test_refusals(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(*arguments) == 2
     assert message in capsys.readouterr().err
+
+
+def test_what_a_table_does_not_state_is_asked_for_as_it_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """``evaluate`` named an option that it has not, and nothing said how a CSV states it."""
+    table, head = tmp_path / "table.csv", "speed_percent,distance_1_deg,distance_2_deg,distance_3_deg"
+    rows = "".join(f"{p},{0.2 * p},{0.25 * p},{0.3 * p}\n" for p in (33, 66, 100))
+    table.write_text(f"{head}\n{rows}")
+    assert run(str(table)) == 2
+    line = "# full_speed_deg_s = 180, 180, 180"
+    told = f"full_speed_deg_s: is missing; wanted the joints' full speed beside speeds in percent: a line '{line}'"
+    own = f"{told} of its own in the file"
+    assert f"{own}, or --full-speed-deg-s\n" in capsys.readouterr().err
+    with pytest.raises(bs.InputError) as refused:
+        load_stopping_table(table)
+    assert own in str(refused.value)
+    assert "--" not in str(refused.value)
+    table.write_text(f"{line}\n{head}\n{rows}")
+    assert run(str(table)) == 0
+    toml = tmp_path / "table.toml"
+    toml.write_text(
+        f"columns = {json.dumps(head.split(','))}\nrows = [[33, 5, 6, 7], [66, 10, 12, 14], [100, 20, 24, 28]]"
+    )
+    capsys.readouterr()
+    assert run(str(toml)) == 2
+    assert "a key full_speed_deg_s = [180, 180, 180], or --full-speed-deg-s" in capsys.readouterr().err
+    table.write_text("speed_deg_s,extension_mm,distance_1_deg\n50,600,10\n100,600,20\n")
+    assert run(str(table)) == 2
+    assert "'# reach_mm = 1300' of its own in the file, or --reach-mm" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("law", ["constant_time", "constant", "ramp"])

@@ -348,3 +348,24 @@ def test_registers_are_toml_or_csv(tmp_path: Path, suffix: str) -> None:
 def test_no_register_at_all() -> None:
     with pytest.raises(bs.InputError, match="wanted the path of a register"):
         bs.load_register()
+
+
+def test_names_of_columns_count_whatever_their_case(tmp_path: Path) -> None:
+    """Spreadsheets begin them with a capital: ``Scenario;Name`` was a register without the column 'scenario'."""
+    write_register(tmp_path)
+    path = tmp_path / "cells.csv"
+    path.write_text("Scenario;Name;Speed_MM_s\ncell.toml;one;40\n")
+    (situation,) = bs.load_register(path).situations
+    assert situation.name == "one"
+    path.write_text("Scenario;Name;name\ncell.toml;one;two\n")
+    with pytest.raises(bs.InputError, match="has two columns 'name'"):
+        bs.load_register(path)
+
+
+@pytest.mark.parametrize("given", ["cells.csv", Path("cells.csv"), None])
+def test_a_path_is_no_register(given: object) -> None:
+    """It was an AttributeError about ``situations``."""
+    with pytest.raises(
+        bs.InputError, match=r"^register: a value of type \w+ is no register; wanted load_register\(path\)"
+    ):
+        bs.evaluate_register(given)  # type: ignore[arg-type]

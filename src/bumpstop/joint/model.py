@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
@@ -120,7 +121,9 @@ class JointTorqueModel:
 
                 data = resources.files("bumpstop.joint").joinpath("data", f"{path_or_name}.toml")
                 return model_from_toml(data.read_text(encoding="utf-8"), data.name, cls)
-            if not (path_or_name.endswith(".toml") or "/" in path_or_name or os.sep in path_or_name):
+            is_path = path_or_name.endswith(".toml") or "/" in path_or_name or os.sep in path_or_name
+            # Of a folder, as identify --out makes, reading says which file in it to give.
+            if not is_path and not Path(path_or_name).is_dir():
                 raise InputError(
                     "joint model", f"none is called {path_or_name!r}", near_matches(path_or_name, _BUILTIN)
                 )

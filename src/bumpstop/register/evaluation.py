@@ -20,10 +20,10 @@ from bumpstop.errors import InputError
 from bumpstop.register.faults import RegisterError
 from bumpstop.register.inputs import Input, inputs_of
 from bumpstop.register.outcome import OUTCOMES, Outcome, outcome_of
+from bumpstop.register.register import Register, as_register
 
 if TYPE_CHECKING:
     from bumpstop.collision import CollisionResult, Distribution, Verdict
-    from bumpstop.register.register import Register
     from bumpstop.register.situation import Situation
     from bumpstop.uncertainty import Judgement
 
@@ -169,7 +169,9 @@ def evaluate_register(
 
     Raises:
         RegisterError: situations that cannot be computed; it names them all.
+        InputError: no register, as its path is none, or a number that cannot be used.
     """
+    register = as_register(register)
     as_whole_number(threads, "threads", 1, 256)
     uncertain = [situation for situation in register.situations if situation.scenario.uncertainty]
     done, work = 0, len(register.situations) + len(uncertain)

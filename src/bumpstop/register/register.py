@@ -65,6 +65,18 @@ def load_register(*paths: str | os.PathLike[str], changes: Mapping[str, Any] | N
     return Register(tuple(reader.situations), {path: checksum(path) for path in dict.fromkeys(files)})
 
 
+def as_register(value: Any) -> Register:
+    """What registers are evaluated from; a path must be read first.
+
+    Raises:
+        InputError: it is something else.
+    """
+    if isinstance(value, Register):
+        return value
+    problem = f"a value of type {type(value).__name__} is no register"
+    raise InputError("register", problem, "wanted load_register(path)")
+
+
 def checksum(path: Path) -> str:
     """SHA-256 of a file's bytes, in hexadecimal; why not, where it cannot be read."""
     try:

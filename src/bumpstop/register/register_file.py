@@ -12,7 +12,7 @@ from bumpstop.collision.scenario.scenario_words import as_written
 from bumpstop.collision.scenario.uncertainty_table import flattened
 from bumpstop.csv_table import read_csv_table
 from bumpstop.errors import InputError, near_matches
-from bumpstop.register.rows import Row, unknown_key_of_row
+from bumpstop.register.rows import Row, plain_keys, unknown_key_of_row
 from bumpstop.register.statements import Statement, read_statements
 from bumpstop.text_files import parse_toml, read_text
 
@@ -112,7 +112,7 @@ def _dotted(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]
 
 
 def _read_csv(text: str, path: Path) -> RegisterFile:
-    table = read_csv_table(text, path, _OF_CSV, "situation")
+    table = read_csv_table(text, path, _OF_CSV, "situation", known=plain_keys())
     names, where = table.names, f"{path} row {table.head_line}"
     for name in names:
         if not name or names.count(name) > 1:

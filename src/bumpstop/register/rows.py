@@ -191,6 +191,13 @@ def _payload_kg(scenario: Scenario, of_row: float | None) -> float | None:
     return None if rated is None else rated * reaction.payload_percent / 100
 
 
+def plain_keys() -> tuple[str, ...]:
+    """Keys of a row that stand in no table of its scenario."""
+    fields = Scenario.model_fields.items()
+    plain = (name for name, model in fields if name != "folder" and not hasattr(model.annotation, "model_fields"))
+    return (*OWN, *WORDS, *plain)
+
+
 def unknown_key_of_row(key: str) -> InputError | None:
     """What is wrong with a key that no row can have; None where it may stand in one."""
     table, dot, name = key.partition(".")
@@ -203,8 +210,7 @@ def unknown_key_of_row(key: str) -> InputError | None:
         return InputError(key, "is not a key of a scenario", valid)
     if key in (*OWN, *WORDS) or (key in fields and not keys):
         return None
-    plain = [field for field, model in fields.items() if not hasattr(model, "model_fields")]
-    valid = f"{near_matches(key, [*OWN, *WORDS, *plain])}; a key of a table is written with it, as contact.area_cm2"
+    valid = f"{near_matches(key, plain_keys())}; a key of a table is written with it, as contact.area_cm2"
     return InputError(key, "is no key of a situation", valid)
 
 

@@ -93,7 +93,7 @@ def load_shots(path: str | os.PathLike[str], situations: Sequence[Situation]) ->
         InputError: the file cannot be read, or lacks a column.
     """
     path = as_path(path, "shots")
-    table = read_csv_table(read_text(path, _WANTED), path, _WANTED, "shot")
+    table = read_csv_table(read_text(path, _WANTED), path, _WANTED, "shot", known=(*COLUMNS, *MAY_LACK))
     for column in (*COLUMNS, *MAY_LACK):
         if column not in table.names and column in COLUMNS:
             raise InputError(f"{path} column {column}", "is missing", _WANTED)

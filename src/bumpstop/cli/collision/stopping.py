@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -56,7 +58,7 @@ def command(
     check_inputs(file, [table])
     check_inputs(folder, [table], "reaction.toml", "report.html")
     speeds = None if full_speed_deg_s is None else [_number(item) for item in list_items(full_speed_deg_s)]
-    with as_options({"deceleration": "--deceleration", "category": "--category"}):
+    with as_options({"deceleration": "--deceleration", "category": "--category"}), _or_as_options(table):
         stops = load_stopping_table(table, full_speed_deg_s=speeds, reach_mm=reach_mm, category=category)
         fit = fit_stopping(stops, deceleration)
     page = None
@@ -77,6 +79,18 @@ def command(
     for what, path in (("reaction", file), ("report", page)):
         if path is not None:
             typer.echo(f"{what}: {path}")
+
+
+@contextmanager
+def _or_as_options(table: Path) -> Iterator[None]:
+    """Say of what a table does not state that an option can, too."""
+    try:
+        yield
+    except InputError as error:
+        options = {f"{table}, full_speed_deg_s": "--full-speed-deg-s", f"{table}, reach_mm": "--reach-mm"}
+        if error.problem != "is missing" or error.field not in options:
+            raise
+        raise InputError(error.field, error.problem, f"{error.valid}, or {options[error.field]}") from None
 
 
 def _is_own(text: str, data: dict[str, Any]) -> bool:

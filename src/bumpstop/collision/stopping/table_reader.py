@@ -19,6 +19,7 @@ _DEG = math.pi / 180
 # What a file may state beside its rows, and what of SI one of it is.
 FULL_SPEED = {"full_speed_deg_s": _DEG, "full_speed_rad_s": 1.0, "full_speed_mm_s": 1e-3, "full_speed_m_s": 1.0}
 STATED = (*FULL_SPEED, "reach_mm")
+_STATED_FOR_EXAMPLE = {"full_speed_deg_s": "180", "reach_mm": "1300"}
 WANTED = "wanted a table of stopping distances (.csv or .toml)"
 EXAMPLE = "speed_percent, distance_1_deg, distance_2_deg, and where known payload_percent, extension_percent"
 
@@ -323,7 +324,7 @@ class TableReader:
             raise InputError(
                 f"{self.name}, full_speed_deg_s",
                 problem,
-                "wanted the joints' full speed beside speeds in percent: in the file, or with --full-speed-deg-s",
+                f"wanted the joints' full speed beside speeds in percent: {self._written('full_speed_deg_s', joints)}",
             )
         (key,) = given
         value = self.stated[key]
@@ -334,8 +335,17 @@ class TableReader:
         full = np.array([float(each or 0.0) for each in numbers]) * FULL_SPEED[key]
         return np.broadcast_to(full, (joints,)).copy(), key in ("full_speed_mm_s", "full_speed_m_s")
 
+    def _written(self, key: str, joints: int) -> str:
+        """How the file states numbers beside its columns."""
+        numbers = ", ".join(_STATED_FOR_EXAMPLE[key] for _ in range(joints))
+        if self.name.lower().endswith(".toml"):
+            return f"a key {key} = {f'[{numbers}]' if joints > 1 else numbers}"
+        return f"a line '# {key} = {numbers}' of its own in the file"
+
     def _stated_number(self, key: str) -> float:
         value = number_of(self.stated.get(key))
         if value is None or not 0 < value < math.inf:
-            raise InputError(f"{self.name}, {key}", "is missing", "wanted a number above zero")
+            raise InputError(
+                f"{self.name}, {key}", "is missing", f"wanted a number above zero: {self._written(key, 1)}"
+            )
         return value

@@ -41,8 +41,9 @@ def load_labels(path: str | Path) -> tuple[Label, ...]:
         InputError: the file cannot be read, its header is another, or a line holds no contact: a missing or non-finite
             time, an end that is not after the start, or contacts that overlap.
     """
-    table = read_csv_table(read_text(path, _WANTED), Path(path), _WANTED, "contact", may_lack=("kind",))
-    if table.names not in (["start_s", "end_s"], ["start_s", "end_s", "kind"]):
+    known = ["start_s", "end_s", "kind"]
+    table = read_csv_table(read_text(path, _WANTED), Path(path), _WANTED, "contact", may_lack=("kind",), known=known)
+    if table.names not in (known[:2], known):
         raise InputError(str(path), f"has the header {table.delimiter.join(table.names)[:80]!r}", _WANTED)
     labels = []
     for number, cells in table.rows:
