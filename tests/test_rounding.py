@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bumpstop.rounding import on_its_side, rounded, to_decimals
+from bumpstop.terminal import in_percent
 
 
 @pytest.mark.parametrize(
@@ -75,3 +76,12 @@ def test_a_value_is_told_on_its_side_of_its_limits(value: float, limits: list[fl
 
 def test_what_no_text_tells_is_told_by_the_first() -> None:
     assert on_its_side(iter(["1 %", "1.0 %"]), 1.2, (1.1, 1.1)) == "1 %"
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [(0.01734, 2, "1.7 %"), (0.999, 2, "100 %"), (5.668, 2, "567 %"), (12.34, 3, "1234 %"), (-0.0312, 3, "-3.12 %"),
+     (float("inf"), 2, "none"), (float("nan"), 3, "none"), (0.0, 2, "0 %")],
+)  # fmt: skip
+def test_shares_in_percent_have_no_powers_of_ten(value: float, digits: int, text: str) -> None:
+    assert in_percent(value, digits) == text

@@ -72,6 +72,17 @@ def share(value: float, *, rests: bool = False) -> str:
     return f"{value:.4f}" if math.isfinite(value) else NONE
 
 
+def in_percent(value: float, digits: int = 3) -> str:
+    """A share, an error or a spread in percent: so many digits, whole where it is larger, and ``"none"`` without one.
+
+    Probabilities, which must not be rounded to certainty, are told by :mod:`bumpstop.collision.probability_text`.
+    """
+    if not math.isfinite(value):
+        return NONE
+    text = f"{100 * value:.{digits}g}"
+    return f"{100 * value:.0f} %" if "e+" in text else f"{text} %"
+
+
 def terminal(file: io.TextIOBase | None = None) -> Console:
     """The terminal, which prints text as it is and folds only tables that are wider.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import tomllib
 from pathlib import Path
 
@@ -163,3 +164,32 @@ def test_of_several_stop_categories_the_option_is_asked_for(tmp_path: Path, caps
     assert run(str(table)) == 2
     assert "error: --category: is not given, and" in capsys.readouterr().err
     assert run(str(table), "--category", "1") == 0
+
+
+def test_errors_are_percent_without_powers_of_ten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """They were 1e+02 % and inf % on terminal and page."""
+    table, folder = tmp_path / "wild.toml", tmp_path / "out"
+    table.write_text('columns = ["speed_deg_s", "distance_1_deg"]\nrows = [[30, 10], [60, 5], [90, 100]]\n')
+    assert run(str(table), "-o", str(folder)) == 0
+    texts = [capsys.readouterr().out, (folder / "report.html").read_text(encoding="utf-8")]
+    texts.append((folder / "reaction.toml").read_text(encoding="utf-8"))
+    for text in texts:
+        assert re.search(r"\b567 %", text)
+        assert not re.search(r"\de\+\d+ %|\binf\b", text)
+    assert re.search(r"^ramp +none +none$", texts[0], re.MULTILINE)
+    assert re.search(r"^# .*joint_acceleration_rad_s2 stays: a scenario needs it with every", texts[2], re.MULTILINE)
+
+
+def test_the_page_lists_the_speed_of_every_joint(tmp_path: Path) -> None:
+    """Two of three joints with one full speed had one speed together."""
+    text = (
+        Path(TM5_700)
+        .read_text(encoding="utf-8")
+        .replace("full_speed_deg_s = 180", "full_speed_deg_s = [178, 149, 178]")
+    )
+    (tmp_path / "table.toml").write_text(text, encoding="utf-8")
+    assert run(str(tmp_path / "table.toml"), "-o", str(tmp_path / "out")) == 0
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert ">178 149 178<" in page
+    assert run(TM5_700, "-o", str(tmp_path / "same")) == 0
+    assert ">180<" in (tmp_path / "same" / "report.html").read_text(encoding="utf-8")

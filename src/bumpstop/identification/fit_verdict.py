@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from bumpstop.terminal import in_percent
+
 if TYPE_CHECKING:
     from bumpstop.identification.comparison import JointScore
     from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
@@ -59,7 +61,7 @@ class FitVerdict:
         if self.condition is not None:
             figures.append(f"condition number {self.condition:.3g}")
         if self.held_out is not None:
-            figures.append(f"{100 * self.held_out:.3g} % unexplained on held-out rows")
+            figures.append(f"{in_percent(self.held_out)} unexplained on held-out rows")
         return f"verdict: {self.status}" + (f" ({', '.join(figures)})" if figures else "")
 
     def reasons(self) -> list[str]:
@@ -137,5 +139,5 @@ def tell_score(
         (warnings if score.free_gain else faults).append(dead)
     elif left > POOR:
         (faults if left > WORTHLESS else warnings).append(
-            f"{100 * left:.3g} % of the {word} of {score.name} is not predicted, below {filter_hz:g} Hz"
+            f"{in_percent(left)} of the {word} of {score.name} is not predicted, below {filter_hz:g} Hz"
         )

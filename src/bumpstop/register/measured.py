@@ -14,7 +14,7 @@ from bumpstop.collision.probability_text import accepted_percent
 from bumpstop.errors import InputError
 from bumpstop.register.evaluation import RegisterResult, worst_first
 from bumpstop.register.shots import Shot
-from bumpstop.terminal import as_written, number
+from bumpstop.terminal import as_written, in_percent, number
 
 if TYPE_CHECKING:
     from bumpstop.register.evaluation import SituationResult
@@ -160,7 +160,7 @@ def _bias(result: SituationResult, shots: Sequence[Shot]) -> list[str]:
     ratios = [one.measured_N / one.predicted_N for one in shots if one.measured and one.predicted_N > 0]
     if result.confidence is not None or len(ratios) < _SEVERAL or min(ratios) <= 1:
         return []
-    above = f"{100 * (float(np.median(ratios)) - 1):.2g} %"
+    above = in_percent(float(np.median(ratios)) - 1, 2)
     return [
         f"All {len(ratios)} measured shots lie above their predictions, by {above} in the middle: the scenario "
         "computes too little force. Run bumpstop measure calibrate, and file the dossier of its register."

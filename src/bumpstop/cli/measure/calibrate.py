@@ -13,6 +13,7 @@ from bumpstop.cli.folders import check_file, check_folder, check_inputs, check_o
 from bumpstop.cli.measure.read import ForceColumn, ForceUnit, TimeColumn, TimeUnit, format_of
 from bumpstop.cli.measure.scenarios import named_situations
 from bumpstop.errors import InputError
+from bumpstop.terminal import in_percent
 
 if TYPE_CHECKING:
     from bumpstop.measure.learning.plan_calibration import PlanCalibration
@@ -133,8 +134,8 @@ def _print(made: PlanCalibration) -> None:
         console.print(f"note: {note}", soft_wrap=True)
     best = found.next_shot
     console.print(
-        f"next best shot: {best.situation} at {best.speed_mm_s:.4g} mm/s, spread {100 * best.spread_now:.2g} % to "
-        f"{100 * best.spread_after:.2g} %",
+        f"next best shot: {best.situation} at {best.speed_mm_s:.4g} mm/s, spread {in_percent(best.spread_now, 2)} to "
+        f"{in_percent(best.spread_after, 2)}",
         soft_wrap=True,
     )
 

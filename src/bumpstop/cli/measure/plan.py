@@ -15,6 +15,7 @@ from bumpstop.cli.folders import check_folder, check_inputs, check_no_job, check
 from bumpstop.cli.measure.scenarios import named_situations
 from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError, near_matches
+from bumpstop.terminal import in_percent
 from bumpstop.text_files import list_items
 
 if TYPE_CHECKING:
@@ -187,7 +188,7 @@ def _print(made: MeasurementPlan) -> None:
         )
     console.print(rows)
     if len(made.shots) > _SHOWN:
-        console.print(f"and {len(made.shots) - _SHOWN} more; spread before any shot {100 * made.spread:.2g} %")
+        console.print(f"and {len(made.shots) - _SHOWN} more; spread before any shot {in_percent(made.spread, 2)}")
     for situation in made.situations:
         for note in situation.notes:
             console.print(f"note: {situation.name}: {note}", soft_wrap=True)

@@ -14,7 +14,7 @@ from bumpstop.collision.stopping.deceleration_laws import LAWS, DecelerationLaw
 from bumpstop.collision.stopping.stopping_table import StoppingTable
 from bumpstop.errors import InputError, near_matches
 from bumpstop.rounding import to_decimals
-from bumpstop.terminal import number, table, text_of
+from bumpstop.terminal import in_percent, number, table, text_of
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -28,7 +28,8 @@ _MAX_DEAD_TIME, _MAX_RAMP = 1.0, 2.0  # s
 # Where the table has angles: a scenario takes no lengths.
 _NAME_THE_TABLE = (
     'Where a scenario may be slower, name the table itself (deceleration = "table"): '
-    "a joint then takes at least as long as in that row."
+    "a joint then takes at least as long as in that row. joint_acceleration_rad_s2 stays: a scenario needs it with "
+    "every deceleration."
 )
 # Of what is written: a stop must not be shorter than the one that was found.
 _DECIMALS = 4
@@ -92,7 +93,7 @@ class StoppingFit:
         """Print what ``bumpstop stopping`` prints: the law, its errors beside others', its numbers and [reaction]."""
         console.print(f"{self.law}: {self.fits[self.law].law.formula}")
         errors = [
-            (name, *(f"{100 * error:.2g} %" for error in (each.median_error, each.worst_error)))
+            (name, *(in_percent(error, 2) for error in (each.median_error, each.worst_error)))
             for name, each in self.fits.items()
         ]
         console.print(table(("law", "median error", "worst"), errors, left=("law",)))
@@ -182,8 +183,8 @@ class StoppingFit:
         unit, factor = self.table.speed_unit
         said = [
             f"Stops of {self.table.source}: {fit.law.formula}",
-            f"leave-one-out error of the distance: median {100 * fit.median_error:.2g} %, "
-            f"worst {100 * fit.worst_error:.2g} %",
+            f"leave-one-out error of the distance: median {in_percent(fit.median_error, 2)}, "
+            f"worst {in_percent(fit.worst_error, 2)}",
             f"The numbers cover every row of the table. Its slowest row is {factor * slowest:.3g} {unit}.",
             *([] if self.table.linear else [_NAME_THE_TABLE]),
         ]

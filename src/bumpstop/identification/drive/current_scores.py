@@ -19,6 +19,7 @@ from bumpstop.identification.segments.rest import resting
 from bumpstop.joint.model import JointTorqueModel, TorqueState
 from bumpstop.joint.parameters import JointParameters
 from bumpstop.model import unit_of
+from bumpstop.terminal import in_percent
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
@@ -206,7 +207,7 @@ def outside_ranges(model: JointTorqueModel, current: FloatArray | None, speed: F
         speed: (n,) the same of the speeds.
     """
     return [
-        f"{joint.name}: {100 * share:.3g} % of the rows {words}"
+        f"{joint.name}: {in_percent(share)} of the rows {words}"
         for shares, words in (
             (current, "want joint currents outside those of the fit"),
             (speed, "are faster than the fit saw"),

@@ -25,6 +25,7 @@ from bumpstop.identification.statistics.independent_columns import condition_of
 from bumpstop.identification.statistics.robust_fit import HUBER, RobustFit, at_bound, gauss_newton_step, robust_fit
 from bumpstop.joint.friction_law import OF_FRICTION
 from bumpstop.joint.parameters import COMMON, OF_MAP, JointParameters, Parameter
+from bumpstop.terminal import in_percent
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
@@ -214,7 +215,7 @@ def fit_joint(rows: DriveSamples, j: int, arm: Robot, settings: JointFitSettings
     if gain is not None and gain_errors and gain_errors["inertia"] > SURE_GAIN * gain.value:
         warnings.append(
             f"B rests on the inertia that the robot came with: its standard error is "
-            f"{100 * gain_errors['inertia'] / gain.value:.3g} % where that is as uncertain as stated"
+            f"{in_percent(gain_errors['inertia'] / gain.value)} where that is as uncertain as stated"
         )
     if not fit.converged:
         warnings.append("the fit did not settle; its figures are doubtful")

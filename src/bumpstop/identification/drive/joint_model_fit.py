@@ -23,7 +23,7 @@ from bumpstop.joint.friction_law import OF_FRICTION
 from bumpstop.joint.model import JointTorqueModel
 from bumpstop.joint.parameters import BOUNDS, OF_MAP
 from bumpstop.model.dynamics import STANDARD_GRAVITY
-from bumpstop.terminal import share, table, text_of
+from bumpstop.terminal import in_percent, share, table, text_of
 
 if TYPE_CHECKING:
     import polars as pl
@@ -88,7 +88,7 @@ class JointModelFit(Displayed):
         unit = self.model.unit
         console.print(f"joint model from {self.rows_used} rows, filtered at {self.cutoff_hz:g} Hz, Huber's loss")
         if self.held_out:
-            tried = ", ".join(f"{cutoff:g} Hz {100 * left:.3g} %" for cutoff, left in self.held_out.items())
+            tried = ", ".join(f"{cutoff:g} Hz {in_percent(left)}" for cutoff, left in self.held_out.items())
             console.print(f"5-fold cross-validation error, by cut-off: {tried}")
         rows = [
             (joint.name, share(joint.r2), f"{joint.rmse:.4g}", joint.parameters.map, joint.parameters.friction)

@@ -26,6 +26,7 @@ from bumpstop.identification.segments.recorded_columns import (
     doubtful_columns,
     tell_doubtful_columns,
 )
+from bumpstop.terminal import in_percent
 
 if TYPE_CHECKING:
     from bumpstop.identification.drive.current_scores import CurrentComparison
@@ -81,7 +82,7 @@ def judge_joint_model(fit: JointModelFit, recordings: Sequence[Recording]) -> Fi
             shares.append(unexplained)
             if unexplained > POOR:
                 (faults if unexplained > WORTHLESS else warnings).append(
-                    f"{100 * unexplained:.3g} % of the current of {joint.name} is unexplained on held-out rows"
+                    f"{in_percent(unexplained)} of the current of {joint.name} is unexplained on held-out rows"
                 )
         if "D" in joint.unobservable and "F" in joint.unobservable:
             warnings.append(f"{joint.name} rests: its friction stays unknown")
@@ -198,7 +199,7 @@ def judge_payload(found: PayloadFit, recording: Recording, robot: Robot) -> FitV
         warnings.append(f"{named(found.joints_left_out)} of unknown gain is left out")
     left = (found.rmse**2).sum() / max(float((found.rmse_without**2).sum()), 1e-300)
     if mass is not None and error is not None and abs(mass) > 2 * error and left > 1 - 0.05:
-        warnings.append(f"the payload explains {100 * (1 - left):.2g} % of what the arm leaves open")
+        warnings.append(f"the payload explains {in_percent(1 - left, 2)} of what the arm leaves open")
     warnings += found.outside
     if found.errors_unknown:
         warnings.append(f"the standard errors do not know of errors of {found.errors_unknown}: nothing states them")

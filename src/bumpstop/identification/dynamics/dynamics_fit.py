@@ -21,6 +21,7 @@ from bumpstop.identification.segments.seen_motion import SeenMotion
 from bumpstop.identification.segments.torque_samples import TorqueSamples, as_list, joints_at_rest
 from bumpstop.model import unit_of
 from bumpstop.model.dynamics import STANDARD_GRAVITY
+from bumpstop.terminal import in_percent
 
 if TYPE_CHECKING:
     import os
@@ -97,7 +98,7 @@ class DynamicsFit(DynamicsEstimate, Displayed):
         """What ``bumpstop identify --model dynamics`` prints of a fit beside its scores."""
         lines = self._gain_lines()
         if self.held_out:
-            tried = ", ".join(f"{cutoff:g} Hz {100 * left:.3g} %" for cutoff, left in self.held_out.items())
+            tried = ", ".join(f"{cutoff:g} Hz {in_percent(left)}" for cutoff, left in self.held_out.items())
             lines.append(f"5-fold cross-validation error, by cut-off: {tried}")
         whole = "" if self.rows_whole <= self.rows_used else f" of {self.rows_whole}, in blocks spread over the time"
         lines.append(f"{len(self.model.values)} base parameters from {self.rows_used} rows{whole}")

@@ -31,6 +31,7 @@ from bumpstop.identification.segments.recorded_columns import (
 )
 from bumpstop.identification.segments.seen_motion import outside_fit
 from bumpstop.model import unit_of
+from bumpstop.terminal import in_percent
 
 if TYPE_CHECKING:
     from bumpstop.identification.comparison import JointScore
@@ -83,7 +84,7 @@ def judge_dynamics(fit: DynamicsFit, recordings: Sequence[Recording]) -> FitVerd
         for name, moves, share in zip(names, moving, fit.unexplained, strict=True):
             if moves and np.isfinite(share) and share > POOR:
                 (faults if share > WORTHLESS else warnings).append(
-                    f"{100 * share:.3g} % of what {name} took is unexplained on held-out rows"
+                    f"{in_percent(share)} of what {name} took is unexplained on held-out rows"
                 )
     for name in fit.still:
         warnings.append(f"{name} hardly moves: its friction, its rotor and what only its motion shows are noise")
@@ -205,7 +206,7 @@ def _bodies(fit: DynamicsFit, moving: Sequence[bool], faults: list[str], warning
         turned = bool(negative.mean() > _NEARLY_ALL) and left > _MISFIT
         if negative.mean() > _SOME:
             (faults if turned else warnings).append(
-                f"inertia about {joint.name} is negative in {100 * negative.mean():.3g} % of poses within the ranges, "
+                f"inertia about {joint.name} is negative in {in_percent(negative.mean())} of poses within the ranges, "
                 f"down to {inertia.min():.3g} {unit_of(joint, turning='kg m2', sliding='kg')}"
                 + (_OPPOSITE_SIGN if turned else "")
             )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.arrays import FloatArray
+from bumpstop.terminal import in_percent
 
 if TYPE_CHECKING:
     from bumpstop.model import Robot
@@ -86,7 +87,7 @@ def _clipped(recordings: Sequence[Recording], robot: Robot, quantity: str, *, bu
             top = max(float(np.abs(x).max()) for _, x in columns)
             found.append(
                 f"the {_WORDS[quantity]} of {joint.name} stands at an end of its range, {top:.4g}, in "
-                f"{100 * worst:.2g} % of the rows: it is clipped"
+                f"{in_percent(worst, 2)} of the rows: it is clipped"
             )
     return found
 

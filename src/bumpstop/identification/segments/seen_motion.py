@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.arrays import FloatArray
+from bumpstop.terminal import in_percent
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -70,8 +71,8 @@ class SeenMotion:
                 rows = own > _MARGIN * unit_share
                 if rows.mean() > _TOLD:
                     found.append(
-                        f"{name}: {100 * rows.mean():.3g} % of the rows lie outside {what} of the fit, by up to "
-                        f"{100 * own.max() / unit_share:.3g} % of their range"
+                        f"{name}: {in_percent(rows.mean())} of the rows lie outside {what} of the fit, by up to "
+                        f"{in_percent(own.max() / unit_share)} of their range"
                     )
         return found
 

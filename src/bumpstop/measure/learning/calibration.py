@@ -25,6 +25,7 @@ from bumpstop.measure.learning.shots import BadShot, MeasuredShot, is_of
 from bumpstop.measure.parameters import LATENCY, Parameters
 from bumpstop.measure.planning.design import Belief
 from bumpstop.measure.planning.plan import target_weights
+from bumpstop.terminal import in_percent
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -352,7 +353,7 @@ def _notes(
     error = float(surfaces.error[np.unique(columns)].max())
     if error > 0.03:
         notes.append(
-            f"Between computed points the peak forces are known to {100 * error:.2g} %, which is in the spread."
+            f"Between computed points the peak forces are known to {in_percent(error, 2)}, which is in the spread."
         )
     return notes
 

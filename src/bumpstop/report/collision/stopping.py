@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +11,7 @@ from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.picture import EVENT, FAINT, INK, LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
-from bumpstop.terminal import number
+from bumpstop.terminal import in_percent, number
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -46,8 +45,8 @@ class LawPart(Part):
             (
                 ("→ " if name == fit.law else "") + name,
                 one.law.formula,
-                _percent(one.median_error),
-                _percent(one.worst_error),
+                in_percent(one.median_error, 2),
+                in_percent(one.worst_error, 2),
             )
             for name, one in fit.fits.items()
         ]
@@ -140,10 +139,11 @@ class RowsPart(Part):
         for i, row in enumerate(stops.row):
             payload = stops.payload[i] * (1 if unit == "kg" else 100)
             cells = [str(row), number(payload), number(100 * stops.extension[i])]
-            speeds = dict.fromkeys(number(v * to_rate) for v in stops.speed[i])
-            cells.append(" ".join(speeds))
+            speeds = [number(v * to_rate) for v in stops.speed[i]]
+            # One where all joints have it; else one for each, also where some have the same.
+            cells.append(speeds[0] if len(set(speeds)) == 1 else " ".join(speeds))
             for k in range(len(stops.joints)):
-                cells += [number(stops.distance[i, k] * to_angle), _percent(errors[i, k])]
+                cells += [number(stops.distance[i, k] * to_angle), in_percent(errors[i, k], 2)]
             rows.append(cells)
         caption = f"Distances of {stops.source}, and their leave-one-out errors with {fit.law}"
         return [table(headings, rows, caption=caption, numbers=True)]
@@ -158,7 +158,3 @@ def write_stopping(fit: StoppingFit, folder: Path) -> Path:
     parts: list[Part] = [LawPart(fit), ReactionPart(fit), RowsPart(fit)]
     about = f"{len(fit.table.row)} rows of {fit.table.source}"
     return write_document(Document("Stopping distances", "bumpstop: stopping", "stopping", parts, about), folder)
-
-
-def _percent(share: float) -> str:
-    return "-" if not math.isfinite(share) else f"{100 * share:.2g} %"

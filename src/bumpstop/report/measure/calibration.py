@@ -12,7 +12,7 @@ from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.picture import FAINT, INK, LAW, LIMIT, Picture, axes
 from bumpstop.report.print_style import print_style
 from bumpstop.report.section import Part
-from bumpstop.terminal import number
+from bumpstop.terminal import in_percent, number
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -70,7 +70,7 @@ class ForcesPart(Part):
             table(headings, rows, caption="Peak forces before and after the shots", numbers=True),
             paragraph(
                 f"Next best shot: {best.situation} at {number(best.speed_mm_s)} mm/s. It is expected to bring the "
-                f"spread of all situations from {100 * best.spread_now:.2g} % to {100 * best.spread_after:.2g} %."
+                f"spread of all situations from {in_percent(best.spread_now, 2)} to {in_percent(best.spread_after, 2)}."
             ),
         ]
 
@@ -138,8 +138,9 @@ class ParametersPart(Part):
             ),
             table(("", "key", "after the shots", "narrowed by"), rows, caption="Parameters of the cell"),
             paragraph(
-                f"A single shot is off by {100 * float(np.median(error)):.2g} % [{100 * low:.2g} %, {100 * high:.2g} "
-                f"%] beyond its own scatter. Posterior sample: {made.posterior.effective:.0f} draws count effectively."
+                f"A single shot is off by {in_percent(float(np.median(error)), 2)} [{in_percent(low, 2)}, "
+                f"{in_percent(high, 2)}] beyond its own scatter. "
+                f"Posterior sample: {made.posterior.effective:.0f} draws count effectively."
             ),
             *([bullets(notes)] if notes else []),
         ]

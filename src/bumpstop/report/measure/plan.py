@@ -11,7 +11,7 @@ from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.picture import LAW, LIMIT, Picture, axes
 from bumpstop.report.print_style import print_style
 from bumpstop.report.section import Part
-from bumpstop.terminal import number
+from bumpstop.terminal import in_percent, number
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -62,7 +62,7 @@ class ShotsPart(Part):
             paragraph(
                 "Each shot is the one that is expected to narrow the peak forces of all situations most, after those "
                 "above it. The last column is the spread that is left then: the standard deviation of the peak force, "
-                f"root mean square over the situations. Before any shot it is {100 * plan.spread:.2g} %. The band "
+                f"root mean square over the situations. Before any shot it is {in_percent(plan.spread, 2)}. The band "
                 "holds nine of ten single shots, over what is assumed of the cell and the noise of detector and gauge."
             ),
             table((*headings, "spread left, %"), rows, caption="Peak forces to measure", numbers=True),
@@ -203,7 +203,7 @@ class BandsPart(Part):
 def _speed(shot: PlannedShot, situation: MeasuredSituation) -> str:
     """In mm/s; of a trajectory also as percent of its own, which is what a controller is told."""
     share = shot.speed_mm_s / situation.speed_mm_s
-    return number(shot.speed_mm_s) + ("" if situation.onset_s is None else f" ({100 * share:.3g} %)")
+    return number(shot.speed_mm_s) + ("" if situation.onset_s is None else f" ({in_percent(share)})")
 
 
 def _joints(situation: MeasuredSituation) -> str:

@@ -11,6 +11,7 @@ from bumpstop.errors import InputError
 from bumpstop.report.collision.stopping import RowsPart
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.section import Part
+from bumpstop.terminal import in_percent
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -68,7 +69,7 @@ def _table(path: Path, category: int | None) -> list[Html]:
         return [paragraph(f"It obeys no law that can be fitted: {error}.")]
     one = fit.fits[fit.law]
     return [
-        paragraph(f"{fit.law}: {one.law.formula}; median error {100 * one.median_error:.2g} %."),
+        paragraph(f"{fit.law}: {one.law.formula}; median error {in_percent(one.median_error, 2)}."),
         table(*fit.numbers_by_joint(), caption=f"Numbers of {fit.law}, and the exponent", numbers=True),
         *RowsPart(fit).content(),
         *([bullets(fit.notes)] if fit.notes else []),

@@ -11,6 +11,7 @@ import numpy as np
 from bumpstop.identification.fit_verdict import FitVerdict, named, reading_faults
 from bumpstop.identification.segments.current_shift import tell_shifts
 from bumpstop.identification.segments.recorded_columns import doubtful_columns
+from bumpstop.terminal import in_percent
 
 if TYPE_CHECKING:
     from bumpstop.recording import Recording
@@ -41,11 +42,11 @@ def judge_protocol(fit: ProtocolFit, beside: FitComparison, recordings: Sequence
         name = joint.experiment.name
         if share is not None and share > _POOR:
             (faults if share > _WORTHLESS else warnings).append(
-                f"{100 * share:.3g} % of the torque of {name} is unexplained on strokes that were not fitted"
+                f"{in_percent(share)} of the torque of {name} is unexplained on strokes that were not fitted"
             )
         elif 1 - joint.r2 > _POOR:
             (faults if joint.r2 < 0 else warnings).append(
-                f"{100 * (1 - joint.r2):.3g} % of the torque of {name} at constant speed is unexplained"
+                f"{in_percent(1 - joint.r2)} of the torque of {name} at constant speed is unexplained"
             )
         if joint.hardly_seen:
             lost = "B" in joint.hardly_seen
