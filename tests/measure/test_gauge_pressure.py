@@ -50,3 +50,18 @@ def test_a_wrong_unit_of_pressure_is_named(tmp_path: Path) -> None:
     (fault,) = reading.faults
     assert (fault.name, fault.spoils) == ("wrong_unit", False)
     assert fault.text.endswith("the unit of pressure, 'MPa', is wrong; the force counts all the same.")
+
+
+@pytest.mark.parametrize("offset", [0.0, 2.5])
+def test_a_film_that_was_not_used_records_no_pressure(tmp_path: Path, offset: float) -> None:
+    """A column of zeros was 'saturated (2400)', and a peak of 0 N/cm²."""
+    reading = _read(tmp_path / "p.csv", 0.0, offset)
+    (fault,) = reading.faults
+    assert (fault.name, fault.spoils) == ("no_pressure", False)
+    assert (
+        fault.text
+        == f"Column 'Pressure [N/cm2]' is {offset:g} N/cm² all the time: no pressure was recorded, the force counts."
+    )
+    assert np.isnan(reading.peak_pressure_N_cm2)
+    assert np.isnan(reading.lasting_pressure_N_cm2)
+    assert reading.usable

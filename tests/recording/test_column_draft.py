@@ -115,3 +115,21 @@ def test_both_times_are_said(tmp_path: Path) -> None:
     result = run("identify", path, "--robot", "ur5e", "--cutoff", 5, "--from", "10", "--until", "25")
     assert f"part: {path}: 10 to 25 s from its beginning, 1010 to 1025 s of its own time" in result.out
     assert strict_json(run("identify", path, "--robot", "ur5e", "--cutoff", 5, "--from", "10", "--json").out)
+
+
+def test_a_draft_without_torques_and_currents_has_lines_for_them(tmp_path: Path) -> None:
+    """Names like ``m1`` tell nothing, and nothing said how the torques are named that ``identify`` wants."""
+    path, draft = tmp_path / "run.csv", tmp_path / "columns.toml"
+    table = np.column_stack([0.01 * np.arange(99), np.sin(0.01 * np.arange(99)[:, None] + np.arange(4))])
+    np.savetxt(path, table, delimiter=",", header="t,pos1,pos2,m1,m2", comments="")
+    text = run("recording", "info", path).out
+    (line,) = (line for line in text.splitlines() if line.startswith("# torque = "))
+    assert '# current = { columns = [], unit = "A" }' in text
+    draft.write_text(text.replace(line, line.removeprefix("# ").replace("[]", '["m1", "m2"]')), encoding="utf-8")
+    np.testing.assert_allclose(np.array(Recording.load(path, columns=draft).tau), table[:, 3:])
+    matlab = tmp_path / "run.mat"
+    scipy.io.savemat(matlab, {"t": table[:, 0], "pos": table[:, 1:3], "m": table[:, 3:]})
+    assert '# torque = { variable = "", unit = "Nm" }' in run("recording", "info", matlab).out
+    # Where a current was found, nothing lacks.
+    np.savetxt(path, table, delimiter=",", header="t,pos1,pos2,cur1,cur2", comments="")
+    assert "# torque" not in run("recording", "info", path).out

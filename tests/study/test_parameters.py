@@ -10,6 +10,7 @@ import polars as pl
 import pytest
 
 import bumpstop as bs
+from bumpstop.report.studies.parameters import pages_of
 from bumpstop.study import run
 from bumpstop.study.parameters.fits import R2_WANTED
 from bumpstop.study.parameters.parameters import SOURCE, ParameterStudy, _difference
@@ -200,3 +201,17 @@ def test_what_is_wrong_without_any_change_is_told_before_any_work() -> None:
     with pytest.raises(bs.InputError) as refused:
         ParameterStudy.of(wrong, vary=["reaction.latency_s=0:0.02:3"])
     assert "with " not in refused.value.problem
+
+
+def test_a_value_outside_its_range_is_told() -> None:
+    """A gauge of 75000 N/m was varied from 1400 to 21000 without a word."""
+    scenario = control_group(contact__stiffness_N_m=75000.0)
+    study = ParameterStudy.of(scenario, ["contact.stiffness=1400:21000:4", "motion.speed=10:200:4"])
+    rows, summary = run(study)
+    (told,) = [line for line in study.lines(summary) if "outside" in line]
+    words = "the scenario's own contact.stiffness, 75000 N/m, lies outside 1400 to 21000: vary it about its value with"
+    assert told.strip() == f"{words} --vary contact.stiffness=LOW:HIGH"
+    _, parts, _ = pages_of(study, rows, summary)
+    page = "".join(str(html) for part in parts for html in part.content())
+    assert "own contact.stiffness, 75000 N/m, lies outside" in page
+    assert "own motion.speed" not in page

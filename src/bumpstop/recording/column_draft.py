@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from bumpstop.errors import InputError
 from bumpstop.text_files import toml_value
@@ -61,6 +61,7 @@ def draft_of_names(names: Sequence[str]) -> str:
     lines += [_quantity(kind, "columns", toml_value(own), own[0]) for kind, own in groups.items()]
     if "position" not in groups:
         lines.append('position = { columns = [], unit = "rad" }  # the columns of the joint positions')
+    lines += _to_fill_in(groups, "columns", "[]")
     return "\n".join(lines) + "\n"
 
 
@@ -100,6 +101,7 @@ def draft_of_variables(shapes: Mapping[str, tuple[int, ...]]) -> str:
     lines += [_quantity(kind, "variable", toml_value(name), name) for kind, name in kinds.items()]
     if "position" not in kinds:
         lines.append('position = { variable = "", unit = "rad" }  # the matrix of the joint positions')
+    lines += _to_fill_in(kinds, "variable", '""')
     return "\n".join(lines) + "\n"
 
 
@@ -113,6 +115,14 @@ _HEAD = "# A column file to start from: check columns and units. What the file h
 
 def _quantity(kind: str, key: str, value: str, example: str) -> str:
     return f"{kind} = {{ {key} = {value}, unit = {toml_value(_unit(kind, example))} }}"
+
+
+def _to_fill_in(found: Collection[str], key: str, value: str) -> list[str]:
+    """A comment where nothing was found that a model can be fitted to: a torque or a current of each joint."""
+    if "torque" in found or "current" in found:
+        return []
+    each = (f'{kind} = {{ {key} = {value}, unit = "{_DEFAULT_UNIT[kind]}" }}' for kind in ("torque", "current"))
+    return [f"# {line}  # if the file holds any: fits and residuals want one of them" for line in each]
 
 
 def _plain(name: str) -> str:

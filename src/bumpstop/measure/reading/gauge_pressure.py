@@ -34,6 +34,11 @@ def corrected_pressure(curve: GaugeCurve, free: int) -> tuple[FloatArray | None,
     known = pressure[np.isfinite(pressure)] - zero
     if not known.size:
         return pressure, []
+    if known.size > 1 and not np.ptp(known):
+        text = (
+            f"Column {name!r} is {known[0] + zero:.4g} N/cm² all the time: no pressure was recorded, the force counts."
+        )
+        return None, [GaugeFault("no_pressure", 1, text)]
     lowest, highest = float(known.min()), float(known.max())
     found = []
     if abs(zero) > max(_MIN_OFFSET, _OFFSET_SHARE * max(-lowest, highest)):

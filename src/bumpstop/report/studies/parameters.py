@@ -15,6 +15,7 @@ from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, Picture
 from bumpstop.report.section import Part
 from bumpstop.study.answer_warnings import FAILS_WITH_FINER_STEPS
 from bumpstop.study.parameters.fits import R2_WANTED, Fit, fit_models
+from bumpstop.study.parameters.parameters import outside_words
 from bumpstop.study.variable import ALIASES, per
 from bumpstop.terminal import NONE, number
 
@@ -93,7 +94,12 @@ class SweepsPart(Part):
         told = [paragraph(f"{key}: {ALIASES[key][1]}.") for key in lowest if key in ALIASES]
         unbounded = [each["key"] for each in self._summary["parameters"] if each["without_mean"]]
         more = [paragraph(f"Values without a mean, as some collisions are never detected: {', '.join(unbounded)}.")]
-        return [paragraph(text), *told, *(more if unbounded else [])]
+        outside = [
+            paragraph(f"{words[0].upper()}{words[1:]}.")
+            for words in map(outside_words, self._summary["parameters"])
+            if words
+        ]
+        return [paragraph(text), *told, *outside, *(more if unbounded else [])]
 
     def pictures(self) -> list[Picture]:
         """One for each parameter."""

@@ -194,6 +194,8 @@ class ParameterStudy(Study):
             shape = f"{name}, R2 {fit['r2']:.4f}: {fit['formula']}" if fit else "no fit"
             span = f"{each['low']:g} to {each['high']:g} {each['unit']}"
             lines.append(f"{each['key']} {span}: {each['direction']}; {shape}")
+            if outside := outside_words(each):
+                lines.append(f"  {outside}")
             unit = per("N", each["unit"])
             lines.append(f"  dF/dx at {each['control']:g}: {each['derivative']['mean']:.4g} {unit}")
         guide = summary.get("guide")
@@ -234,6 +236,17 @@ class ParameterStudy(Study):
         if named:
             result["source_derivative"] = named[1]
         return result
+
+
+def outside_words(parameter: Mapping[str, Any]) -> str:
+    """That the scenario's own value is none of a varied range; empty: it is. An item of ``parameters`` of a summary."""
+    if parameter["low"] <= parameter["control"] <= parameter["high"]:
+        return ""
+    key, value = parameter["key"], f"{parameter['control']:g} {parameter['unit']}".rstrip()
+    return (
+        f"the scenario's own {key}, {value}, lies outside {parameter['low']:g} to {parameter['high']:g}: vary it about "
+        f"its value with --vary {key}=LOW:HIGH"
+    )
 
 
 def _thinned(swept: Range) -> Range:
