@@ -50,6 +50,14 @@ def as_path(value: Any, field: str) -> Path:
         raise InputError(field, problem, "wanted text or a pathlib.Path") from None
 
 
+def is_folder(path: Path) -> bool:
+    """Whether there is a folder of that name; a name that no file can have is none."""
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):
+        return False
+
+
 def _file_in(folder: Path, wanted: str) -> str:
     """What was wanted, and which files of a folder may have been meant, as of ``identify --out FOLDER``."""
     found = sorted(str(file) for file in folder.glob("*.toml") if file.is_file())[:_NAMED_FILES]
@@ -76,7 +84,7 @@ def read_text(
         with path.open("rb") as file:
             content = file.read(max_bytes + 1)
     except (OSError, ValueError) as error:  # ValueError: a NUL character in the path
-        if isinstance(error, OSError) and path.is_dir():
+        if is_folder(path):
             raise InputError(name, f"{quoted}is a folder", _file_in(path, wanted)) from None
         why = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError(name, f"{quoted}cannot be read ({why})", wanted) from None

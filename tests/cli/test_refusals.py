@@ -9,6 +9,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.identification import DynamicsFit
+from bumpstop.joint import JointTorqueModel
 from cli.support import EXAMPLE, Result, evaluate, run
 
 
@@ -328,3 +329,9 @@ def test_the_folder_of_a_fit_is_no_model(tmp_path: Path, monkeypatch: pytest.Mon
         DynamicsFit.load("fit")
     (tmp_path / "empty").mkdir()
     check_refusal(run("evaluate", "empty"), "empty: is a folder")
+
+
+@pytest.mark.parametrize("name", ["", "x" * 5000, "a\0b"])
+def test_what_is_no_name_is_no_folder_either(name: str) -> None:
+    with pytest.raises(bs.InputError, match=r"^joint model: none is called '"):
+        JointTorqueModel.load(name)

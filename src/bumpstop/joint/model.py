@@ -114,6 +114,7 @@ class JointTorqueModel:
                 that cannot be used; a map that is not monotone over its range. The message names joint and key.
         """
         from bumpstop.joint.model_file import model_from_toml
+        from bumpstop.text_files import as_path, is_folder, read_text
 
         if isinstance(path_or_name, str):
             if path_or_name in _BUILTIN:
@@ -123,12 +124,10 @@ class JointTorqueModel:
                 return model_from_toml(data.read_text(encoding="utf-8"), data.name, cls)
             is_path = path_or_name.endswith(".toml") or "/" in path_or_name or os.sep in path_or_name
             # Of a folder, as identify --out makes, reading says which file in it to give.
-            if not is_path and not Path(path_or_name).is_dir():
+            if not is_path and not (path_or_name and is_folder(Path(path_or_name))):
                 raise InputError(
                     "joint model", f"none is called {path_or_name!r}", near_matches(path_or_name, _BUILTIN)
                 )
-        from bumpstop.text_files import as_path, read_text
-
         path = as_path(path_or_name, "joint model")
         return model_from_toml(read_text(path, "wanted a joint model (TOML)", field="joint model"), str(path), cls)
 
