@@ -106,8 +106,9 @@ def test_fits(shop: tuple[str, Path, Path], tmp_path: Path) -> None:
             assert rotors == [("kg", "N")] * 3
 
 
-def test_thresholds(shop: tuple[str, Path, Path], tmp_path: Path) -> None:
+def test_thresholds(shop: tuple[str, Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     name, urdf, log = shop
+    monkeypatch.setenv("COLUMNS", "160")
     result = run("tune", log, "--robot", urdf, "--out", tmp_path / "out")
     assert result.status == 0, result.err
     unit = "N" if name == "gantry" else "Nm (N)"
@@ -115,7 +116,7 @@ def test_thresholds(shop: tuple[str, Path, Path], tmp_path: Path) -> None:
         assert f">{heading}<" in words(tmp_path / "out/report.html")
         assert heading in result.out
     terms = run("tune", log, "--robot", urdf, "--terms", "fast,speed,acceleration")
-    # Headings as long as those of a scara are folded.
+    # Headings as long as those of a scara are folded all the same.
     per = ("per speed, N s/m", "per acceleration, N s2/m") if name == "gantry" else ("Nm s/rad", "Nm s2/rad")
     assert all(heading in terms.out for heading in per)
     if name == "gantry":

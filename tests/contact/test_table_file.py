@@ -75,9 +75,9 @@ def test_absent_file(tmp_path: Path) -> None:
     assert "bgia2011, ts15066" in refusal.value.valid
 
 
-@pytest.mark.parametrize("path", ["a\0b.toml", "."])
-def test_unreadable_file(tmp_path: Path, path: str) -> None:
-    with pytest.raises(InputError, match="cannot be read"):
+@pytest.mark.parametrize(("path", "why"), [("a\0b.toml", "cannot be read"), (".", "is a folder")])
+def test_unreadable_file(tmp_path: Path, path: str, why: str) -> None:
+    with pytest.raises(InputError, match=why):
         LimitTable.load(Path(path), relative_to=tmp_path)
 
 
