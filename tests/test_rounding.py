@@ -81,7 +81,8 @@ def test_what_no_text_tells_is_told_by_the_first() -> None:
 @pytest.mark.parametrize(
     ("value", "digits", "text"),
     [(0.01734, 2, "1.7 %"), (0.999, 2, "100 %"), (5.668, 2, "567 %"), (12.34, 3, "1234 %"), (-0.0312, 3, "-3.12 %"),
-     (float("inf"), 2, "none"), (float("nan"), 3, "none"), (0.0, 2, "0 %")],
+     (float("inf"), 2, "none"), (float("nan"), 3, "none"), (0.0, 2, "0 %"),
+     (1e-7, 3, "less than 0.0001 %"), (1.5e-6, 3, "0.00015 %")],
 )  # fmt: skip
 def test_shares_in_percent_have_no_powers_of_ten(value: float, digits: int, text: str) -> None:
     assert in_percent(value, digits) == text

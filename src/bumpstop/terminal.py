@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 UNBOUNDED = "unbounded"
 NONE = "none"
 MIN_PRINTED_NUMBER = 1e-6  # in any unit that a person reads: digits of rounding, not of a quantity
+_LEAST_PERCENT = "0.0001"
 _WIDTH = 120  # of a table in a text: no terminal folds it
 
 
@@ -80,6 +81,8 @@ def in_percent(value: float, digits: int = 3) -> str:
     if not math.isfinite(value):
         return NONE
     text = f"{100 * value:.{digits}g}"
+    if "e-" in text:
+        return f"less than {_LEAST_PERCENT} %" if value > 0 else f"more than -{_LEAST_PERCENT} %"
     return f"{100 * value:.0f} %" if "e+" in text else f"{text} %"
 
 

@@ -287,6 +287,19 @@ def test_a_payload_moved_beyond_what_the_model_saw_is_told() -> None:
             assert any(words in one for one in warnings) == told, warnings
 
 
+def test_noise_takes_no_current_out_of_the_range_of_its_own_recording() -> None:
+    """A range is that of the currents that a motion wants, by the model; a tenth of the recorded ones lay outside."""
+    robot = bs.Robot.load("ur5e")
+    motion = fourier(robot, 20.0, 100.0, 6)
+    model = drives(robot, inverse_dynamics(with_rotors(robot, 0.0), *motion[1:]))
+    log = driven(robot, motion, model, 3)
+    assert log.current is not None
+    noisy = replace(log, current=log.current + np.random.default_rng(5).normal(0, 3.0, log.current.shape))
+    fit = identify_joint_model(noisy, robot)
+    found = identify_payload(noisy, robot, model=fit.model)
+    assert not any("want joint currents" in one for one in judge_payload(found, noisy, robot).warnings)
+
+
 def deviations(found: PayloadFit) -> list[float]:
     """Of mass and centre, in standard errors."""
     assert found.center is not None

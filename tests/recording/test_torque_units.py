@@ -44,6 +44,19 @@ def test_torques_of_this_unit_are_no_fault(factor: float, rest: bool, tmp_path: 
     assert Recording.load(saved(tmp_path, t, q, factor * tau), robot=ARM).report.faults == ()
 
 
+def test_rows_without_power_are_not_judged(tmp_path: Path) -> None:
+    """Behind its brakes an arm stands with torques of zero, here in most of the rows."""
+    t, q, tau = moving()
+    q[:1200], tau[:1200] = q[1200], 0.0
+    assert Recording.load(saved(tmp_path, t, q, tau), robot=ARM).report.faults == ()
+
+
+def test_thousandths_that_carry_no_arm_are_no_other_unit(tmp_path: Path) -> None:
+    t, q, tau = moving()
+    (fault,) = Recording.load(saved(tmp_path, t, q, 20 * tau), robot=ARM).report.faults
+    assert fault.endswith("are unit and columns right?")
+
+
 @pytest.mark.parametrize(
     ("factor", "words"),
     [

@@ -28,6 +28,8 @@ def test_what_is_assumed_stands_beside_the_verdict_until_it_is_set() -> None:
     assert known.assumed == ["detector.thresholds_Nm"]
     assert with_keys(scenario, {"contact.stiffness_N_m": None}).assumed == ["detector.thresholds_Nm", "pose_deg"]
     assert Variable("detector.thresholds").apply(scenario, 15.0).assumed == ASSUMED[1:]
+    table = {"thresholds_Nm": [15.0] * 7, "noise_sd_Nm": 3.0}
+    assert scenario.with_values({"detector": table}).assumed == ASSUMED[1:]
     done = known.with_values({"detector.thresholds_Nm": [20.0] * 7})
     assert done.assumed == []
     assert "assumed" not in done.to_dict()

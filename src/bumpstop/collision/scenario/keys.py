@@ -35,11 +35,11 @@ def set_keys(data: dict[str, Any], changes: Mapping[str, Any]) -> None:
 
 
 def drop_assumed(data: dict[str, Any], known: Iterable[str]) -> None:
-    """Take dotted keys, in either spelling, out of the list of those that are only assumed."""
+    """Take dotted keys, in either spelling, and those of tables out of the list of those that are only assumed."""
     assumed = data.get(ASSUMED)
     if isinstance(assumed, list):
         replaced = {one for key in known for one in (key, *other_spelling(key))}
-        data[ASSUMED] = [key for key in assumed if key not in replaced]
+        data[ASSUMED] = [key for key in assumed if key not in replaced and key.partition(".")[0] not in replaced]
 
 
 def set_key(data: dict[str, Any], key: str, value: Any) -> None:

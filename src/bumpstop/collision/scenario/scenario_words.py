@@ -151,6 +151,8 @@ def _schema_words(schema: dict[str, Any]) -> str:
         items = _schema_words(schema["items"])
         if "minItems" in schema:
             return f"a list of {schema['minItems']} {items.removeprefix('a ').replace('number', 'numbers', 1)}"
+        if schema["items"]["type"] == "string":
+            return f"a list, each item {items}"
         if schema["items"]["type"] == "integer":
             return f"a list of {items.removeprefix('a ').replace('number', 'numbers', 1)}"
         return f"a list of {items.removeprefix('a ').replace('number', 'numbers', 1)}, one per joint"

@@ -20,6 +20,7 @@ _RULES = 1.25  # a threshold that is so many times what it would be without a mo
 _NEAR_S = 5.0  # from a run's first or last row: cutting that much off costs little
 _MIN_ROWS = 10  # of what is left of a segment
 _SEVERAL = 12  # moments that are looked for together
+_MOST_OF = 0.25  # of the rows, that are left out together
 _STAND_OUT = 2.0  # so many times the next largest residual the last of several is, and a threshold with them without
 
 Rows = list[npt.NDArray[np.bool_]]
@@ -144,8 +145,9 @@ def _candidates(segments: Sequence[Segment], names: Sequence[str], dof: int) -> 
             at_ends = len(runs) > 1 and all(
                 min(one.time - first[one.run], last[one.run] - one.time) <= max(_LONG_S) for one in several
             )
-            if several and not at_ends:
-                rows = _any([moment.rows for moment in several])
+            rows = _any([moment.rows for moment in several]) if several and not at_ends else []
+            # Without a great part of the motion thresholds are those of another one.
+            if rows and sum(int(of.sum()) for of in rows) <= _MOST_OF * sum(of.size for of in rows):
                 yield _Candidate(f"{len(several)} moments", long, rows, _times(several, names))
         for moments in largest:
             yield _Candidate("One moment rules", long, moments[0].rows)

@@ -15,11 +15,13 @@ from bumpstop.display import Displayed, draw_parameters, parameter_frame
 from bumpstop.errors import InputError
 from bumpstop.identification.arm_of_fit import check_arm_of_fit
 from bumpstop.identification.comparison import Comparison, JointScore, joint_score
+from bumpstop.identification.drive.current_scores import compare_currents, outside_ranges
 from bumpstop.identification.drive.error_sources import INERTIA_UNCERTAINTY
 from bumpstop.identification.dynamics.fit_file import DynamicsEstimate
 from bumpstop.identification.dynamics.regressor import INERTIAL
 from bumpstop.identification.fit import Quantity
 from bumpstop.identification.payload.model_errors import errors_of_model
+from bumpstop.identification.payload.payload import with_payload
 from bumpstop.identification.payload.payload_samples import FIT_PER_CUTOFF, PayloadSamples, PayloadSource
 from bumpstop.identification.payload.tip_parameters import point_moments
 from bumpstop.identification.statistics.held_out import held_out_share
@@ -111,7 +113,7 @@ class PayloadFit(Displayed):
         source = self.source
         if source.dynamics is not None:
             return "noise" if source.fit is None else "noise and of the errors of the dynamics"
-        gains = "" if source.model is None else " and of the errors of the joint model's gains"
+        gains = "" if source.model is None or self.errors_unknown else " and of the errors of the joint model's gains"
         known = f"noise, of an inertia of the arm known to {100 * source.inertia_uncertainty:g} %"
         return f"{known}{gains}" if gains else known.replace(", of", " and of")
 
@@ -352,8 +354,22 @@ def identify_payload(
         explained=seen_by @ moments,
         condition=condition_of(fitted[:, fitted.any(axis=0)]),
         unexplained=held_out_share(weight_columns, residual + weight_columns @ solution),
-        outside=samples.outside,
+        outside=samples.outside + _outside_ranges(source, recording, solution[0], center),
     )
+
+
+def _outside_ranges(
+    source: PayloadSource, recording: Recording, mass: float, center: tuple[float, float, float] | None
+) -> tuple[str, ...]:
+    """What of the motion lies outside the ranges of a joint model, of the arm with the payload that was found."""
+    if source.model is None:
+        return ()
+    try:
+        carried = source.robot if center is None else with_payload(source.robot, mass, center)
+    except InputError:  # none that an arm carries, which its verdict says
+        carried = source.robot
+    found = compare_currents(source.model, recording, carried, cutoff_hz=source.cutoff_hz, gravity=source.gravity)
+    return tuple(outside_ranges(source.model, found.outside_current, found.outside_speed))
 
 
 def _covariance(columns: FloatArray, residual: FloatArray) -> FloatArray:

@@ -10,13 +10,11 @@ import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
-from bumpstop.identification.drive.current_scores import outside_ranges
 from bumpstop.identification.dynamics.regressor import link_regressor
 from bumpstop.identification.payload.tip_parameters import tip_to_link
 from bumpstop.identification.segments.drive_samples import split_at_gaps
 from bumpstop.identification.segments.motion import MIN_ROWS, UniformMotion, interpolate_to, lowpass, resample
 from bumpstop.identification.segments.seen_motion import outside_fit
-from bumpstop.joint.model import TorqueState
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -74,7 +72,7 @@ class PayloadSamples:
         unfiltered_payload, unfiltered_others: (N, k, ...) columns before the filter.
         motion: of these rows, of all joints.
         gain_errors: (k,) standard errors of the joints' gains as shares of them; 0: the torque was recorded.
-        outside: what of the motion lies outside that of the dynamics' or the joint model's fit, a sentence each.
+        outside: what of the motion lies outside that of the dynamics' fit, a sentence each.
     """
 
     t: FloatArray
@@ -129,6 +127,7 @@ class PayloadSamples:
             )
 
         torque, arm = (np.concatenate([own[k] for own in torques]) for k in (0, 1))
+        names = [joint.name for joint in source.robot.joints]
         moved = _joined([own.part(rows) for own, rows in zip(motions, inside, strict=True)])
         return cls(
             t=np.concatenate([own.t[rows] for own, rows in zip(motions, inside, strict=True)]),
@@ -148,7 +147,7 @@ class PayloadSamples:
             unfiltered_others=trimmed(others, smooth=False),
             motion=moved,
             gain_errors=_gain_errors(recording, source)[known],
-            outside=tuple(_outside(source, moved, parts, motions, inside)),
+            outside=() if source.fit is None else tuple(outside_fit(source.fit.seen, moved, names)),
         )
 
 
@@ -174,28 +173,6 @@ def _joined(parts: Sequence[UniformMotion]) -> UniformMotion:
     """Segments one after another."""
     t, q, qd, qdd = (np.concatenate([getattr(own, name) for own in parts]) for name in ("t", "q", "qd", "qdd"))
     return UniformMotion(t, q, qd, qdd, parts[0].rate_hz, parts[0].gravity)
-
-
-def _outside(
-    source: PayloadSource,
-    moved: UniformMotion,
-    parts: Sequence[Recording],
-    motions: Sequence[UniformMotion],
-    inside: Sequence[npt.NDArray[np.bool_]],
-) -> list[str]:
-    """What of the motion lies outside that of the fit of a model: there its torque is a guess."""
-    if source.fit is not None:
-        return outside_fit(source.fit.seen, moved, [joint.name for joint in source.robot.joints])
-    if source.model is None:
-        return []
-    state, smooth_hz = TorqueState.at_rest(source.robot.dof), FIT_PER_CUTOFF * source.cutoff_hz
-    for part, own, rows in zip(parts, motions, inside, strict=True):
-        assert part.current is not None
-        # As the range of the fit: noise would carry rows out of it.
-        smooth = lowpass(interpolate_to(own.t, part.t, part.current), own.rate_hz, smooth_hz)
-        source.model.torque(smooth[rows], own.qd[rows], own.qdd[rows], state)
-    count = sum(int(np.count_nonzero(rows)) for rows in inside)
-    return outside_ranges(source.model, state.outside_current / count, state.outside_speed / count)
 
 
 def _inside(t: FloatArray, cutoff_hz: float) -> npt.NDArray[np.bool_]:

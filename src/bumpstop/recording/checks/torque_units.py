@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.model import Robot, gravity_torque, unit_of
@@ -29,14 +30,23 @@ def torque_faults(q: FloatArray, tau: FloatArray, robot: Robot) -> list[str]:
     Returns:
         One sentence without its end, or none.
     """
-    if robot.inertia_objection or not tau.any():
+    # Without power, as behind brakes, there is no torque to judge.
+    powered = tau.any(axis=1)
+    if robot.inertia_objection or not powered.any():
         return []
+    q, tau = q[powered], tau[powered]
     every = max(1, q.shape[0] // _ENOUGH)
     q, tau = q[::every], tau[::every]
-    return _beyond_limits(np.abs(tau), robot) or _without_weight(q, tau, robot)
+    turning = np.array([joint.kind == "revolute" for joint in robot.joints])
+    # Sums over the joints: whichever of them carries the arm, as where it hangs from a wall.
+    weight = float(np.median(np.linalg.norm(gravity_torque(robot, q)[:, turning], axis=1)))
+    given = float(np.median(np.linalg.norm(tau[:, turning], axis=1)))
+    # Thousandths of torques are those of another unit only where they still carry the arm.
+    thousandth = "Nm" if _THOUSAND * given > _HOLDS * weight else ""
+    return _beyond_limits(np.abs(tau), robot, thousandth) or _without_weight(weight, given, turning, robot)
 
 
-def _beyond_limits(size: FloatArray, robot: Robot) -> list[str]:
+def _beyond_limits(size: FloatArray, robot: Robot, in_thousandths: str) -> list[str]:
     limit, holding = robot.drive_train.torque_limit, holding_torque(robot)
     bound = np.where(np.isfinite(limit), _TIMES_LIMIT * limit, _TIMES_HOLDING * holding)
     often = np.quantile(size, 0.9, axis=0)
@@ -47,23 +57,19 @@ def _beyond_limits(size: FloatArray, robot: Robot) -> list[str]:
     known = f"its limit is {limit[j]:.4g} {unit}"
     if not np.isfinite(limit[j]):
         known = f"{holding[j]:.3g} {unit} would hold the arm stretched out"
-    hint = 'are they mNm (torque unit = "mNm")?' if (_THOUSAND * often < bound).all() and unit == "Nm" else ""
+    hint = 'are they mNm (torque unit = "mNm")?' if (_THOUSAND * often < bound).all() and unit == in_thousandths else ""
     return [
         f"the torques of joint {j + 1} are {often[j]:.0f} {unit} or more in a tenth of the rows, and {known}: "
         f"{hint or 'are unit and columns right?'}"
     ]
 
 
-def _without_weight(q: FloatArray, tau: FloatArray, robot: Robot) -> list[str]:
-    turning = np.array([joint.kind == "revolute" for joint in robot.joints])
+def _without_weight(weight: float, given: float, turning: npt.NDArray[np.bool_], robot: Robot) -> list[str]:
     if not turning.any():
         return []
-    # Sums over the joints: whichever of them carries the arm, as where it hangs from a wall.
-    weight = float(np.median(np.linalg.norm(gravity_torque(robot, q)[:, turning], axis=1)))
-    given = float(np.median(np.linalg.norm(tau[:, turning], axis=1)))
     if weight < _HOLDS * float(np.linalg.norm(holding_torque(robot)[turning])) or given > _LITTLE * weight:
         return []
     return [
         f"the torques of all joints together are {given:.2g} Nm, and the weight of the arm alone asks for "
-        f'{weight:.3g} Nm: are they kNm (torque unit = "kNm")?'
+        f'{weight:.3g} Nm: are they kNm (torque unit = "kNm"), or without the weight?'
     ]
