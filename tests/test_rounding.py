@@ -20,6 +20,7 @@ from bumpstop.terminal import in_percent
         (-1.23456, -1.235, -1.234),
         (1.23456e-7, 1.234e-7, 1.235e-7),
         (math.inf, math.inf, math.inf),
+        (-1e308, -1e308, -1e308),
         # What is a rounding of the value is not a digit of it.
         (0.1 + 0.2, 0.3, 0.3),
         (100 * 0.07, 7.0, 7.0),
@@ -40,6 +41,7 @@ def test_four_digits_on_either_side(value: float, down: float, up: float) -> Non
         (0.1 + 0.2, 0.3, 0.3),
         (1.15, 1.15, 1.15),
         (math.inf, math.inf, math.inf),
+        (-1e308, -1e308, -1e308),
     ],
 )
 def test_two_decimals_on_either_side(value: float, down: float, up: float) -> None:

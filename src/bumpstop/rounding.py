@@ -17,10 +17,10 @@ def rounded(value: float, digits: int, *, up: bool) -> float:
 
 
 def to_decimals(value: float, decimals: int, *, up: bool) -> float:
-    """The same of so many decimals; infinity and NaN stay as they are."""
-    if not math.isfinite(value):
-        return value
+    """The same of so many decimals; infinity, NaN and what is whole in any case stay as they are."""
     parts = 10.0**decimals
+    if not abs(value) < 2.0**52:
+        return value
     return (math.ceil if up else math.floor)(_inside(value, up=up) * parts) / parts
 
 
