@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 from bumpstop.program.languages.syntax import Token
@@ -195,6 +196,28 @@ def assigned(words: Sequence[Token], *signs: str) -> tuple[str, int] | None:
             is_target = words[0].kind == "name" and (i == 1 or (i > 1 and words[1].text in (".", "[", "{")))
             return (words[0].text, i) if is_target else None
     return None
+
+
+def behind(words: Sequence[Token], operators: frozenset[str], closing: frozenset[str]) -> Sequence[Token]:
+    """What follows a condition on its line: another statement; all but the first word where brackets do not fit.
+
+    Args:
+        words: of the statement that begins with the condition's word, which is an operator here, too.
+        operators: words in small letters that need something before or behind them.
+        closing: words in small letters behind which the next statement begins.
+    """
+    level, joining = 0, operators | closing
+    for i, (word, following) in enumerate(pairwise(words), start=1):
+        level += (word.text in _CLOSING) - (word.text in _CLOSING.values())
+        one, other = word.text.lower(), following.text.lower()
+        if level == 0 and one in closing:
+            return words[i:]
+        ends = word.kind in ("name", "number", "string") or word.text in _CLOSING.values()
+        begins = following.kind == "name" or following.text == "%"
+        if level == 0 and ends and begins and not {one, other} & joining:
+            return words[i:]
+    level += (words[-1].text in _CLOSING) - (words[-1].text in _CLOSING.values())
+    return words[1:] if level else []
 
 
 def number_of(expression: Expression | None, constants: Mapping[str, Expression], *, depth: int = 0) -> float | None:

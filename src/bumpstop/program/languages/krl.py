@@ -4,11 +4,19 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from bumpstop.program.languages.blocks import Assignments, Blocks, does_something
 from bumpstop.program.languages.calls import KRL_PURE, function_name, has_parameters, names_given
-from bumpstop.program.languages.expression import Expression, Reader, assigned, number_of, read_expression, resolved
+from bumpstop.program.languages.expression import (
+    Expression,
+    Reader,
+    assigned,
+    behind,
+    number_of,
+    read_expression,
+    resolved,
+)
 from bumpstop.program.languages.rotation import from_euler_zyx
 from bumpstop.program.languages.statements import (
     Frame,
@@ -42,6 +50,10 @@ _CLOSE = {
     "endif": "branch",
     "endswitch": "branch",
 }
+# Words behind which a line is at its end, and words that need something before or behind them.
+_ENDS = frozenset(("loop", "repeat", "then", "else", "default", *(word for word in _CLOSE if word != "until")))
+_OPERATOR_WORDS = "if while for to step until switch case and or not exor b_and b_or b_exor b_not"
+_OPERATORS = frozenset(_OPERATOR_WORDS.split())
 # What neither moves the arm nor says how it moves.
 _HARMLESS_WORDS = "wait halt continue pulse defdat enddat ext extfct signal enum struc ini anout"
 _DECLARATIONS = ("defdat", "enddat", "ext", "extfct", "signal", "enum", "struc")
@@ -109,9 +121,26 @@ def _head(words: list[Token]) -> list[Token] | None:
     return words if words and words[0].text.lower() in _FUNCTIONS else None
 
 
+def _rest(words: list[Token]) -> Sequence[Token]:
+    """What stands behind the end of a line that opens, goes on with or closes a block; KRL has no such thing."""
+    if (head := _head(words)) is not None:
+        level = 0
+        for i, word in enumerate(head):
+            level += (word.text == "(") - (word.text == ")")
+            if word.text == ")" and level == 0:
+                return head[i + 1 :]
+        return head[1:] if level else head[3:]
+    first = words[0].text.lower()
+    blocks = first in _LOOPS or first in _BRANCHES or first in _CLOSE or first in ("else", "case", "default")
+    return behind(words, _OPERATORS, _ENDS) if blocks else []
+
+
 def _assign(assignments: Assignments, words: list[Token]) -> None:
     """What a statement declares, assigns and changes."""
     texts = [word.text.lower() for word in words]
+    for word in _rest(words) if words else []:
+        if word.kind == "name":
+            assignments.change(word.text.partition(".")[0])
     for name in names_given(words, KRL_PURE):
         if _head(words) is None:
             assignments.change(name)  # what a call is given it may change
@@ -167,6 +196,9 @@ def _assign_one(assignments: Assignments, words: list[Token]) -> None:
 def _add(blocks: Blocks, statement: Statement, tree: SyntaxTree, constants: Mapping[str, Expression]) -> None:
     words = statement.words
     first = words[0].text.lower()
+    rest = _rest(words)
+    if rest and first == "switch":
+        blocks.opaque(statement)
     if (head := _head(words)) is not None:
         may_be_first = head[0].text.lower() == "def" and not has_parameters(head)
         blocks.begin_function(statement, function_name(head), first=may_be_first)
@@ -202,6 +234,8 @@ def _add(blocks: Blocks, statement: Statement, tree: SyntaxTree, constants: Mapp
     else:
         other = first in _OTHER_MOTIONS
         blocks.opaque(statement, resets=not other, reframes=() if other else None)
+    if rest and first != "switch":
+        blocks.opaque(statement)
 
 
 def _runs(words: list[Token], constants: Mapping[str, Expression]) -> bool:

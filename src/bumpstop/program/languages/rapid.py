@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from bumpstop.program.languages.blocks import Assignments, Blocks
 from bumpstop.program.languages.calls import RAPID_PURE, function_name, has_parameters, names_given
 from bumpstop.program.languages.expression import (
     Expression,
     assigned,
+    behind,
     number_of,
     read_expression,
 )
@@ -33,7 +35,7 @@ from bumpstop.program.languages.statements import (
     Move,
     ReadProgram,
 )
-from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token, statement_of, tokenize
+from bumpstop.program.languages.syntax import TRIVIA, Statement, SyntaxTree, Token, statement_of, tokenize
 
 _TOKENS = re.compile(
     r"(?P<comment>![^\n\r]*|%%%[\w:.\s]*%%%)|(?P<newline>\r?\n)|(?P<space>[ \t\r\f\v]+)"
@@ -41,12 +43,21 @@ _TOKENS = re.compile(
     r"|(?P<name>[A-Za-z_][A-Za-z0-9_.]*)|(?P<string>\"[^\"\n\r]*\")"
     r"|(?P<operator>:=|<>|<=|>=|[-+*/=<>()\[\]{},:;\\?|%&@])"
 )
-# Statements that end with their line, not with a semicolon.
+# Statements that end without a semicolon.
 _LINE_WORDS = (
     "module endmodule proc endproc func endfunc trap endtrap record endrecord while endwhile for endfor if elseif else "
     "endif test case default endtest error undo backward"
 )
 _LINES = frozenset(_LINE_WORDS.split())
+# Words that end such a statement; another one begins behind it, on the same line or not.
+_ENDS = {"while": "do", "for": "do", "if": "then", "elseif": "then", "case": ":", "default": ":"}
+# Statements of one word and of two.
+_ONE_WORDS = "endmodule endproc endfunc endtrap endrecord endwhile endfor endif endtest else undo backward"
+_ONE = frozenset(_ONE_WORDS.split())
+_TWO = frozenset(("trap", "record"))
+_CASES = frozenset(("case", "default", "endtest"))
+_OPERATOR_WORDS = "if elseif while for from to step do then test case default and or not xor div mod"
+_OPERATORS = frozenset(_OPERATOR_WORDS.split())
 _FUNCTIONS, _LOOPS = ("proc", "func", "trap"), ("while", "for")
 _CLOSE = {
     "endproc": "function",
@@ -57,6 +68,8 @@ _CLOSE = {
     "endif": "branch",
     "endtest": "branch",
 }
+# Words with a condition or a value behind them.
+_CONDITIONS = frozenset((*_LOOPS, "if", "elseif", "test", "case", "default"))
 _HARMLESS_WORDS = (
     "set reset setdo setao setgo waittime waitdi waitdo waituntil waitai tpwrite tperase pulsedo invertdo stop confl "
     "confj singarea accset clkreset clkstart clkstop module endmodule record endrecord "
@@ -71,23 +84,73 @@ _MOVES = {"movel": True, "movej": False, "moveabsj": False, "movec": True}
 
 
 def parse_rapid(source: bytes) -> SyntaxTree:
-    """The syntax tree of any bytes; a statement ends with a semicolon, or with its line where the language says so."""
+    """The syntax tree of any bytes; a statement ends with a semicolon, or where the language says so without one."""
     statements: list[Statement] = []
     tokens = tokenize(source, _TOKENS)
-    begin, line, first = 0, 1, ""
-    for i, token in enumerate(tokens):
-        if not first and token.kind == "name":
-            first = token.text.lower()
-        ends = token.text == ";" or (
-            token.kind == "newline" and (not first or first in _LINES) and token is not tokens[begin]
-        )
-        if ends or (token.kind == "newline" and not first):
+    begin, line, reached = 0, 1, _Reached()
+    for i, (token, following) in enumerate(zip(tokens, _following(tokens), strict=True)):
+        if reached.ends_with(token, following):
             statements.append(statement_of(tokens[begin : i + 1], line))
             line += sum(t.text.count("\n") for t in tokens[begin : i + 1])
-            begin, first = i + 1, ""
+            begin, reached = i + 1, _Reached()
     if begin < len(tokens):
         statements.append(statement_of(tokens[begin:], line))
     return SyntaxTree(source, tuple(statements))
+
+
+def _following(tokens: Sequence[Token]) -> list[str]:
+    """Of every token the text of the next word, in small letters; empty at the end."""
+    found, text = [], ""
+    for token in reversed(tokens):
+        found.append(text)
+        text = text if token.kind in TRIVIA else token.text.lower()
+    return found[::-1]
+
+
+@dataclass
+class _Reached:
+    """How far a statement is read.
+
+    Attributes:
+        first: its first name in small letters, without a word that makes it local.
+        count: of its words from that one on, or of all.
+        level: of open brackets.
+        is_label: it begins with a name that a colon may make a label.
+    """
+
+    first: str = ""
+    count: int = 0
+    level: int = 0
+    is_label: bool = False
+
+    def ends_with(self, token: Token, following: str) -> bool:
+        """Whether it ends with its next token."""
+        if token.kind == "newline":
+            if self.first in ("proc", "func"):
+                return self.level == 0
+            return not self.first or (self.first in _LINES and self.first not in _ENDS)
+        if token.kind in TRIVIA:
+            return False
+        if token.kind == "name" and self.first in ("", "local", "task"):
+            self.is_label = not self.first and not self.count and token.text.lower() not in _LINES
+            self.first, self.count = token.text.lower(), 0
+        self.count += 1
+        self.level += (token.text == "(") - (token.text == ")")
+        closed = token.text == ")" and self.level == 0
+        if self.first in ("module", "error"):
+            whole = closed or (self.count == 1 + (self.first == "module") and following != "(")
+        elif self.first in ("proc", "func"):
+            whole = closed
+        elif self.first == "test":
+            whole = following in _CASES
+        else:
+            whole = (
+                _ENDS.get(self.first) == token.text.lower()
+                or self.first in _ONE
+                or (self.first in _TWO and self.count == 2)
+                or (self.is_label and self.count == 2 and token.text == ":")
+            )
+        return whole or token.text == ";"
 
 
 def read_rapid(source: bytes) -> ReadProgram:
@@ -121,7 +184,7 @@ def _plain(statement: Statement) -> list[Token]:
     return words[:-1] if words and words[-1].text == ";" else words
 
 
-def _head(words: list[Token]) -> list[Token] | None:
+def _head(words: Sequence[Token]) -> Sequence[Token] | None:
     """The head of a procedure, a function or a trap, without the word that makes it local."""
     if len(words) > 1 and words[0].text.lower() in ("local", "task"):
         words = words[1:]
@@ -138,11 +201,9 @@ def _value(words: Sequence[Token]) -> Sequence[Token]:
     return words[texts.index(":=") + 1 :] if ":=" in texts else []
 
 
-def _assign(assignments: Assignments, words: list[Token]) -> None:
+def _assign(assignments: Assignments, words: Sequence[Token]) -> None:
     """What a statement declares, assigns and changes."""
-    if _is_label(words):
-        words = words[2:]
-    if not words:
+    if not words or _is_label(words):
         return
     first = words[0].text.lower()
     for name in names_given(words, RAPID_PURE):
@@ -161,8 +222,20 @@ def _assign(assignments: Assignments, words: list[Token]) -> None:
             _assign_one(assignments, rest[1:])
     elif assigned(words, ":=") is not None:
         _assign_one(assignments, words)
-    elif first in _CHANGING or not _is_known(first):
-        # What an instruction or a procedure is given it may change.
+    else:
+        _change(assignments, words)
+    if first in _CONDITIONS and (done := behind(words, _OPERATORS, frozenset())):
+        # Whether what is done by the condition is done is not known.
+        if (found := assigned(done, ":=")) is not None:
+            assignments.change(found[0].partition(".")[0])
+        else:
+            _change(assignments, done)
+
+
+def _change(assignments: Assignments, words: Sequence[Token]) -> None:
+    """What an instruction or a procedure is given it may change."""
+    first = words[0].text.lower()
+    if first in _CHANGING or not _is_known(first):
         for word in words[1:]:
             if word.kind == "name":
                 assignments.change(word.text.partition(".")[0])
@@ -172,7 +245,7 @@ def _is_known(first: str) -> bool:
     return first in _MOVES or first in _HARMLESS or first in _LINES or first in _JUMPS
 
 
-def _assign_one(assignments: Assignments, words: list[Token]) -> None:
+def _assign_one(assignments: Assignments, words: Sequence[Token]) -> None:
     found = assigned(words, ":=")
     if found is not None and found[1] == 1 and "." not in found[0]:
         assignments.add(found[0], read_expression(words[2:]))
@@ -183,14 +256,18 @@ def _assign_one(assignments: Assignments, words: list[Token]) -> None:
 
 def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expression]) -> None:
     words = _plain(statement)
-    if len(words) > 2 and _is_label(words):
+    first = words[0].text.lower()
+    rest = behind(words, _OPERATORS, frozenset()) if first in _CONDITIONS and first != "if" else []
+    if rest and first == "test":
+        blocks.opaque(statement)
+    if _is_label(words):
         # A jump may lead here from anywhere.
         blocks.opaque(statement)
-        words = words[2:]
-    first = words[0].text.lower()
-    if (head := _head(words)) is not None:
+    elif (head := _head(words)) is not None:
         may_be_first = head[0].text.lower() == "proc" and not has_parameters(head)
         blocks.begin_function(statement, function_name(head), first=may_be_first)
+        if head[0].text.lower() != "trap" and head[-1].text != ")":
+            blocks.opaque(statement)
     elif first in _LOOPS:
         endless = [word.text.lower() for word in words] == ["while", "true", "do"]
         certain = endless or (first == "for" and _runs(words, constants))
@@ -227,6 +304,8 @@ def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
     elif first == "velset":
         blocks.opaque(statement, moves=False, reframes=())
     else:
+        blocks.opaque(statement)
+    if rest and first != "test":
         blocks.opaque(statement)
 
 

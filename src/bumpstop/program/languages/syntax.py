@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 # What neither acts nor separates.
-_TRIVIA = ("space", "comment", "newline", "continuation")
+TRIVIA = ("space", "comment", "newline", "continuation")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class Statement:
     @property
     def words(self) -> list[Token]:
         """The tokens that mean something."""
-        return [token for token in self.tokens if token.kind not in _TRIVIA]
+        return [token for token in self.tokens if token.kind not in TRIVIA]
 
     @property
     def text(self) -> str:
@@ -132,7 +132,7 @@ def tokenize(source: bytes, pattern: re.Pattern[str]) -> list[Token]:
 def statement_of(tokens: Sequence[Token], line: int) -> Statement:
     """A statement whose line is that of its first word, where it begins on a given line."""
     for token in tokens:
-        if token.kind not in _TRIVIA:
+        if token.kind not in TRIVIA:
             break
         line += token.text.count("\n")
     return Statement(tuple(tokens), line)

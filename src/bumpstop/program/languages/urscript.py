@@ -33,6 +33,7 @@ _HARMLESS_WORDS = (
 )
 _HARMLESS = frozenset(_HARMLESS_WORDS.split())
 _JUMPS: Mapping[str, Jump] = {"break": "loop", "continue": "round", "return": "function", "halt": "program"}
+_BLOCKS = frozenset(("if", "elif", "else", "while", "def", "sec", "thread"))
 _SIGNS = ("=", "+=", "-=", "*=", "/=", "%=")
 # Arguments of the moves in their places; movep and movec have no time.
 _PLACES = {
@@ -97,6 +98,12 @@ def _assign(assignments: Assignments, words: Sequence[Token]) -> None:
             assignments.add(name, read_expression(value))
         else:
             assignments.change(name)
+    texts = [word.text for word in words]
+    if ";" in texts or (words and texts[0] in _BLOCKS and texts[-1] != ":"):
+        # Several statements on a line are not read; what they assign is not known.
+        for word in words:
+            if word.kind == "name":
+                assignments.change(word.text)
 
 
 def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expression]) -> None:
