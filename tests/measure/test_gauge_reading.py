@@ -278,3 +278,52 @@ def test_a_far_zero_is_no_contact(tmp_path: Path, sign: float, lasting: float, s
     assert reading.peak_N == pytest.approx(120, rel=1e-3)
     other = read_gauge(write(tmp_path / "curve.csv", time, sign * (force - share * 120)))
     assert (other.peak_N if other.usable else other.lower_bound_N) == pytest.approx(120, rel=1e-3)
+
+
+@pytest.mark.parametrize(("rebound", "noise"), [(2.0, 0.0), (0.0, 0.4), (0.0, 0.6)])
+def test_a_rebound_or_noise_is_no_low_zero(tmp_path: Path, rebound: float, noise: float) -> None:
+    """A sample below 0 N after the peak, or within the noise, says nothing of a zero that is not known."""
+    for seed in range(5):
+        time, force = _half_sine(0.0028, 0.02, rate=1000.0)
+        force -= rebound * np.sin(np.clip((time - 0.0428) * math.pi / 0.02, 0, math.pi))
+        force += noise * np.random.default_rng(seed).standard_normal(time.size)
+        reading = read_gauge(write(tmp_path / "curve.csv", time, np.round(force, 2)))
+        assert math.isnan(reading.zero_N)
+        assert [(fault.name, fault.spoils) for fault in reading.faults] == [("truncated", False)]
+        assert reading.peak_N == pytest.approx(120, abs=3 * noise + 0.1)
+
+
+@pytest.mark.parametrize("lasting", [0.0, 30.0])
+@pytest.mark.parametrize("noise", [0.0, 0.4])
+def test_a_low_zero_is_refused_where_two_samples_or_the_end_tell_it(
+    tmp_path: Path, noise: float, lasting: float
+) -> None:
+    for begin in (2 / 660, -0.005):
+        time, force = _half_sine(begin, 0.023, rate=660.0, peak=40.0)
+        force = np.where(time > begin + 0.023, np.maximum(force, lasting), force) - 12.35
+        force += noise * np.random.default_rng(0).standard_normal(time.size)
+        reading = read_gauge(write(tmp_path / "curve.csv", time, force))
+        # Where the recording begins in contact and stays in it nothing tells the zero.
+        assert reading.usable == (begin < 0 and lasting > 0), reading.faults
+
+
+@pytest.mark.parametrize(("digit", "noise", "shift", "peak"), [(1.0, 0.5, 0.5, 90.0), (2.0, 1.0, -3.0, 150.0)])
+def test_a_coarse_digit_leaves_a_long_time_before_contact(
+    tmp_path: Path, digit: float, noise: float, shift: float, peak: float
+) -> None:
+    """The zero lies between two digits: the median of one half may be one of them, and that of all the other."""
+    for seed in range(10):
+        time, force = _half_sine(0.4, 0.02, rate=1000.0, peak=peak)
+        force += shift + noise * np.random.default_rng(seed).standard_normal(time.size)
+        reading = read_gauge(write(tmp_path / "curve.csv", time, np.round(force / digit) * digit))
+        assert reading.zero_N == pytest.approx(shift, abs=0.25 * digit)
+        assert {fault.name for fault in reading.faults} <= {"shifted"}
+
+
+def test_a_step_of_a_digit_at_rest_leaves_the_zero(tmp_path: Path) -> None:
+    """Without noise a slow drift shows as a step of one digit, here 2.5 % of the peak."""
+    time, force = _half_sine(0.4, 0.02, rate=1000.0, peak=40.0)
+    for step in (0.05, 0.1, 0.145, 0.16, 0.22, 0.3):
+        reading = read_gauge(write(tmp_path / "curve.csv", time, np.round(force) + (time > step)))
+        assert 0 <= reading.zero_N <= 1, step
+        assert reading.usable

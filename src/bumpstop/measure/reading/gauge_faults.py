@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,6 +37,10 @@ _MIN_CORNERS = 5
 _MIN_CUT_SHARE = 0.05
 # A zero that is off by more than a share of the peak, and by more than this, is told [N].
 OFFSET_SHARE, MIN_OFFSET_N = 0.01, 1.0
+# So many standard deviations of the noise no single sample of a few is below zero.
+_LOW_SDS = 4.0
+# The standard deviation of noise over the median size of its second differences; too few of them tell none.
+_SD_OF_BENDS, _MIN_BENDS = 1.4826 / math.sqrt(6), 10
 
 
 def sampling_faults(curve: GaugeCurve) -> list[GaugeFault]:
@@ -72,7 +77,7 @@ def sampling_faults(curve: GaugeCurve) -> list[GaugeFault]:
 
 
 def curve_faults(
-    curve: GaugeCurve, raw: FloatArray, at: int, first: int, onset: float, peak: float, before: bool
+    curve: GaugeCurve, raw: FloatArray, at: int, first: int, onset: float, peak: float, rest: FloatArray | None
 ) -> list[GaugeFault]:
     """Faults of the force.
 
@@ -83,7 +88,7 @@ def curve_faults(
         first: the first sample in contact.
         onset: when contact begins [s].
         peak: force there [N].
-        before: whether the recording has a time before contact.
+        rest: once the gauge is free again, where there is too little time before contact [N]; None: there is enough.
     """
     wrong = _wrong_column(curve)
     if wrong:
@@ -118,7 +123,7 @@ def curve_faults(
     if rise < _MIN_RISE_SAMPLES or 1 / curve.step < _MIN_RATE_HZ:
         text = f"{rise} samples from the begin of contact to the peak, at {1 / curve.step:.4g} Hz: too coarse."
         found.append(GaugeFault("coarse", 1, text, spoils=rise < _MIN_RISE_SAMPLES))
-    found += _truncated(curve, at, onset, before)
+    found += _truncated(curve, at, onset, rest)
     neighbours = max(force[max(at - 1, 0)], force[min(at + 1, force.size - 1)])
     if 0 < at < force.size - 1 and neighbours < 0.5 * force[at]:
         text = "The peak is a single sample, twice as high as its neighbours."
@@ -271,12 +276,12 @@ def _off_lines(values: FloatArray, every: int, phase: int) -> FloatArray:
     return np.asarray(np.maximum.reduceat(off, knots[:-1] - phase), dtype=np.float64)
 
 
-def _truncated(curve: GaugeCurve, at: int, onset: float, before: bool) -> list[GaugeFault]:
+def _truncated(curve: GaugeCurve, at: int, onset: float, rest: FloatArray | None) -> list[GaugeFault]:
     found = []
     force, last = curve.force, curve.force.size - 1
     peak = float(force[at])
-    if not before:
-        found.append(_nothing_before(force, peak))
+    if rest is not None:
+        found.append(_nothing_before(force, at, rest))
     if at >= last - 1:
         text = "The recording ends at its highest force: the peak is not in it."
         found.append(GaugeFault("truncated", 1, text, spoils=True))
@@ -289,16 +294,25 @@ def _truncated(curve: GaugeCurve, at: int, onset: float, before: bool) -> list[G
     return found
 
 
-def _nothing_before(force: FloatArray, peak: float) -> GaugeFault:
-    """What it means that there is too little time before contact: nothing tells the zero."""
-    begin, lowest = float(force[0]), float(force.min())
+def _nothing_before(force: FloatArray, at: int, rest: FloatArray) -> GaugeFault:
+    """What it means that there is too little time before contact: nothing tells the zero.
+
+    A mass that parts from the gauge pulls it below its zero for a moment: after the peak only what rests counts.
+    """
+    peak, begin = float(force[at]), float(force[0])
+    # Second differences leave nothing of a smooth curve, and a median nothing of the end of a contact.
+    bends = np.abs(np.diff(force[at + (force.size - at) // 2 :], 2))
+    noise = _SD_OF_BENDS * float(np.median(bends)) if bends.size >= _MIN_BENDS else 0.0
+    levels = [(float(force[: at + 1].min()), 1)]
+    levels += [(float(np.median(rest)), rest.size)] if rest.size else []
+    limit = max(MIN_OFFSET_N, OFFSET_SHARE * peak)
+    low = [level for level, count in levels if level < -max(limit, _LOW_SDS * noise / math.sqrt(count))]
     in_contact = begin > 0.05 * peak
     begins = f"begins in contact, at {begin:.4g} N" if in_contact else "has too little time before contact"
-    negative = lowest < -max(MIN_OFFSET_N, OFFSET_SHARE * peak)
-    if negative:
-        text = f"The recording {begins}, and shows {lowest:.4g} N: its zero is not known, and lower than 0 N."
+    if low:
+        text = f"The recording {begins}, and shows {min(low):.4g} N: its zero is not known, and lower than 0 N."
     elif in_contact:
         text = f"The recording {begins}: what was before is missing."
     else:
         text = f"The recording {begins}: its zero is taken to be 0 N."
-    return GaugeFault("truncated", 1, text, spoils=negative or begin > 0.5 * peak)
+    return GaugeFault("truncated", 1, text, spoils=bool(low) or begin > 0.5 * peak)

@@ -157,11 +157,12 @@ def analyse(curve: GaugeCurve, trigger_N: float | None = None) -> GaugeReading:
     at = int(np.flatnonzero(early)[np.argmax(force[early])])
     summit, summit_time = _summit(curve.time, force, at)
     lasting = late & (since <= FIRST_PHASE_S + _LASTING_S)
-    drift = _drift(force, trigger, at)
+    rest = _free_end(force, trigger, at)
+    drift = _middle(rest, _digit(raw)) if rest.size >= _MIN_BASELINE else math.nan
     pressure, pressure_faults = corrected_pressure(curve, free)
     zeroed = replace(zeroed, pressure=pressure)
     faults += pressure_faults
-    faults += curve_faults(zeroed, raw, at, first, onset, summit, before)
+    faults += curve_faults(zeroed, raw, at, first, onset, summit, None if before else rest)
     if not any(fault.name == "wrong_column" for fault in faults):
         faults += late_fault(zeroed, at, onset)
     if math.isfinite(drift) and abs(drift) > max(MIN_OFFSET_N, OFFSET_SHARE * peak):
@@ -202,17 +203,31 @@ def _baseline(force: FloatArray) -> tuple[float, float, int]:
     count = count - max(1, count // 10) if count > _MIN_BASELINE else count
     if count < _MIN_BASELINE:
         return none
-    begin, highest = force[:count], float(np.abs(force).max())
-    zero, end = float(np.median(begin)), float(np.median(force[-_MIN_BASELINE:]))
+    begin, highest, digit = force[:count], float(np.abs(force).max()), _digit(force)
+    zero, end = _middle(begin, digit), float(np.median(force[-_MIN_BASELINE:]))
     noise = float(begin.std())
     # Where most of it is the rise, its median is off that of its first half; few noisy samples do not show a rise.
-    off = abs(zero - float(np.median(begin[: (count + 1) // 2])))
-    if off + noise / math.sqrt(count) > _MAX_ZERO_ERROR * span:
+    off = abs(zero - _middle(begin[: (count + 1) // 2], digit))
+    # A force between two digits may step by one at rest: that puts the halves half a digit apart.
+    if off + noise / math.sqrt(count) > _MAX_ZERO_ERROR * span + 0.5 * digit:
         return none
     # A gauge that was pressed from the beginning and is free later shows less then.
     one_sign = min(float(force.max()), -float(force.min())) < 0.02 * highest
     in_contact = one_sign and abs(zero) > _IN_CONTACT * highest and abs(zero) - abs(end) > 0.1 * highest
     return none if in_contact else (zero, noise, count)
+
+
+def _digit(force: FloatArray) -> float:
+    """The least that two different values are apart [N]; 0: there is one value only."""
+    return float(np.diff(np.unique(force)).min(initial=math.inf)) if np.ptp(force) > 0 else 0.0
+
+
+def _middle(force: FloatArray, digit: float) -> float:
+    """The median of a force that was rounded: of many equal values each lies anywhere in its digit."""
+    median = float(np.median(force))
+    same = int((force == median).sum())
+    below = int((force < median).sum())
+    return median + digit * ((0.5 * force.size - below) / same - 0.5) if same else median
 
 
 def _summit(time: FloatArray, force: FloatArray, at: int) -> tuple[float, float]:
@@ -233,10 +248,9 @@ def _summit(time: FloatArray, force: FloatArray, at: int) -> tuple[float, float]
     return float(y[1] + slope * top + curvature * top**2), float(time[at] + top)
 
 
-def _drift(force: FloatArray, trigger: float, at: int) -> float:
-    """Force after the contact, where the gauge is free again at the end [N]."""
+def _free_end(force: FloatArray, trigger: float, at: int) -> FloatArray:
+    """The later half of the force after the contact, where the gauge is free again at the end [N]."""
     tail = force[at:]
     pressed = np.flatnonzero(tail >= max(trigger, 0.1 * float(force.max())))
     free = tail[int(pressed[-1]) + 1 :] if pressed.size else tail
-    free = free[free.size // 2 :]
-    return float(np.median(free)) if free.size >= _MIN_BASELINE else math.nan
+    return free[free.size // 2 :]
