@@ -93,7 +93,7 @@ def detect(
         )
     judged = _judge(detector, found, rearm_s)
     no_data, nothing = found.no_data, np.zeros(found.motion.t.size, dtype=bool)
-    found.residual[no_data] = judged.fast[no_data] = math.nan
+    judged.fast[no_data] = math.nan
     judged.state[no_data] = NO_DATA
     return DetectionRun(
         t=found.motion.t,

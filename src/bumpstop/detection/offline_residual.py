@@ -26,7 +26,7 @@ class OfflineResidual:
 
     Attributes:
         motion: as filtered.
-        residual: (N, dof) [Nm or N]; what stands in rows without data is made up.
+        residual: (N, dof) [Nm or N]; NaN in rows without data.
         in_gap: (N,) rows inside a gap, or within ``beside_s`` of one across which no filter reaches.
         at_end: (N,) rows within ``beside_s`` of an end of the recording at which the arm moves.
         frozen: (N,) rows in which feedback stood still.
@@ -62,9 +62,9 @@ class OfflineResidual:
         for first, last in repeats:
             frozen |= (motion.t > recording.t[first]) & (motion.t <= recording.t[last])
         beside_s = 1 / model.cutoff_hz
-        return cls(
-            motion, residual, near_gaps(motion.t, live.t, beside_s), near_ends(motion, beside_s), frozen, beside_s
-        )
+        in_gap, at_end = near_gaps(motion.t, live.t, beside_s), near_ends(motion, beside_s)
+        residual[in_gap | at_end | frozen] = np.nan
+        return cls(motion, residual, in_gap, at_end, frozen, beside_s)
 
     @property
     def no_data(self) -> npt.NDArray[np.bool_]:

@@ -86,6 +86,8 @@ class Scenario(ScenarioTables):
 
     @model_validator(mode="after")
     def _assumed_is_given(self) -> Scenario:
+        if not self.assumed:
+            return self
         given = self.model_fields_set - {ASSUMED, "folder"}
         tables = {name for name in given if hasattr(getattr(self, name), "model_fields_set")}
         keys = (given - tables) | {f"{name}.{key}" for name in tables for key in getattr(self, name).model_fields_set}

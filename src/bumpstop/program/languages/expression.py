@@ -220,6 +220,19 @@ def behind(words: Sequence[Token], operators: frozenset[str], closing: frozenset
     return words[1:] if level else []
 
 
+def split_at(words: Sequence[Token], mark: str) -> list[list[Token]]:
+    """What stands between marks that are in no bracket; one part at least."""
+    parts: list[list[Token]] = [[]]
+    level = 0
+    for word in words:
+        level += (word.text in _CLOSING) - (word.text in _CLOSING.values())
+        if word.text == mark and level == 0:
+            parts.append([])
+        else:
+            parts[-1].append(word)
+    return parts
+
+
 def number_of(expression: Expression | None, constants: Mapping[str, Expression], *, depth: int = 0) -> float | None:
     """The value of an expression of constants; None where it is not known before the program runs."""
     if expression is None or depth > _MAX_LEVELS:

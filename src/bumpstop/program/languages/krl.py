@@ -16,6 +16,7 @@ from bumpstop.program.languages.expression import (
     number_of,
     read_expression,
     resolved,
+    split_at,
 )
 from bumpstop.program.languages.rotation import from_euler_zyx
 from bumpstop.program.languages.statements import (
@@ -151,7 +152,7 @@ def _assign(assignments: Assignments, words: list[Token]) -> None:
         return
     plain, declared = _without_type(words)
     if declared and plain:
-        parts = _parts(plain)
+        parts = split_at(plain, ",")
         for part in parts:
             if part and part[0].kind == "name":
                 assignments.declare(part[0].text)
@@ -290,7 +291,7 @@ def _move(blocks: Blocks, statement: Statement, tree: SyntaxTree, constants: Map
             blocks.note(statement.line, "how far it is blended is not known; half of the way is taken")
         blend = max(blend, _UNKNOWN_BLEND if distance is None else distance / 1e3)
         rest = rest[:-1]
-    parts = _parts(rest)
+    parts = split_at(rest, ",")
     if len(parts) != 1 + (kind == "circ") or any(read_expression(part) is None for part in parts):
         why = "it is not understood"
     start = tree.line_start(words[0].start)
@@ -312,19 +313,6 @@ def _move(blocks: Blocks, statement: Statement, tree: SyntaxTree, constants: Map
         blend=blend,
         via=_place(read_expression(parts[0]), constants) if kind == "circ" else None,
     )
-
-
-def _parts(words: list[Token]) -> list[list[Token]]:
-    """What stands between commas, outside of all braces."""
-    parts: list[list[Token]] = [[]]
-    level = 0
-    for word in words:
-        level += (word.text in ("{", "[", "(")) - (word.text in ("}", "]", ")"))
-        if word.text == "," and level == 0:
-            parts.append([])
-        else:
-            parts[-1].append(word)
-    return parts
 
 
 def _place(expression: Expression | None, constants: Mapping[str, Expression]) -> Target:

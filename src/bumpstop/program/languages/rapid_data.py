@@ -6,7 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from bumpstop.program.languages.expression import Expression, number_of, numbers_of, read_expression, resolved
+from bumpstop.program.languages.expression import (
+    Expression,
+    number_of,
+    numbers_of,
+    read_expression,
+    resolved,
+    split_at,
+)
 from bumpstop.program.languages.rotation import from_quaternion
 from bumpstop.program.languages.statements import MIN_TIME_S, SpeedSlot, Target
 from bumpstop.program.languages.syntax import Token
@@ -31,24 +38,10 @@ class Argument:
 
 def arguments_of(words: Sequence[Token]) -> list[Argument]:
     """Arguments between commas that stand in no bracket; switches before the first argument count as its own."""
-    parts: list[list[Token]] = [[]]
-    level = 0
-    for word in words:
-        level += (word.text in ("[", "(", "{")) - (word.text in ("]", ")", "}"))
-        if word.text == "," and level == 0:
-            parts.append([])
-        else:
-            parts[-1].append(word)
+    parts = split_at(words, ",")
     found: list[Argument] = []
     for part in parts:
-        pieces: list[list[Token]] = [[]]
-        depth = 0
-        for word in part:
-            depth += (word.text in ("[", "(", "{")) - (word.text in ("]", ")", "}"))
-            if word.text == "\\" and depth == 0:
-                pieces.append([])
-            else:
-                pieces[-1].append(word)
+        pieces = split_at(part, "\\")
         switches = {
             piece[0].text.lower(): read_expression(piece[2:]) if len(piece) > 2 else None
             for piece in pieces[1:]
