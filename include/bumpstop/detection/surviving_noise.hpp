@@ -70,6 +70,14 @@ struct SurvivingNoiseDensity {
         centre = noise.mean;
         known = 0.0;
     }
+    /// Begins with the same density in all lanes.
+    void begin(const SurvivingNoiseDensity<double>& from) {
+        value.assign(from.value.begin(), from.value.end());
+        low = from.low;
+        high = from.high;
+        centre = from.centre;
+        known = from.known;
+    }
 };
 
 namespace detail {

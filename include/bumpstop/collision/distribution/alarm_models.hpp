@@ -14,13 +14,14 @@ inline constexpr int block_registers = 8 / Scalar<T>::lanes;
 /// Contact at a tick, for a block of offsets.
 template <class T>
 struct TickContact {
+    int tick = 0;
     const double* torque_per_N;                  ///< by monitored joint [Nm/N]
     T force[block_registers<T>];                 ///< N
     T residual[max_joints][block_registers<T>];  ///< of monitored joints, without noise; not for alarms from a table
 };
 
 // An alarm model serves one block of offsets after another, tick by tick:
-//   begin(tick)    the first tick in contact
+//   begin()        a block
 //   at(contact)    a tick; of what it returns, chance(w, r, contact) is the probability that monitored joint w alarms
 //                  at the offsets of register r, given no alarm before
 //   skip(contact)  a tick at which the detector is not armed
@@ -41,7 +42,7 @@ class ExactAlarms {
 
     explicit ExactAlarms(const GaussianThresholds& detector) : detector_(detector) {}
 
-    void begin(int) {}
+    void begin() {}
     const ExactAlarms& at(const TickContact<T>&) const { return *this; }
     void skip(const TickContact<T>&) {}
     AlarmProbability<T> chance(int w, int r, const TickContact<T>& contact) const {
@@ -77,7 +78,7 @@ class TabulatedAlarms {
             return {alarm, 1.0 - alarm};
         }
     };
-    void begin(int) {}
+    void begin() {}
     Tick at(const TickContact<T>& contact) const {
         // From the first lane of a block to its last the offset grows, and the force falls.
         const double first = lane_of(contact.force[0], 0),
@@ -97,31 +98,18 @@ class CorrelatedAlarms {
   public:
     static constexpr bool tabulated = false;
     static constexpr double negligible_survival = ExactAlarms<T>::negligible_survival;
-    static constexpr double negligible_residual = -1;  ///< also a joint without load alarms less often at later ticks
+    static constexpr double negligible_residual = -1;  ///< a joint without load alarms less often at later ticks, too
     static constexpr double interpolation_tolerance = ExactAlarms<T>::interpolation_tolerance;
     static constexpr double max_interpolated_survival = ExactAlarms<T>::max_interpolated_survival;
     static constexpr std::array interpolation_nodes = ExactAlarms<T>::interpolation_nodes;
 
     CorrelatedAlarms(const GaussianThresholds& detector, const PreContactAlarms& before)
-        : detector_(detector),
-          before_(before),
-          residual_(std::size_t(detector.monitored * registers)),
-          density_(std::size_t(detector.monitored * registers)) {}
+        : detector_(detector), before_(before), joint_(std::size_t(detector.monitored * registers)) {}
 
-    /// The noise density is that after the ticks before contact.
-    void begin(int tick) {
-        for (int w = 0; w < detector_.monitored; ++w) {
-            for (int r = 0; r < registers; ++r) {
-                residual_[place(w, r)] = {};
-                if (!before_.correlated(w)) continue;
-                const SurvivingNoiseDensity<double>& from = before_.density_before(w, tick);
-                SurvivingNoiseDensity<T>& to = density_[place(w, r)];
-                to.value.assign(from.value.begin(), from.value.end());
-                to.low = from.low;
-                to.high = from.high;
-                to.centre = from.centre;
-                to.known = from.known;
-            }
+    void begin() {
+        for (Joint& joint : joint_) {
+            joint.residual = {};
+            joint.loaded = false;
         }
     }
     CorrelatedAlarms& at(const TickContact<T>&) {
@@ -129,28 +117,39 @@ class CorrelatedAlarms {
         return *this;
     }
     AlarmProbability<T> chance(int w, int r, const TickContact<T>& contact) {
-        const T own = detector_.advance(residual_[place(w, r)], contact.residual[w][r]);
+        Joint& joint = joint_[place(w, r)];
+        const T own = detector_.advance(joint.residual, contact.residual[w][r]);
         if (!before_.correlated(w)) return joint_alarm(detector_, w, own);
-        return propagate_tick(before_.noise(w), density_[place(w, r)], own, work_);
+        if (!joint.loaded) {
+            if (all(abs(own) * detector_.scale[w] <= T(ExactAlarms<T>::negligible_residual))) {
+                const double alarm = before_.no_contact(contact.tick).single[std::size_t(w)];
+                return {alarm, 1 - alarm};
+            }
+            joint.density.begin(before_.density_before(w, contact.tick));
+            joint.loaded = true;
+        }
+        return propagate_tick(before_.noise(w), joint.density, own, work_);
     }
     /// A tick that is not armed says nothing about the noise.
     void skip(const TickContact<T>& contact) {
-        for (int w = 0; w < detector_.monitored; ++w) {
-            for (int r = 0; r < registers; ++r) {
-                detector_.advance(residual_[place(w, r)], contact.residual[w][r]);
-                density_[place(w, r)].known = 0.0;
-            }
-        }
+        for (int w = 0; w < detector_.monitored; ++w)
+            for (int r = 0; r < registers; ++r) detector_.advance(joint_[place(w, r)].residual, contact.residual[w][r]);
     }
 
   private:
     static constexpr int registers = block_registers<T>;
     static std::size_t place(int w, int r) { return std::size_t(w * registers + r); }
 
+    /// A joint at the offsets of a register. Until the contact loads it, its noise is that of ticks without contact.
+    struct Joint {
+        NoiselessResidual<T> residual;
+        bool loaded = false;
+        SurvivingNoiseDensity<T> density;
+    };
+
     const GaussianThresholds& detector_;
     const PreContactAlarms& before_;
-    std::vector<NoiselessResidual<T>> residual_;     ///< [joint][register]
-    std::vector<SurvivingNoiseDensity<T>> density_;  ///< [joint][register]
+    std::vector<Joint> joint_;  ///< [joint][register]
     std::vector<T> work_;
 };
 

@@ -179,7 +179,7 @@ class DetectionIntegrator {
         }
         TickContact<T> here;
         contact.begin(panel, offset);
-        alarms_.begin(panel.tick);
+        alarms_.begin();
         DetectionProbabilities::Panel& own = out.panel[p];
         for (int k = panel.tick; k < path_->ticks; ++k) {
             const int slot = k - panel.tick;
@@ -191,6 +191,7 @@ class DetectionIntegrator {
                 &out.detected[(own.first_slot + std::size_t(slot)) * std::size_t(order) + std::size_t(first)];
             const double s = path_->at_tick(k, timing_.period);
             const double* torque_per_N = &mesh_->torque_per_N()[std::size_t(k) * max_joints];
+            here.tick = k;
             here.torque_per_N = torque_per_N;
             for (int r = 0; r < registers; ++r) here.force[r] = contact.force(s, slot, r);
             if constexpr (!Alarms::tabulated) {
