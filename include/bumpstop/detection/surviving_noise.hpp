@@ -22,8 +22,8 @@ struct CorrelatedNoise {
     double correlation = 0;                  ///< c
     double innovation = 0;                   ///< s, standard deviation of what a tick adds [Nm or N]
     double half = 0;                         ///< half-width of the range of the nodes [Nm or N]
-    std::vector<double> node, weight;        ///< on [-1, 1]
-    /// Transition kernel exp(-(a_i - c a_l)^2 / 2) with a_i = node_i half / s, [i][l], for noise centred in the range.
+    std::vector<double> node, weight;        ///< from the middle of the range [Nm or N]
+    /// Transition kernel exp(-(a_i - c a_l)^2 / 2) with a_i = node_i / s, [i][l], for noise centred in the range.
     std::vector<double> kernel;
 
     CorrelatedNoise(double limit, double noise_sd, double noise_mean, double noise_correlation)
@@ -36,22 +36,20 @@ struct CorrelatedNoise {
         const GaussRule& rule = gauss_rule((count + pieces - 1) / pieces);
         for (int piece = 0; piece < pieces; ++piece) {
             for (int g = 0; g < rule.order; ++g) {
-                node.push_back((2 * piece + 1 + rule.node[g]) / pieces - 1);
-                weight.push_back(rule.weight[g] / pieces);
+                node.push_back(half * ((2 * piece + 1 + rule.node[g]) / pieces - 1));
+                weight.push_back(half * rule.weight[g] / pieces);
             }
         }
-        if (!(half_in_innovations() < max_shift)) return;
+        if (!(half < max_factored * innovation)) return;
         for (double to : node) {
             for (double from : node) {
-                const double z = half_in_innovations() * (to - correlation * from);
+                const double z = (to - correlation * from) / innovation;
                 kernel.push_back(std::exp(-0.5 * z * z));
             }
         }
     }
-    /// Half-width of the range in units of the innovation.
-    double half_in_innovations() const { return half / innovation; }
-    /// Limit of the product of shift and half-width, above which the factored kernel loses digits.
-    static constexpr double max_shift = 300;
+    /// Limit of exponents, above which the factored kernel loses digits.
+    static constexpr double max_factored = 600;
     int size() const { return int(node.size()); }
 };
 
@@ -59,22 +57,20 @@ struct CorrelatedNoise {
 template <class T>
 struct SurvivingNoiseDensity {
     std::vector<T> value;  ///< at the nodes, per Nm; integrates to one
-    T low, high;           ///< range of the nodes [Nm or N]
+    T middle;              ///< of the range of the nodes [Nm or N]
     T centre;              ///< noiseless residual plus noise mean [Nm or N]
-    T known = 0.0;         ///< 0: no tick has been monitored yet, so the noise is stationary; else 1
+    bool known = false;    ///< false: no tick has been monitored yet, so the noise is stationary
 
     void reset(const CorrelatedNoise& noise) {
         value.assign(std::size_t(noise.size()), T(0.0));
-        low = -noise.half;
-        high = noise.half;
+        middle = 0.0;
         centre = noise.mean;
-        known = 0.0;
+        known = false;
     }
     /// Begins with the same density in all lanes.
     void begin(const SurvivingNoiseDensity<double>& from) {
         value.assign(from.value.begin(), from.value.end());
-        low = from.low;
-        high = from.high;
+        middle = from.middle;
         centre = from.centre;
         known = from.known;
     }
@@ -82,8 +78,7 @@ struct SurvivingNoiseDensity {
 
 namespace detail {
 
-/// Multiplies values at the nodes, which are symmetric about zero, by exp(slope node); |slope| up to
-/// `CorrelatedNoise::max_shift`.
+/// Multiplies values at the nodes, which are symmetric about zero, by exp(slope node).
 template <class T>
 void multiply_by_exponential(const CorrelatedNoise& noise, T slope, T* value) {
     const auto rises = slope > T(0.0);
@@ -94,28 +89,42 @@ void multiply_by_exponential(const CorrelatedNoise& noise, T slope, T* value) {
     }
 }
 
-/// The density at the nodes after a tick, where their range keeps its width. With the shift d of the range relative to
-/// the noise, in innovations, the kernel factors: exp(-(a_i - c a_l + d)^2 / 2) is kernel[i][l] exp(-d a_i - d^2 / 2)
-/// exp(d c a_l).
+/// The sums over l of mass_l exp(-(a_i - c a_l + d)^2 / 2), by i, with d = `shift`: that of the range relative to the
+/// noise, in innovations. The exponential factors into kernel[i][l], exp(-d a_i - d^2 / 2) and exp(d c a_l), unless d is
+/// large. `scaled`: scratch.
 template <class T>
-void propagate_same_width(const CorrelatedNoise& noise, T shift, T* mass, std::vector<T>& value) {
+void add_innovation(const CorrelatedNoise& noise, T shift, const T* mass, T* scaled, std::vector<T>& sums) {
     const int n = noise.size();
-    const T slope = shift * noise.half_in_innovations();
-    multiply_by_exponential(noise, T(noise.correlation * slope), mass);
+    const double c = noise.correlation, per_s = 1 / noise.innovation;
+    if (noise.kernel.empty() ||
+        !all(abs(shift) * (noise.half * per_s + abs(shift)) < T(CorrelatedNoise::max_factored))) {
+        for (int i = 0; i < n; ++i) {
+            sums[i] = 0.0;
+            for (int l = 0; l < n; ++l) {
+                const T z = shift + (noise.node[i] - c * noise.node[l]) * per_s;
+                const T exponent = 0.5 * z * z;
+                if (!any(exponent < T(40.0))) continue;
+                sums[i] += mass[l] * exp_minus(min(exponent, T(700.0)), T(0.0));
+            }
+        }
+        return;
+    }
+    std::copy_n(mass, n, scaled);
+    multiply_by_exponential(noise, T(c * per_s * shift), scaled);
     for (int i = 0; i < n; ++i) {
         const double* row = &noise.kernel[std::size_t(i) * n];
         T sum[4] = {T(0.0), T(0.0), T(0.0), T(0.0)};
         int l = 0;
         for (; l + 4 <= n; l += 4) {
             BUMPSTOP_UNROLL
-            for (int k = 0; k < 4; ++k) sum[k] = fused(mass[l + k], T(row[l + k]), sum[k]);
+            for (int k = 0; k < 4; ++k) sum[k] = fused(scaled[l + k], T(row[l + k]), sum[k]);
         }
-        for (; l < n; ++l) sum[0] += mass[l] * row[l];
-        value[i] = (sum[0] + sum[1]) + (sum[2] + sum[3]);
+        for (; l < n; ++l) sum[0] += scaled[l] * row[l];
+        sums[i] = (sum[0] + sum[1]) + (sum[2] + sum[3]);
     }
-    multiply_by_exponential(noise, T(-slope), value.data());
+    multiply_by_exponential(noise, T(-per_s * shift), sums.data());
     const T constant = exp_minus(T(0.5 * shift * shift), T(0.0));
-    for (int i = 0; i < n; ++i) value[i] *= constant;
+    for (int i = 0; i < n; ++i) sums[i] *= constant;
 }
 
 }  // namespace detail
@@ -125,75 +134,45 @@ void propagate_same_width(const CorrelatedNoise& noise, T shift, T* mass, std::v
 template <class T>
 AlarmProbability<T> propagate_tick(const CorrelatedNoise& noise, SurvivingNoiseDensity<T>& density, T torque,
                                    std::vector<T>& work) {
+    constexpr double root_half = 0.70710678118654752440, per_root = 0.39894228040143267794;
+    constexpr double rare = 1e-3;  // complements of probabilities lose digits below
     const int n = noise.size();
-    const double s = noise.innovation, root_half = 0.70710678118654752440, per_root = 0.39894228040143267794;
-    const T centre = torque + noise.mean;
-    const double furthest = CorrelatedNoise::reach * noise.sd, inner = noise.threshold - noise.half;
-    // Where the residual is far beyond its thresholds the range between them shrinks to this width, not to zero.
-    const double least = 1e-3 * std::min(noise.sd, noise.threshold);
-    // Well beyond a threshold the remaining density is concentrated at it, and the whole range would be too coarse.
-    const auto whole = abs(centre) <= T(noise.threshold + 2 * s);
-    const T inside = min(max(centre, T(-inner)), T(inner));
-    const T low = select(whole, inside - noise.half,
-                         min(max(T(-noise.threshold), centre - furthest), T(noise.threshold - least)));
-    const T high = select(whole, inside + noise.half, max(min(T(noise.threshold), centre + furthest), low + least));
-    const T middle = 0.5 * (low + high), half = 0.5 * (high - low);
-    const auto known = density.known > T(0.5);
-
-    work.resize(std::size_t(2 * n));
-    T* arrival = work.data();  // centre of the next residual, by node
-    T* mass = work.data() + n;
-    const T old_middle = 0.5 * (density.low + density.high), old_half = 0.5 * (density.high - density.low);
-    T alarm = 0.0;
-    for (int l = 0; l < n; ++l) {
-        arrival[l] = centre + noise.correlation * (old_middle + old_half * noise.node[l] - density.centre);
-        mass[l] = old_half * noise.weight[l] * density.value[l];
-        const T above = erfc((noise.threshold - arrival[l]) * (root_half / s));
-        const T below = erfc((noise.threshold + arrival[l]) * (root_half / s));
-        alarm += mass[l] * (0.5 * (above + below));
-    }
-    const T fresh_alarm = 0.5 * (erfc((noise.threshold - centre) * (root_half / noise.sd)) +
-                                 erfc((noise.threshold + centre) * (root_half / noise.sd)));
-    alarm = select(known, alarm, fresh_alarm);
-
-    T no_alarm = 0.0;
-    const bool any_known = any(known), all_known = all(known);
+    const double threshold = noise.threshold, inner = threshold - noise.half, c = noise.correlation;
+    const double sd = density.known ? noise.innovation : noise.sd;  // of what the tick adds to what is known
+    const T centre = torque + noise.mean, middle = min(max(centre, T(-inner)), T(inner));
+    // Middles of the ranges, from the centres of the noise.
+    const T before = density.middle - density.centre, after = middle - centre;
     std::vector<T>& value = density.value;
-    const T shift = ((middle - centre) - noise.correlation * (old_middle - density.centre)) * (1 / s);
-    const T full = (1 - 1e-12) * noise.half;
-    const bool as_wide = any_known && !noise.kernel.empty() &&
-                         all((half > full) & (old_half > full) &
-                             (abs(shift) * (noise.half_in_innovations() + abs(shift)) < T(CorrelatedNoise::max_shift)));
-    if (as_wide) detail::propagate_same_width(noise, shift, mass, value);
-    for (int i = 0; i < n; ++i) {
-        const T x = middle + half * noise.node[i];
-        T sum = 0.0;
-        if (as_wide) {
-            sum = value[i] * (per_root / s);
-        } else if (any_known) {
-            for (int l = 0; l < n; ++l) {
-                const T z = (x - arrival[l]) * (1 / s);
-                const T exponent = 0.5 * z * z;
-                if (!any(exponent < T(40.0))) continue;
-                sum += mass[l] * exp_minus(min(exponent, T(700.0)), T(0.0));
-            }
-            sum *= per_root / s;
+    work.resize(std::size_t(2 * n));
+    T* mass = work.data();
+    if (density.known) {
+        for (int l = 0; l < n; ++l) mass[l] = noise.weight[l] * value[l];
+        detail::add_innovation(noise, T((after - c * before) * (1 / sd)), mass, mass + n, value);
+    } else {
+        for (int i = 0; i < n; ++i) {
+            const T z = (after + noise.node[i]) * (1 / sd);
+            value[i] = exp_minus(min(T(0.5 * z * z), T(700.0)), T(0.0));
         }
-        if (!all_known) {
-            const T z = (x - centre) * (1 / noise.sd);
-            const T fresh = exp_minus(min(T(0.5 * z * z), T(700.0)), T(0.0)) * (per_root / noise.sd);
-            sum = select(known, sum, fresh);
-        }
-        value[i] = sum;
-        no_alarm += half * noise.weight[i] * sum;
     }
+    T no_alarm = 0.0;
+    for (int i = 0; i < n; ++i) no_alarm += noise.weight[i] * value[i];
     const T scale = 1.0 / max(no_alarm, T(1e-290));
     for (int i = 0; i < n; ++i) value[i] *= scale;
-    density.low = low;
-    density.high = high;
+    no_alarm = min(T(no_alarm * (per_root / sd)), T(1.0));
+    T alarm = 1.0 - no_alarm;
+    if (any(alarm < T(rare))) {
+        const auto tails = [&](T from) {
+            return 0.5 * (erfc((threshold - from) * (root_half / sd)) + erfc((threshold + from) * (root_half / sd)));
+        };
+        T sum = 0.0;
+        if (!density.known) sum = tails(centre);
+        for (int l = 0; l < n && density.known; ++l) sum += mass[l] * tails(T(centre + c * (before + noise.node[l])));
+        alarm = select(alarm < T(rare), sum, alarm);
+    }
+    density.middle = middle;
     density.centre = centre;
-    density.known = 1.0;
-    return {min(alarm, T(1.0)), min(no_alarm, T(1.0))};
+    density.known = true;
+    return {alarm, no_alarm};
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET
