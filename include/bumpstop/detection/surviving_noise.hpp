@@ -90,21 +90,29 @@ void multiply_by_exponential(const CorrelatedNoise& noise, T slope, T* value) {
 }
 
 /// The sums over l of mass_l exp(-(a_i - c a_l + d)^2 / 2), by i, with d = `shift`: that of the range relative to the
-/// noise, in innovations. The exponential factors into kernel[i][l], exp(-d a_i - d^2 / 2) and exp(d c a_l), unless d is
-/// large. `scaled`: scratch.
+/// noise, in innovations. Unless d is large the exponential factors into kernel[i][l], exp(-d a_i - d^2 / 2) and
+/// exp(d c a_l). `scaled`: scratch.
 template <class T>
 void add_innovation(const CorrelatedNoise& noise, T shift, const T* mass, T* scaled, std::vector<T>& sums) {
     const int n = noise.size();
     const double c = noise.correlation, per_s = 1 / noise.innovation;
     if (noise.kernel.empty() ||
         !all(abs(shift) * (noise.half * per_s + abs(shift)) < T(CorrelatedNoise::max_factored))) {
+        double least = lane_of(shift, 0), most = least;
+        for (int lane = 1; lane < Scalar<T>::lanes; ++lane) {
+            least = std::min(least, lane_of(shift, lane));
+            most = std::max(most, lane_of(shift, lane));
+        }
         for (int i = 0; i < n; ++i) {
+            // Elsewhere the exponential is below 3e-18 in every lane.
+            const double a = (noise.node[i] + (least - 9) * noise.innovation) / c,
+                         b = (noise.node[i] + (most + 9) * noise.innovation) / c;
+            const auto begin = noise.node.begin(), from = std::lower_bound(begin, noise.node.end(), std::min(a, b)),
+                       to = std::upper_bound(from, noise.node.end(), std::max(a, b));
             sums[i] = 0.0;
-            for (int l = 0; l < n; ++l) {
-                const T z = shift + (noise.node[i] - c * noise.node[l]) * per_s;
-                const T exponent = 0.5 * z * z;
-                if (!any(exponent < T(40.0))) continue;
-                sums[i] += mass[l] * exp_minus(min(exponent, T(700.0)), T(0.0));
+            for (auto node = from; node != to; ++node) {
+                const T z = shift + (noise.node[i] - c * *node) * per_s;
+                sums[i] += mass[node - begin] * exp_minus(min(T(0.5 * z * z), T(700.0)), T(0.0));
             }
         }
         return;
@@ -162,7 +170,11 @@ AlarmProbability<T> propagate_tick(const CorrelatedNoise& noise, SurvivingNoiseD
     T alarm = 1.0 - no_alarm;
     if (any(alarm < T(rare))) {
         const auto tails = [&](T from) {
-            return 0.5 * (erfc((threshold - from) * (root_half / sd)) + erfc((threshold + from) * (root_half / sd)));
+            const T distance = abs(from);
+            T sum = erfc((threshold - distance) * (root_half / sd));
+            // As in joint_alarm the far tail is below rounding of the near one.
+            if (any(distance * threshold < T(20 * sd * sd))) sum += erfc((threshold + distance) * (root_half / sd));
+            return 0.5 * sum;
         };
         T sum = 0.0;
         if (!density.known) sum = tails(centre);

@@ -35,6 +35,22 @@ def test_correlation_zero_is_the_white_law(kind: str) -> None:
     np.testing.assert_allclose(figures(carried), figures(white), rtol=1e-12, atol=1e-12)
 
 
+def test_far_tails_of_correlated_noise_have_all_digits() -> None:
+    white, carried = (bs.evaluate(control_group(detector__noise_correlation=c)).peak_force for c in (0.0, 1e-18))
+    forces = np.array([1.3, 1.4, 1.5, 1.6, 1.7, 1.8]) * white.mean
+    exact = [white.exceedance(force) for force in forces]
+    assert 0 < exact[-1] < 1e-80
+    np.testing.assert_allclose([carried.exceedance(force) for force in forces], exact, rtol=1e-9)
+
+
+@pytest.mark.parametrize("correlation", [0.5, 0.9, 0.99])
+def test_correlated_noise_needs_no_narrower_panels_than_white(correlation: float) -> None:
+    """The white distribution is 3e-8 off with the same panels."""
+    scenario = control_group(detector__noise_correlation=correlation)
+    coarse, fine = bs.evaluate(scenario), bs.evaluate(scenario, refinement=2)
+    np.testing.assert_allclose(figures(coarse), figures(fine), rtol=1e-7, atol=1e-12)
+
+
 @pytest.mark.parametrize("correlation", [-0.6, 0.3, 0.9])
 def test_detection_tick_by_tick_against_the_multivariate_normal(correlation: float) -> None:
     """One monitored joint and a fixed offset: survival is the mass of a box under a normal distribution of several

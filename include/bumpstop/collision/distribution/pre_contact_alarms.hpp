@@ -85,11 +85,17 @@ class PreContactAlarms {
         for (int w = 0; w < detector_.monitored; ++w) {
             index_[w] = -1;
             if (!(detector_.sd[w] > 0)) continue;
-            index_[w] = int(noise_.size());
-            noise_.emplace_back(detector_.threshold[w], detector_.sd[w], detector_.mean[w], detector_.correlation);
+            const auto alike = [&](const CorrelatedNoise& noise) {
+                return noise.threshold == detector_.threshold[w] && noise.sd == detector_.sd[w] &&
+                       noise.mean == detector_.mean[w];
+            };
+            index_[w] = int(std::find_if(noise_.begin(), noise_.end(), alike) - noise_.begin());
+            if (index_[w] == int(noise_.size()))
+                noise_.emplace_back(detector_.threshold[w], detector_.sd[w], detector_.mean[w], detector_.correlation);
         }
         density_.resize(noise_.size());
         std::vector<SurvivingNoiseDensity<double>> now(noise_.size());
+        std::vector<AlarmProbability<double>> alarm(noise_.size());
         for (std::size_t m = 0; m < noise_.size(); ++m) {
             now[m].reset(noise_[m]);
             density_[m].push_back(now[m]);
@@ -102,10 +108,9 @@ class PreContactAlarms {
             if (settled) {
                 tick = correlated_tick_[std::size_t(k) - 1];
             } else if (armed(k)) {
-                for (int w = 0; w < detector_.monitored; ++w) {
-                    const int m = index_[w];
-                    tick.add(w, m < 0 ? joint_alarm(detector_, w, 0.0) : propagate_tick(noise_[m], now[m], 0.0, work));
-                }
+                for (std::size_t m = 0; m < noise_.size(); ++m) alarm[m] = propagate_tick(noise_[m], now[m], 0.0, work);
+                for (int w = 0; w < detector_.monitored; ++w)
+                    tick.add(w, index_[w] < 0 ? joint_alarm(detector_, w, 0.0) : alarm[std::size_t(index_[w])]);
                 settled = k > 0 && tick.alarm > 0 &&
                           std::fabs(tick.alarm - correlated_tick_[std::size_t(k) - 1].alarm) <= 1e-14 * tick.alarm;
             }
@@ -119,11 +124,11 @@ class PreContactAlarms {
     const GaussianThresholds& detector_;
     int unarmed_ = 0;
     NoContactTick white_tick_;
-    std::vector<double> survival_, false_alarm_;  ///< by tick: of those before it
-    std::vector<NoContactTick> correlated_tick_;  ///< by tick, where the noise is correlated
-    std::array<int, max_joints> index_{};         ///< of a joint in `noise_`; -1: not correlated
-    std::vector<CorrelatedNoise> noise_;
-    std::vector<std::vector<SurvivingNoiseDensity<double>>> density_;  ///< [correlated joint][tick]
+    std::vector<double> survival_, false_alarm_;                       ///< by tick: of those before it
+    std::vector<NoContactTick> correlated_tick_;                       ///< by tick, where the noise is correlated
+    std::array<int, max_joints> index_{};                              ///< of a joint in `noise_`; -1: not correlated
+    std::vector<CorrelatedNoise> noise_;                               ///< joints may share one
+    std::vector<std::vector<SurvivingNoiseDensity<double>>> density_;  ///< [noise][tick]
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET
