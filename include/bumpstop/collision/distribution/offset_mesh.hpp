@@ -138,9 +138,10 @@ class OffsetMesh {
         gain_ = 0;
         for (std::size_t w = 0; w < std::size_t(detector_.monitored); ++w)
             gain_ = std::max(gain_, max_torque_per_N_[w] * detector_.scale[w] * std::numbers::sqrt2);
-        // The innovation of correlated noise is narrower than the noise.
-        gain_ *=
-            settings_->contact.body.stiffness / std::sqrt((1 - detector_.correlation) * (1 + detector_.correlation));
+        // Residuals of one tick and the next grow alike with the offset. So the innovation, which is narrower than the
+        // noise, sees less of that growth, unless the noise alternates.
+        const double c = std::min(0.0, detector_.correlation);
+        gain_ *= settings_->contact.body.stiffness / std::sqrt((1 - c) * (1 + c));
     }
 
     /// By the greatest growth of the residual from tick to tick: where it is four standard deviations an order of 16
