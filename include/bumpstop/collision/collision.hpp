@@ -12,22 +12,17 @@ namespace bumpstop::inline BUMPSTOP_TARGET {
 namespace detail {
 
 /// Whether every body up to `largest_offset` has separated before the last tick of a path that touches all of them.
-/// Bodies are probed at the distance of every step, which is as finely as the path tells them apart.
-inline bool all_separated(const LinePath& path, const ContactPropagator& by, const Timing& timing,
+inline bool all_separated(const CollisionSetup& setup, const LinePath& path, const ContactPropagator& by,
                           double largest_offset) {
-    const ContactDynamics dynamics(by);
-    const std::size_t last = std::size_t(path.ticks - 1) * std::size_t(timing.period) + 1;
-    double offset = -HUGE_VAL;
-    for (std::size_t first = 0; first < last && offset < largest_offset; ++first) {
-        if (!(path.s[first] > offset)) continue;  // an earlier step has touched a body at this offset
-        offset = std::min(path.s[first], largest_offset);
-        ContactState state;
-        // A body at `largest_offset` may be touched in the step before.
-        for (std::size_t i = first > 0 ? first - 1 : 0; i < last && !state.separated; ++i)
-            dynamics.step(state, path.s[i], path.s[i + 1], offset);
-        if (!state.separated) return false;
-    }
-    return true;
+    ContactPaths paths(setup, path);
+    paths.follow_approach(by);
+    const Separations separations(paths, by);
+    const double last = paths.tick_step(path.ticks - 1);
+    const auto separated = [&](const Separation& each) { return each.separated <= last; };
+    // An arm that speeds up pushes the nearest body the longest.
+    if (!separated(separations(0.0))) return false;
+    const std::vector<Separation> found = separations.up_to(largest_offset);
+    return std::all_of(found.begin(), found.end(), separated);
 }
 
 /// Whether the collision with the farthest body is detected with certainty before the last tick of a path.
@@ -78,7 +73,7 @@ LinePath trace_until_decided(const CollisionSetup& setup, const LineRequest& lin
         const int ticks = int(std::min(half_oscillations * half_oscillation, double(setup.timing.steps))) + 2;
         LinePath path = trace_line<T>(setup, line, LingeringCriterion(ContactCriterion<T>{largest}, ticks));
         if (path.end != PathEnd::all_detected ||
-            all_separated(path, *contact_propagator(setup, path, contact), setup.timing, largest))
+            all_separated(setup, path, *contact_propagator(setup, path, contact), largest))
             return path;
     }
 }

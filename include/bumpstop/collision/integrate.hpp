@@ -4,6 +4,7 @@
 
 #include <optional>
 
+#include "bumpstop/collision/contact/reaction_paths.hpp"
 #include "bumpstop/collision/distribution/cell_mixture.hpp"
 #include "bumpstop/collision/distribution/offset_quadrature.hpp"
 

@@ -2,7 +2,7 @@
 /// Offsets at which the course of a collision changes abruptly.
 #pragma once
 
-#include "bumpstop/collision/contact/contact_paths.hpp"
+#include "bumpstop/collision/contact/separation.hpp"
 #include "bumpstop/detection/gaussian_thresholds.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -15,35 +15,29 @@ class ContactCuts {
   public:
     ContactCuts(const ContactPaths& paths, const ContactPropagator& by, bool detectable,
                 const GaussianThresholds* narrow)
-        : paths_(paths), dynamics_(by), detectable_(detectable), narrow_(narrow) {}
+        : paths_(paths), dynamics_(by), separation_(paths, by), detectable_(detectable), narrow_(narrow) {}
 
     /// In ascending order, up to `largest` [m].
     std::vector<double> operator()(double largest) const {
         std::vector<double> cuts;
         // A body that is held is touched again, or stays pressed: only narrow alarms change abruptly.
         if (!dynamics_.propagator().gets_away && narrow_ == nullptr) return cuts;
-        Probe before;
-        double reached = -HUGE_VAL;
-        for (int i = std::max(0, paths_.tick_step(-1)); i <= paths_.last_step(); ++i) {
-            const double offset = std::min(paths_.undisturbed(i), largest);
-            if (!(offset > reached)) continue;
-            const Probe here = probe(offset);
-            if (reached >= 0) {
-                add_separation_jump(before, here, cuts);
-                if (detectable_) add_tick_cuts(before, here, cuts);
-            }
-            before = here;
-            reached = offset;
-        }
+        std::optional<Probe> before;
+        const auto add = [&](Probe here) {
+            if (before) add_cuts(*before, here, cuts);
+            before = std::move(here);
+        };
+        if (narrow_ == nullptr)
+            for (const Separation& each : separation_.up_to(largest)) add({each, 0, {}, {}});
+        else
+            for (double offset : separation_.offsets(largest)) add(probe(offset));
         std::sort(cuts.begin(), cuts.end());
         return cuts;
     }
 
   private:
-    /// The undetected collision with one body.
-    struct Probe {
-        double offset = 0;
-        double separated = HUGE_VAL;   // steps from the start of the motion to separation
+    /// The undetected collision with one body, for narrow noise with its residuals at ticks.
+    struct Probe : Separation {
         int first = 0;                 // tick
         std::vector<double> residual;  // [tick from the first on][monitored joint], without noise
         std::array<NoiselessResidual<double>, max_joints> latest{};  // by monitored joint
@@ -55,21 +49,13 @@ class ContactCuts {
     };
 
     Probe probe(double offset) const {
-        int i = 0;
-        while (i < paths_.last_step() && !(paths_.undisturbed(i + 1) > offset)) ++i;
         Probe made;
-        made.offset = offset;
-        made.first = i < 1 ? 0 : (i - 1) / paths_.period + 1;
-        ContactState state = paths_.approaching(i);
-        // The first touch lies within a step.
-        const double rise = paths_.undisturbed(i + 1) - paths_.undisturbed(i);
-        const double touch = rise > 0 ? i + std::clamp((offset - paths_.undisturbed(i)) / rise, 0.0, 1.0) : i + 1.0;
-        for (; i < paths_.last_step() && !state.separated; ++i) {
-            allow_interruption();
-            dynamics_.step(state, paths_.undisturbed(i), paths_.undisturbed(i + 1), offset);
-            if (narrow_ != nullptr && i % paths_.period == 0) record_residuals(made, i / paths_.period, state);
-        }
-        if (state.separated) made.separated = touch + state.duration / paths_.step;
+        const auto at_step = [&](int i, const ContactState& state) {
+            if (narrow_ == nullptr || i % paths_.period != 0) return;
+            if (made.residual.empty()) made.first = i / paths_.period;
+            record_residuals(made, i / paths_.period, state);
+        };
+        static_cast<Separation&>(made) = separation_(offset, at_step);
         return made;
     }
 
@@ -83,25 +69,25 @@ class ContactCuts {
                 narrow_->advance(made.latest[std::size_t(w)], torque[std::size_t(narrow_->joint[std::size_t(w)])]));
     }
 
-    /// The step in which contact ends, at the latest that of the end of the path.
-    double contact_end(const Probe& at) const { return std::min(at.separated, double(paths_.last_step())); }
-
-    /// Adds the cut between two neighbours of which one is pushed much longer, by bisection.
-    void add_separation_jump(const Probe& low, const Probe& high, std::vector<double>& cuts) const {
-        double a = low.offset, b = high.offset, end_a = contact_end(low), end_b = contact_end(high);
+    /// Adds the cuts between two neighbours: where one is pushed much longer than the other, and on either side.
+    void add_cuts(const Probe& low, const Probe& high, std::vector<double>& cuts) const {
         // Neighbours separate within a step or so of each other, or half an oscillation and more apart.
-        if (std::fabs(end_b - end_a) < 2 + dynamics_.propagator().half_oscillation / paths_.step) return;
+        const double least = 2 + dynamics_.propagator().half_oscillation / paths_.step;
+        if (low.smooth || std::fabs(high.end - low.end) < least) return add_tick_cuts(low, high, cuts);
+        Probe a = low, b = high;
         for (int i = 0; i < 30; ++i) {
-            const double middle = 0.5 * (a + b), end = contact_end(probe(middle));
-            const bool like_low = std::fabs(end - end_a) < std::fabs(end - end_b);
-            (like_low ? a : b) = middle;
-            (like_low ? end_a : end_b) = end;
+            Probe middle = probe(0.5 * (a.offset + b.offset));
+            const bool like_low = std::fabs(middle.end - a.end) < std::fabs(middle.end - b.end);
+            (like_low ? a : b) = std::move(middle);
         }
-        cuts.push_back(0.5 * (a + b));
+        cuts.push_back(0.5 * (a.offset + b.offset));
+        add_tick_cuts(low, a, cuts);
+        add_tick_cuts(b, high, cuts);
     }
 
     /// Adds cuts at which the body separates just at a tick, or a residual passes its threshold there.
     void add_tick_cuts(const Probe& low, const Probe& high, std::vector<double>& cuts) const {
+        if (!detectable_ || !(high.offset > low.offset)) return;
         for (int k = low.first; k < paths_.path->ticks && paths_.tick_step(k) <= high.separated; ++k) {
             const double tick = paths_.tick_step(k);
             if (low.separated < tick && high.separated >= tick && std::isfinite(high.separated))
@@ -132,7 +118,7 @@ class ContactCuts {
     template <class Function>
     double root(const Probe& low, const Probe& high, Function function) const {
         double a = low.offset, b = high.offset, fa = function(low), fb = function(high);
-        for (int i = 0; i < 12; ++i) {
+        for (int i = 0; i < 30; ++i) {
             double middle = a - fa * (b - a) / (fb - fa);
             // Every third step bisects: a secant may converge slowly.
             if (!(middle > a && middle < b) || i % 3 == 2) middle = 0.5 * (a + b);
@@ -147,6 +133,7 @@ class ContactCuts {
 
     const ContactPaths& paths_;
     ContactDynamics dynamics_;
+    Separations separation_;
     bool detectable_;
     const GaussianThresholds* narrow_;
 };

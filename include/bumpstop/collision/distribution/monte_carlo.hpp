@@ -10,6 +10,7 @@
 #include "bumpstop/collision/contact/contact.hpp"
 #include "bumpstop/collision/contact/contact_collision.hpp"
 #include "bumpstop/collision/contact/elastic_arm.hpp"
+#include "bumpstop/collision/contact/reaction_paths.hpp"
 #include "bumpstop/detection/gaussian_thresholds.hpp"
 #include "bumpstop/detection/residual_record.hpp"
 #include "bumpstop/math/philox.hpp"
