@@ -89,11 +89,22 @@ inline std::vector<double> turning_distances(const ContactPaths& paths, int k, d
     return found;
 }
 
+/// Between two outcomes; infinite ones stay infinite.
+inline ContactReactions::Outcome mixed(const ContactReactions::Outcome& a, const ContactReactions::Outcome& b,
+                                       double share) {
+    const auto mix = [&](double low, double high) {
+        return low == high || share == 0 ? low : share == 1 ? high : (1 - share) * low + share * high;
+    };
+    return {mix(a.peak, b.peak), mix(a.lasting, b.lasting), mix(a.duration, b.duration)};
+}
+
 /// Adds a piece: collisions of probability `chance` after a false alarm at tick k with bodies from `low` to `top`.
-/// `outcome(offset)` simulates one. Near `top` the duration grows from zero like a square root: cells are denser there.
+/// `outcome(offset)` simulates one. Near `top` force and duration grow from zero like a square root: cells are denser
+/// there. If the piece may be `rough`, every fourth edge of cells is simulated and the rest interpolated.
 template <class Simulate>
 void add_piece(const Simulate& outcome, const OffsetDistribution& offset, int k, double chance, double low, double top,
-               EarlyReactions& out) {
+               bool rough, EarlyReactions& out) {
+    using Outcome = ContactReactions::Outcome;
     constexpr int cells = EarlyReactions::cells, nodes = EarlyReactions::nodes;
     const bool fixed = offset.kind == OffsetKind::fixed;
     out.tick.push_back(k);
@@ -115,10 +126,18 @@ void add_piece(const Simulate& outcome, const OffsetDistribution& offset, int k,
         out.mass.push_back(chance * share);
         out.total += chance * share;
     }
-    const ContactReactions::Outcome first = outcome(place[0]);
-    for (std::size_t i = 0; i < place.size(); ++i)
-        // All offsets of a fixed body are the same.
-        (i <= cells ? out.edge : out.node).push_back(i == 0 || fixed ? first : outcome(place[i]));
+    // All offsets of a fixed body are the same.
+    const int stride = fixed ? cells : rough ? 4 : 1;
+    std::array<Outcome, cells + 1> edge;
+    for (int i = 0; i <= cells; i += stride) edge[std::size_t(i)] = i > 0 && fixed ? edge[0] : outcome(place[i]);
+    const auto interpolated = [&](double at) {
+        const int i = std::min(int(at / stride), cells / stride - 1) * stride;
+        return mixed(edge[std::size_t(i)], edge[std::size_t(i + stride)], (at - i) / stride);
+    };
+    for (int i = 0; i <= cells; ++i) out.edge.push_back(interpolated(i));
+    for (int g = 0; g < nodes; ++g)
+        out.node.push_back(stride == 1 ? outcome(place[cells + 1 + g])
+                                       : interpolated(0.5 * (1 + rule.node[g]) * cells));
 }
 
 /// Adds the same range in several pieces, over each of which the density of the offset is smooth; larger ones if they
@@ -129,7 +148,7 @@ void add_pieces(const Simulate& outcome, const OffsetDistribution& offset, int k
     const double most_sd = rough ? 2 : 0.5;  // in a piece
     top = std::min(top, offset.largest());
     if (offset.kind == OffsetKind::fixed) {
-        if (top >= offset.size && offset.size >= low) add_piece(outcome, offset, k, chance, low, top, out);
+        if (top >= offset.size && offset.size >= low) add_piece(outcome, offset, k, chance, low, top, rough, out);
         return;
     }
     if (!(top > low)) return;
@@ -141,7 +160,7 @@ void add_pieces(const Simulate& outcome, const OffsetDistribution& offset, int k
         const int parts = std::max(1, int(std::ceil((end - begin) / widest)));
         for (int i = 0; i < parts; ++i)
             add_piece(outcome, offset, k, chance, begin + (end - begin) * i / parts,
-                      begin + (end - begin) * (i + 1) / parts, out);
+                      begin + (end - begin) * (i + 1) / parts, rough, out);
         begin = end;
     }
 }
@@ -156,7 +175,7 @@ inline void add_early_reactions(const ContactReactions& reactions, const OffsetD
     const ContactPaths& paths = reactions.paths();
     const int ticks = paths.path->ticks;
     // Where alarms before contact are rare and offsets extend over many ticks, one tick represents a group of them.
-    const bool rare = before.false_alarm_before(ticks) < rare_alarms, rough = rare && reactions.peak_only();
+    const bool rare = before.false_alarm_before(ticks) < rare_alarms, of_batch = rare && reactions.peak_only();
     const bool groups = rare && offset.kind == OffsetKind::half_normal;
     const double of_group = reactions.peak_only() ? reactions.negligible_chance : 0.0;
     for (int first = before.unarmed(), end = first; first < ticks; first = end) {
@@ -167,12 +186,13 @@ inline void add_early_reactions(const ContactReactions& reactions, const OffsetD
         } while (end < ticks && groups && (end - first < group || chance <= of_group));
         const int k = (first + end - 1) / 2;
         if (!(chance > negligible_chance)) continue;
-        const double low = edges[std::size_t(k) + 1];
+        const double low = edges[std::size_t(k) + 1], top = reactions.max_distance(k),
+                     contact = chance * (offset.probability_beyond(low) - offset.probability_beyond(top));
         // A reaction that approaches several times has a piece for each approach.
         std::vector<double> ends;
-        if (!rough && offset.kind != OffsetKind::fixed) ends = detail::turning_distances(paths, k, low);
-        detail::add_pieces([&](double o) { return reactions.without_contact(k, o); }, offset, k, chance, low,
-                           reactions.max_distance(k), rough, std::move(ends), out);
+        if (!of_batch && offset.kind != OffsetKind::fixed) ends = detail::turning_distances(paths, k, low);
+        detail::add_pieces([&](double o) { return reactions.without_contact(k, o); }, offset, k, chance, low, top,
+                           of_batch || (rare && contact < ContactReactions::negligible_chance), std::move(ends), out);
     }
     // Without an alarm an elastic arm still oscillates beyond the end of its motion.
     const double survival = before.survival_before(ticks);
