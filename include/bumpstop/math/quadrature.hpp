@@ -54,22 +54,33 @@ struct GaussRule {
     double to_legendre(int l, int g) const { return (l + 0.5) * weight[g] * legendre[std::size_t(g) * order + l]; }
 };
 
+namespace detail {
+
+/// As half_legendre_sums, for `count` degrees from `first` on: so few that their sums stay in registers.
+template <class T, int count>
+void some_half_legendre_sums(const GaussRule& rule, const double* value, int first, double* series) {
+    constexpr int lanes = Scalar<T>::lanes, registers = count / lanes;
+    alignas(64) static constexpr double alternating[8] = {1, -1, 1, -1, 1, -1, 1, -1};
+    const T sign = load<T>(alternating);
+    T sum[registers];
+    for (T& one : sum) one = 0.0;
+    for (int g = 0; 2 * g < rule.order; ++g) {
+        const T pair = fused(sign, T(value[rule.order - 1 - g]), T(value[g]));
+        for (int r = 0; r < registers; ++r)
+            sum[r] = fused(pair, load<T>(&rule.legendre[g * rule.order + first + r * lanes]), sum[r]);
+    }
+    for (int r = 0; r < registers; ++r) store(0.5 * sum[r], series + first + r * lanes);
+}
+
+}  // namespace detail
+
 /// Sums of value * P_l / 2 over the nodes of a rule, by degree l; the values include the weights. The order is a
 /// multiple of 8. Nodes are symmetric about zero and P_l is even or odd, so half the products suffice.
 template <class T>
 void half_legendre_sums(const GaussRule& rule, const double* value, double* series) {
-    constexpr int lanes = Scalar<T>::lanes;
-    alignas(64) static constexpr double alternating[8] = {0.5, -0.5, 0.5, -0.5, 0.5, -0.5, 0.5, -0.5};
-    const int order = rule.order;
-    T sum[max_order / lanes];
-    for (int r = 0; r * lanes < order; ++r) sum[r] = 0.0;
-    const T sign = load<T>(alternating);
-    for (int g = 0; 2 * g < order; ++g) {
-        const T pair = 0.5 * value[g] + sign * value[order - 1 - g];
-        for (int r = 0; r * lanes < order; ++r)
-            sum[r] = fused(pair, load<T>(&rule.legendre[g * order + r * lanes]), sum[r]);
-    }
-    for (int r = 0; r * lanes < order; ++r) store(sum[r], series + r * lanes);
+    int l = 0;
+    for (; l + 16 <= rule.order; l += 16) detail::some_half_legendre_sums<T, 16>(rule, value, l, series);
+    if (l < rule.order) detail::some_half_legendre_sums<T, 8>(rule, value, l, series);
 }
 
 /// The rule of n nodes, 1 <= n <= max_order; all rules are computed once.

@@ -88,11 +88,21 @@ struct DetectionProbabilities {
     template <class T>
     void combine(const Run& from, std::size_t first_weight, const double* const* source, std::size_t begin,
                  std::size_t end, double* to) const {
-        for (std::size_t i = begin; i < end; i += std::size_t(Scalar<T>::lanes)) {
-            T sum = weight[first_weight] * load<T>(source[0] + i);
-            for (int m = 1; m < from.nodes; ++m) sum += weight[first_weight + std::size_t(m)] * load<T>(source[m] + i);
-            store(sum, to + i);
-        }
+        constexpr std::size_t lanes = std::size_t(Scalar<T>::lanes);
+        // Several registers at a time hide the latency of their sums.
+        const auto by_registers = [&]<std::size_t count>(std::integral_constant<std::size_t, count>) {
+            for (; begin + count * lanes <= end; begin += count * lanes) {
+                T sum[count];
+                for (T& one : sum) one = 0.0;
+                for (int m = 0; m < from.nodes; ++m)
+                    for (std::size_t r = 0; r < count; ++r)
+                        sum[r] = fused(T(weight[first_weight + std::size_t(m)]), load<T>(source[m] + begin + r * lanes),
+                                       sum[r]);
+                for (std::size_t r = 0; r < count; ++r) store(sum[r], to + begin + r * lanes);
+            }
+        };
+        by_registers(std::integral_constant<std::size_t, 4>());
+        by_registers(std::integral_constant<std::size_t, 1>());
     }
 };
 

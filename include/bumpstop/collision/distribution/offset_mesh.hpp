@@ -126,7 +126,7 @@ class OffsetMesh {
         using L = Lanes<native_lanes>;
         static_assert(max_joints % native_lanes == 0);
         max_torque_per_N_.fill(0.0);
-        torque_per_N_.assign(std::size_t(path_->ticks) * max_joints, 0.0);
+        torque_per_N_.resize(std::size_t(path_->ticks) * max_joints);  // places beyond the monitored joints stay 0
         for (int k = 0; k < path_->ticks; ++k) {
             double* own = &torque_per_N_[std::size_t(k) * max_joints];
             for (int w = 0; w < detector_.monitored; ++w)

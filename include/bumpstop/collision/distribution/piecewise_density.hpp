@@ -50,11 +50,12 @@ struct PiecewiseDensity {
     const double* end_series_of(std::size_t p) const { return &end_series[p * std::size_t(order)]; }
     const double* offset_series_of(std::size_t p) const { return &offset_series[p * std::size_t(order)]; }
 
-    /// Keeps its memory.
+    /// Keeps its memory, and `series` and `mass` until they are written.
     void clear(int new_order) {
         order = new_order;
         panel.clear();
-        for (std::vector<double>* values : {&series, &mass, &later_mass, &end_series, &offset_series}) values->clear();
+        end_series.clear();
+        offset_series.clear();
         alarm.clear();
     }
     void sum_later_masses() {
