@@ -46,9 +46,9 @@ class AdaptiveTickGrid {
             const int k = requested[i];
             // Predicted from the other ticks: k itself is not known yet.
             at(k) = {peak_fit(jobs[i]), -1, jobs[i].rebounded};
-            const double from_peaks = middles_ ? interpolate(k, 2 * spacing_) : -1;
-            const bool smooth = from_peaks >= 0;
-            const double predicted = smooth ? from_peaks : middles_ ? interpolate_linear(k) : 0;
+            const double by_peaks = middles_ ? from_peaks({k, k, 2 * spacing_})[0] : -1;
+            const bool smooth = by_peaks >= 0;
+            const double predicted = smooth ? by_peaks : middles_ ? interpolate_linear(k) : 0;
             at(k).overtravel = overtravel(jobs[i].distance);
             if (!middles_) continue;
             const double difference = predicted - at(k).overtravel;
@@ -58,7 +58,8 @@ class AdaptiveTickGrid {
             // At half the spacing the error is smaller by 2^6, and by 2^2 where the interpolation is linear.
             if (!(ill_conditioned && tolerance_.matters(low, high)) &&
                 (smooth || spacing_ <= tolerance_.max_linear()) &&
-                std::fabs(difference) <= (smooth ? 8 : 1) * tolerance_.of(low, high) && accept(low, high, smooth))
+                std::fabs(difference) <= (smooth ? 8 : 1) * tolerance_.of(low, high) &&
+                accept({low + 1, k - 1, spacing_}, {k + 1, high - 1, spacing_}, smooth))
                 continue;
             unsettled.push_back(k - spacing_);
             unsettled.push_back(k);
@@ -81,12 +82,15 @@ class AdaptiveTickGrid {
 
     /// Interpolates the accepted ticks, once all requested ones are known.
     void finish() {
-        std::vector<double> filled;
-        for (const auto& [k, spacing] : accepted_) {
-            const double from_peaks = interpolate(k, spacing);
-            filled.push_back(from_peaks >= 0 ? from_peaks : interpolate_linear(k));
+        std::vector<std::vector<double>> filled;
+        for (const Gap& gap : accepted_) {
+            filled.push_back(from_peaks(gap));
+            for (int k = gap.first; k <= gap.last; ++k)
+                if (double& here = filled.back()[std::size_t(k - gap.first)]; here < 0) here = interpolate_linear(k);
         }
-        for (std::size_t i = 0; i < filled.size(); ++i) at(accepted_[i].first).overtravel = filled[i];
+        for (std::size_t i = 0; i < filled.size(); ++i)
+            for (std::size_t j = 0; j < filled[i].size(); ++j)
+                at(accepted_[i].first + int(j)).overtravel = filled[i][j];
     }
 
   private:
@@ -100,28 +104,34 @@ class AdaptiveTickGrid {
         bool known() const { return overtravel >= 0; }
         bool has_peak() const { return peak.time >= 0; }
     };
+    /// Ticks between two known ones that lie next to each other on the grid with a spacing.
+    struct Gap {
+        int first, last, spacing;
+    };
 
     Tick& at(int k) { return tick_[std::size_t(k - first_)]; }
     const Tick& at(int k) const { return tick_[std::size_t(k - first_)]; }
 
-    /// The overtravel at k from the peaks of the six nearest known ticks on this spacing's grid; negative: there is
-    /// none.
-    double interpolate(int k, int spacing) const {
+    /// The overtravels in a gap, or a part of it, from the peaks of the six nearest known ticks on its grid; negative
+    /// where there is none.
+    std::vector<double> from_peaks(const Gap& gap) const {
+        const std::vector<double> none(std::size_t(gap.last - gap.first) + 1, -1.0);
         // Beyond the ticks with a peak the points on one side would have to be extrapolated.
-        if (!at(neighbour(k, -1)).has_peak() || !at(neighbour(k, 1)).has_peak()) return -1;
+        if (!at(neighbour(gap.first, -1)).has_peak() || !at(neighbour(gap.last, 1)).has_peak()) return none;
         std::vector<int> ticks;
-        const int base = first_ + (k - first_) / spacing * spacing;
+        const int base = first_ + (gap.first - first_) / gap.spacing * gap.spacing;
         for (int reach = 0; reach < max_points && int(ticks.size()) < max_points; ++reach) {
-            for (int near : {base - reach * spacing, base + (reach + 1) * spacing}) {
-                if (near < first_ || near > last_ || near == k || int(ticks.size()) == max_points) continue;
+            for (int near : {base - reach * gap.spacing, base + (reach + 1) * gap.spacing}) {
+                if (near < first_ || near > last_ || int(ticks.size()) == max_points) continue;
                 if (at(near).known() && at(near).has_peak()) ticks.push_back(near);
             }
         }
-        if (ticks.size() < 4) return -1;
+        if (ticks.size() < 4) return none;
         std::sort(ticks.begin(), ticks.end());
         std::vector<PeakFit> peaks;
         for (int tick : ticks) peaks.push_back(at(tick).peak);
-        return OvertravelInterpolation(std::move(ticks), std::move(peaks)).at(double(k));
+        return OvertravelInterpolation(std::move(ticks), std::move(peaks))
+            .between<Lanes<native_lanes>>(gap.first, gap.last);
     }
 
     /// The overtravel at tick k on the straight line between its known neighbours. It serves where a reaction retreats
@@ -138,12 +148,15 @@ class AdaptiveTickGrid {
         return k;
     }
 
-    /// Leaves the ticks between two points to interpolation, where the same kind is possible at all of them.
-    bool accept(int low, int high, bool smooth) {
-        for (int k = low + 1; smooth && k < high; ++k)
-            if (!at(k).known() && interpolate(k, spacing_) < 0) return false;
-        for (int k = low + 1; k < high; ++k)
-            if (!at(k).known()) accepted_.push_back({k, spacing_});
+    /// Leaves the ticks of two gaps to interpolation, where the same kind is possible at all of them.
+    bool accept(const Gap& before, const Gap& after, bool smooth) {
+        std::vector<Gap> gaps;
+        for (const Gap& gap : {before, after})
+            if (gap.first <= gap.last) gaps.push_back(gap);
+        for (const Gap& gap : gaps)
+            for (double travel : smooth ? from_peaks(gap) : std::vector<double>())
+                if (travel < 0) return false;
+        accepted_.insert(accepted_.end(), gaps.begin(), gaps.end());
         return true;
     }
 
@@ -153,7 +166,7 @@ class AdaptiveTickGrid {
     std::vector<int> intervals_;
     std::vector<int> too_short_;  ///< last intervals that have no middle at this spacing yet, by their first tick
     std::vector<Tick> tick_;
-    std::vector<std::pair<int, int>> accepted_;  ///< ticks to interpolate, with the spacing of the grid around them
+    std::vector<Gap> accepted_;  ///< to interpolate
 };
 
 }  // namespace detail

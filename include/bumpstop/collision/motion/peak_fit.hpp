@@ -81,14 +81,22 @@ class OvertravelInterpolation {
     OvertravelInterpolation(std::vector<int> ticks, std::vector<PeakFit> peaks)
         : interpolation_(std::move(ticks)), peak_(std::move(peaks)) {}
 
-    /// The overtravel at tick k; negative where no peak lies after the beginning of the reaction.
+    /// The overtravels of the ticks from `first` to `last`; negative where no peak lies after the beginning of the
+    /// reaction.
     template <class T>
-    T at(T k) const {
-        T weight[16];
-        interpolation_.weights(k, weight);
-        PeakFitOf<T> sum{0.0, 0.0, 0.0, 0.0};
-        for (int m = 0; m < interpolation_.size(); ++m) sum.add(weight[m], peak_[std::size_t(m)]);
-        return select(sum.time >= T(0.0), sum.at_steps(), T(-1.0));
+    std::vector<double> between(int first, int last) const {
+        constexpr int lanes = Scalar<T>::lanes;
+        std::vector<double> found(std::size_t((last - first) / lanes + 1) * lanes);
+        for (std::size_t i = 0; i < found.size(); i += lanes) {
+            T tick, weight[16];
+            for (int lane = 0; lane < lanes; ++lane) set_lane(tick, lane, first + double(i) + lane);
+            interpolation_.weights(tick, weight);
+            PeakFitOf<T> sum{0.0, 0.0, 0.0, 0.0};
+            for (int m = 0; m < interpolation_.size(); ++m) sum.add(weight[m], peak_[std::size_t(m)]);
+            store(select(sum.time >= T(0.0), sum.at_steps(), T(-1.0)), &found[i]);
+        }
+        found.resize(std::size_t(last - first) + 1);
+        return found;
     }
 
   private:

@@ -40,6 +40,8 @@ class ReactionBatch {
         const int longest = max_reaction_steps(stop_time, job.path->s.size(), step, rules_.substeps);
         const int min_time = int(std::min((0.05 + 1.5 * stop_time) / step + 1e-9, longest - 1.0)) + 1;
         job_[lane] = &job;
+        job.distance.reserve(32);
+        job.step.reserve(32);
         job.distance.assign(1, here);
         job.step.assign(1, 0);
         job.met_singularity = false;

@@ -150,7 +150,7 @@ Reach reach_of_every_step(const CollisionSetup& setup, const LinePath& path);  /
 template <class T, class Tolerance>
 void complete_curves(const CollisionSetup& setup, StoppingCurve* curves, int count, Tolerance tolerance) {
     const Timing& timing = setup.timing;
-    constexpr int nodes = 6, min_ticks = 9, lanes = Scalar<T>::lanes;
+    constexpr int nodes = 6, min_ticks = 9;
     std::vector<detail::TickRange> pending;
     std::vector<detail::AdaptiveTickGrid> rough;
     for (int c = 0; c < count; ++c) {
@@ -205,19 +205,18 @@ void complete_curves(const CollisionSetup& setup, StoppingCurve* curves, int cou
             other_ticks.erase(other_ticks.begin() + i);
             other_peaks.erase(other_peaks.begin() + i);
             const detail::OvertravelInterpolation without(std::move(other_ticks), std::move(other_peaks));
-            const double difference = without.at(double(ticks[std::size_t(i)])) - detail::overtravel(own[i].distance);
+            const int left_out = ticks[std::size_t(i)];
+            const double difference =
+                without.between<double>(left_out, left_out)[0] - detail::overtravel(own[i].distance);
             smooth = smooth && std::fabs(difference) <= tolerance(range.curve).of(range.first, range.last);
         }
-        const detail::OvertravelInterpolation overtravel(std::move(ticks), std::move(peaks));
-        for (int first = range.first; smooth && first <= range.last; first += lanes) {
-            T k;
-            for (int lane = 0; lane < lanes; ++lane) set_lane(k, lane, double(first + lane));
-            const T travelled = overtravel.at(k);
-            for (int lane = 0; lane < lanes && first + lane <= range.last; ++lane) {
-                smooth = smooth && lane_of(travelled, lane) >= 0;
-                place(range.curve, first + lane, lane_of(travelled, lane));
-            }
-        }
+        std::vector<double> travelled;
+        if (smooth)
+            travelled =
+                detail::OvertravelInterpolation(std::move(ticks), std::move(peaks)).between<T>(range.first, range.last);
+        smooth = smooth && std::all_of(travelled.begin(), travelled.end(), [](double travel) { return travel >= 0; });
+        for (int k = range.first; smooth && k <= range.last; ++k)
+            place(range.curve, k, travelled[std::size_t(k - range.first)]);
         if (!smooth) rough.emplace_back(range, tolerance(range.curve));
     }
     for (bool working = !rough.empty(); working;) {
