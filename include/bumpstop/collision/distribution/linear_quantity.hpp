@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include "bumpstop/collision/distribution/piecewise_density.hpp"
 #include "bumpstop/math/functions.hpp"
@@ -31,7 +32,7 @@ struct LinearQuantity {
     std::vector<char> sorted;       ///< by panel: `reach` never falls from slot to slot
     double max_reach = 0;           ///< the greatest of reach - x
     double total = 0;               ///< probability that the quantity exists
-    double above_zero = 0;          ///< probability that it is greater than zero
+    double last_step = 1e-8;        ///< a quantile's Newton step this short is the last [standard deviations]
     bool has_moments = false;       ///< whether `find_moments` has been called; quantiles need it
     Moments moments{};              ///< given that it exists
 
@@ -226,14 +227,14 @@ class MomentSum {
             add_zero(2 * factor * series[0]);
         }
     }
-    void add_zero(double probability) {
-        first -= probability * about_;
-        second += probability * about_ * about_;
-    }
 
     double first = 0, second = 0;
 
   private:
+    void add_zero(double probability) {
+        first -= probability * about_;
+        second += probability * about_ * about_;
+    }
     /// Beyond the reach the quantity is zero; before it, where it is linear, Gauss's rule integrates it.
     void add_partial(const double* series, double factor, double reach, double low, double high) {
         const double share = (reach - low) / (high - low);
@@ -257,29 +258,6 @@ class MomentSum {
     const double about_;
     const GaussRule& rule_;
 };
-
-/// Calls use(series, factor, mass, reach, low, high) for all pieces of a quantity.
-template <class Use>
-void each_piece(const PiecewiseDensity& density, const LinearQuantity& quantity, Use use) {
-    for (std::size_t p = 0; p < density.panel.size(); ++p) {
-        const PiecewiseDensity::Panel& panel = density.panel[p];
-        const double low = quantity.low_of(density, p), high = quantity.high_of(density, p);
-        for (int slot = 0; quantity.of_detected && slot < panel.slots; ++slot) {
-            const double mass = density.mass_of(panel, slot);
-            if (mass == 0) continue;
-            use(density.series_of(panel, slot), 1.0, mass, quantity.reach[std::size_t(panel.tick(slot))], low, high);
-        }
-        if (quantity.of_end && !density.end_series.empty()) {
-            const double* series = density.end_series_of(p);
-            if (series[0] != 0) use(series, 1.0, 2 * series[0], quantity.end_reach, low, high);
-        }
-        for (int i = panel.first_alarm; quantity.of_alarms && i < panel.end_alarm; ++i) {
-            const PreContactAlarm& alarm = density.alarm[std::size_t(i)];
-            const double* series = density.offset_series_of(p);
-            use(series, alarm.chance, 2 * alarm.chance * series[0], alarm.reach, low, high);
-        }
-    }
-}
 
 }  // namespace detail
 
@@ -308,22 +286,39 @@ inline void summarise(const PiecewiseDensity& density, LinearQuantity& quantity)
     }
 }
 
-/// Fills moments and `above_zero` of a quantity that is summarised.
+/// Fills the moments of a quantity that is summarised.
 template <class T>
 void find_moments(const PiecewiseDensity& density, LinearQuantity& quantity) {
-    quantity.above_zero = std::max(0.0, detail::TailSum<T>(density, quantity, 0.0)().probability);
+    const bool of_end = quantity.of_end && !density.end_series.empty();
     // About a value near the mean, so that a narrow distribution far from zero keeps its digits.
-    double sum = 0;
-    detail::each_piece(density, quantity,
-                       [&](const double*, double, double mass, double reach, double low, double high) {
-                           sum += mass * std::max(0.0, reach - 0.5 * (low + high));
-                       });
-    const double about = sum / quantity.total;
+    double mass = 0, sum = 0;
+    for (std::size_t p = 0; p < density.panel.size(); ++p) {
+        const PiecewiseDensity::Panel& panel = density.panel[p];
+        const double middle = 0.5 * (quantity.low_of(density, p) + quantity.high_of(density, p));
+        if (quantity.of_detected && panel.mass > 0) {
+            const double* own = &density.mass[panel.first_slot];
+            mass += panel.mass;
+            sum += std::inner_product(own, own + panel.slots, &quantity.reach[std::size_t(panel.first_tick)],
+                                      -panel.mass * middle);
+        }
+        if (of_end) {
+            mass += 2 * *density.end_series_of(p);
+            sum += 2 * *density.end_series_of(p) * (quantity.end_reach - middle);
+        }
+    }
+    const double about = mass > 0 ? std::max(0.0, sum / mass) : 0;
     detail::MomentSum<T> moments(density, about);
-    detail::each_piece(density, quantity,
-                       [&](const double* series, double factor, double, double reach, double low, double high) {
-                           moments.add(series, factor, reach, low, high);
-                       });
+    for (std::size_t p = 0; p < density.panel.size(); ++p) {
+        const PiecewiseDensity::Panel& panel = density.panel[p];
+        const double low = quantity.low_of(density, p), high = quantity.high_of(density, p);
+        for (int slot = 0; quantity.of_detected && slot < panel.slots; ++slot)
+            moments.add(density.series_of(panel, slot), 1.0, quantity.reach[std::size_t(panel.tick(slot))], low, high);
+        if (of_end) moments.add(density.end_series_of(p), 1.0, quantity.end_reach, low, high);
+        for (int i = panel.first_alarm; quantity.of_alarms && i < panel.end_alarm; ++i) {
+            const PreContactAlarm& alarm = density.alarm[std::size_t(i)];
+            moments.add(density.offset_series_of(p), alarm.chance, alarm.reach, low, high);
+        }
+    }
     const double off = moments.first / quantity.total;
     quantity.moments = {quantity.scale * (about + off),
                         quantity.scale * std::sqrt(std::max(0.0, moments.second / quantity.total - off * off))};
@@ -354,6 +349,7 @@ inline double normal_score(double p) {
     p = std::clamp(p, 1e-300, 1 - 1e-16);
     return p <= 0.5 ? normal_upper_quantile(p) : -normal_upper_quantile(1 - p);
 }
+inline double normal_density(double z) { return std::exp(-0.5 * z * z) / std::sqrt(2 * std::numbers::pi); }
 
 /// The smallest y with P(quantity > y) <= allowed, to 1e-13 of the largest value. `never` is probability that counts as
 /// beyond every y. Infinite where `never` alone is too much.
@@ -361,24 +357,27 @@ template <class T>
 double upper_quantile(const PiecewiseDensity& density, const LinearQuantity& quantity, double allowed, double never) {
     if (never > allowed) return std::numeric_limits<double>::infinity();
     const double target = allowed - never;
-    if (quantity.above_zero <= target) return 0;
-    double low = 0, high = quantity.scale * quantity.max_reach;
-    // After a Newton step this short the error is below the rounding of a double.
-    const double resolution = 1e-13 * high, short_step = std::max(resolution, 1e-8 * quantity.moments.sd);
-    double y = quantity.moments.mean + quantity.moments.sd * normal_score(target / quantity.total);
-    if (!(y > low && y < high)) y = 0.5 * (low + high);
-    // Newton's method for the logarithm of the tail, which falls like that of a normal distribution; bisection where a
-    // step would leave the bracket.
+    if (!(target < quantity.total)) return 0;
+    const double score = normal_score(target / quantity.total);
+    // Below zero while it is not known that the quantile is positive.
+    double low = -1, high = std::max(0.0, quantity.scale * quantity.max_reach);
+    const double resolution = 1e-13 * high, short_step = std::max(resolution, quantity.last_step * quantity.moments.sd);
+    double y = quantity.moments.mean + quantity.moments.sd * score;
+    if (!(y > 0 && y < high)) y = 0.5 * high;
+    // Newton's method for the normal score of the tail, which grows nearly linearly; bisection where a step would leave
+    // the bracket, and every fourth time: far from the quantile the steps may be as short as they like.
     for (int iteration = 0; iteration < 200 && high - low > resolution; ++iteration) {
         const TailAt at = tail<T>(density, quantity, y);
         const double excess = at.probability - target;
         (excess > 0 ? low : high) = y;
-        double next = 0.5 * (low + high);
-        if (at.density > 0) {
-            const double step = target > 0 ? at.probability * std::log1p(excess / target) : excess;
-            const double newton = y + step / at.density;
-            if (std::fabs(newton - y) <= short_step) return newton;
-            if (newton > low && newton < high) next = newton;
+        if (high == 0) return 0;
+        double next = low < 0 ? 0 : 0.5 * (low + high);
+        if (at.density > 0 && y > 0) {
+            const double here = normal_score(at.probability / quantity.total);
+            const double newton = y + (score - here) * normal_density(here) * quantity.total / at.density;
+            // Where the tail falls in steps, a short step of the value may be a large one of the probability.
+            if (std::fabs(excess) <= std::min(short_step * at.density, 1e-5 * target)) return std::max(0.0, newton);
+            if (newton > std::max(low, 0.0) && newton < high && iteration % 4 != 3) next = newton;
         }
         y = next;
     }

@@ -146,21 +146,24 @@ class OffsetQuadrature {
             PiecewiseDensity::Panel& panel = density.panel[p];
             const double total = offset_weights(panel.low, panel.high, weight);
             const double survival = before_.survival_before(panel.first_tick);
+            double detected_mass = 0;
             alarm_before_ += total * before_.false_alarm_before(panel.first_tick);
             contact_from_[std::size_t(std::min(panel.first_tick, ticks))] += total;
             for (int g = 0; g < order; g += lanes) store(load<T>(weight.value + g) * survival, weight.value + g);
             const double* from = probabilities_.by_slot<T>(probabilities_.detected, p, step, room_);
-            for (int slot = 0; slot < panel.slots; ++slot, from += step) {
+            double *series = density.series.data() + panel.first_slot * step,
+                   *detected = detection_.data() + panel.first_tick;
+            for (int slot = 0; slot < panel.slots; ++slot, from += step, series += step) {
                 // Where the probability is zero interpolation may leave a small negative one.
                 for (int g = 0; g < order; g += lanes)
                     store(load<T>(weight.value + g) * max(load<T>(from + g), T(0.0)), row.value + g);
-                double* to = &density.series[(panel.first_slot + std::size_t(slot)) * step];
-                half_legendre_sums<T>(rule, row.value, to);
-                const double mass = 2 * to[0];
+                half_legendre_sums<T>(rule, row.value, series);
+                const double mass = 2 * series[0];
                 density.mass[panel.first_slot + std::size_t(slot)] = mass;
-                detection_[std::size_t(panel.tick(slot))] += mass;
-                panel.mass += mass;
+                detected[slot] += mass;
+                detected_mass += mass;
             }
+            panel.mass = detected_mass;
             const double* survived = probabilities_.by_panel<T>(probabilities_.survived, p, step, room_);
             T missed = 0.0;
             for (int g = 0; g < order; g += lanes) {
@@ -295,6 +298,7 @@ class OffsetQuadrature {
         force.scale = settings_.contact.body.stiffness;
         force.of_alarms = true;
         force.of_end = result_.rests;
+        if (settings_.batch) force.last_step = 1e-6;
         force.reach.assign(max_distance.begin(), max_distance.begin() + ticks);
         force.end_reach = path_->max_distance(mesh_.end_step());
         summarise(density, force);
