@@ -182,6 +182,18 @@ def test_coarse_steps_that_decide_do_not_pass(tmp_path: Path) -> None:
     pytest.fail("no speed at which finer steps turn the verdict")
 
 
+def test_a_place_farther_on_that_is_hit_harder_does_not_pass(tmp_path: Path) -> None:
+    """The elastic arm of the median place passes; where it bends its elbow more, the hand is hit 6 % harder."""
+    row = {"arm.model": "elastic", "contact.offset_sd_s": 1.0, "contact.area_cm2": 0.67}
+    found = judged(tmp_path, row)
+    assert found.verdict.acceptable
+    assert found.outcome == "inconclusive"
+    assert found.reason.startswith("Elsewhere on the line the elastic arm exceeds the limits")
+    near = judged(tmp_path, row | {"contact.offset_sd_s": 0.1})
+    assert near.verdict.acceptable
+    assert "Elsewhere" not in near.reason
+
+
 def test_a_payload_above_the_rated_one_is_a_deviation(tmp_path: Path) -> None:
     assert judged(tmp_path, {"payload_kg": 5.0}).warnings == ()
     (warning,) = judged(tmp_path, {"payload_kg": 6.0}).warnings

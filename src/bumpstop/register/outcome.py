@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal
 
 from bumpstop.collision.verdict.finer_steps import STEPS_DECIDE, fails_with_finer_steps
+from bumpstop.collision.verdict.pose_of_contact import fails_elsewhere
 from bumpstop.collision.verdict.verdict_notes import sample_notes
 from bumpstop.register.statements import OPEN_STATUSES
 
@@ -31,9 +32,9 @@ def outcome_of(
 
     A situation passes where its verdict is acceptable and nothing that was only assumed decides it. It is inconclusive
     where the verdict is, where there is no limit of force or of pressure, where the contact area was not given, where
-    sampled collisions are too few, where lengths of the arm are hardly in metres, where the other model of the arm or
-    finer steps exceed the limits, and where the register says that a value is assumed or unverified, or the scenario
-    that it is assumed.
+    sampled collisions are too few, where lengths of the arm are hardly in metres, where the other model of the arm,
+    finer steps or another place of contact exceed the limits, and where the register says that a value is assumed or
+    unverified, or the scenario that it is assumed.
     """
     verdict = result.verdict
     if judgement is not None:
@@ -64,6 +65,8 @@ def _open_question(situation: Situation, result: CollisionResult) -> str:
         return "contact.area_cm2 is not given: the pressure rests on an assumed 1 cm²."
     if fails_with_finer_steps(result.warnings):
         return STEPS_DECIDE
+    if fails_elsewhere(result.warnings):
+        return "Elsewhere on the line the elastic arm exceeds the limits: judge the places of contact one by one."
     question = _arm_question(result)
     if question:
         return question

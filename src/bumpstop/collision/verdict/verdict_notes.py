@@ -14,6 +14,7 @@ from bumpstop.collision.probability_text import accepted_percent, apart, percent
 from bumpstop.collision.stopping.stopping_times import STANDING
 from bumpstop.collision.verdict.as_given import as_given, assumed_values
 from bumpstop.collision.verdict.finer_steps import JudgedForce, finer_steps
+from bumpstop.collision.verdict.pose_of_contact import pose_of_contact
 from bumpstop.collision.verdict.unit_slips import unit_slips
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ def verdict_notes(
     Args:
         result: of the collision.
         verdict: of it.
-        evaluate: gives the result of another scenario; None: finer steps, which take another one, are not looked at.
+        evaluate: gives the result of another scenario; None: finer steps and other places of contact are not looked at.
     """
     return [
         *as_given(result.scenario),
@@ -63,6 +64,7 @@ def verdict_notes(
         *_sooner_note(result),
         *_swing_note(result),
         *(finer_steps(result, verdict, evaluate) if evaluate is not None else ()),
+        *(pose_of_contact(result, verdict, evaluate) if evaluate is not None else ()),
         *unit_slips(result),
     ]
 
