@@ -160,8 +160,16 @@ void write_distribution(const BatchProblem& problem, std::size_t pose, const Col
     for (std::size_t i = 0; i < probability.size(); ++i)
         out.quantile[pose * probability.size() + i] = cells ? cells->upper_quantile<L>((1 - probability[i]) * total)
                                                             : found.upper_quantile<L>(1 - probability[i]);
-    const double given = found.detected > 0 ? found.detected : std::numeric_limits<double>::quiet_NaN();
-    for (std::size_t j = 0; j < dof; ++j) out.trigger[pose * dof + j] = found.trigger[j] / given;
+    // Every detection has a joint that triggered it. Where next to nothing is detected, interpolation may leave less.
+    double least = 0, sum = 0;
+    for (std::size_t j = 0; j < dof; ++j) {
+        least = std::min(least, found.trigger[j]);
+        sum += found.trigger[j];
+    }
+    constexpr double tolerance = 1e-3;
+    const bool known = least > -tolerance * found.detected && sum > (1 - tolerance) * found.detected;
+    for (std::size_t j = 0; j < dof; ++j)
+        out.trigger[pose * dof + j] = known ? std::clamp(found.trigger[j] / found.detected, 0.0, 1.0) : NAN;
     out.false_alarm[pose] = found.false_alarm;
     out.undetected[pose] = found.undetected;
     out.no_contact[pose] = found.no_contact;

@@ -28,7 +28,7 @@ class BatchResult:
         mean, sd: of the peak force (N,) [N]; the mean is infinite where it has no bound.
         quantile: (N, probabilities) of the peak force [N]; infinite in the undetected share that has no bound.
         exceedance: (N, limits) P(peak force > limit); that share counts as over.
-        trigger_joint_probability: (N, dof), given detection.
+        trigger_joint_probability: (N, dof), given detection; NaN where that is too improbable to tell.
         false_alarm_probability, undetected_probability, no_contact_probability: (N,).
         end: (N,) why the path ends, as :attr:`StoppingCurve.end`, or ``"singular_start"``.
     """
