@@ -15,8 +15,9 @@ from bumpstop.collision import CollisionProblem, stopping_curve
 from bumpstop.errors import InputError
 from bumpstop.measure import MeasurementPlan, gauge_of, load_plan, plan_measurements, write_plan
 from bumpstop.measure.planning.design import Belief, greedy_design
+from bumpstop.measure.planning.filled_shots import read_shots
 from bumpstop.measure.planning.measured_situation import MeasuredSituation
-from bumpstop.measure.planning.plan_file import COLUMNS, read_shots
+from bumpstop.measure.planning.plan_file import COLUMNS
 from bumpstop.plant import gauge_regions
 from measure.cells import elastic, rigid
 from validation import facts

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bumpstop.errors import InputError
-from bumpstop.measure.planning.plan_file import read_shots
+from bumpstop.measure.planning.filled_shots import read_shots
 from bumpstop.measure.reading.gauge_reading import GaugeReading, read_gauge
 from bumpstop.measure.reading.text_table import read_text_table
 from measure.gauge_cases import pressed

@@ -16,8 +16,8 @@ from bumpstop.errors import InputError
 from bumpstop.measure import MeasurementPlan, load_plan, plan_measurements, write_plan
 from bumpstop.measure.learning.plan_calibration import calibrate_plan
 from bumpstop.measure.peak_force_model import shot_force
+from bumpstop.measure.planning.filled_shots import read_shots
 from bumpstop.measure.planning.measured_situation import MeasuredSituation
-from bumpstop.measure.planning.plan_file import read_shots
 
 _GAUGE = {"contact.stiffness_N_m": 276e3, "contact.gauge_spring_N_m": 40e3}
 _P = (0.05, 0.25, 0.5, 0.75, 0.95)

@@ -172,3 +172,37 @@ def test_several_shots_above_their_predictions_are_told(tmp_path: Path) -> None:
     judged = Judgement("PASS", "", 0.0, 0.5, 0.95, 1, "acceptable")
     sure = RegisterResult(result.register, (replace(result.results[0], judgement=judged),))
     assert judge_by_shots(sure, [shot(92), shot(93), shot(94)]).results[0].warnings == ()
+
+
+def test_what_a_gauge_shows_after_the_first_phase_is_judged(tmp_path: Path) -> None:
+    """An arm that presses on: its peak of the first half second is below the limit, and what lasts above it."""
+    row = {"name": "a", "speed_mm_s": 50}
+    result = bs.evaluate_register(bs.load_register(write_register(tmp_path, row)))
+    for lasting, speed, outcome, said in (
+        (135.04, 50, "fail", "at 50 mm/s pressed with 135.04 N after the first 0.5 s, above the limit of 135 N."),
+        (100, 50, "inconclusive", "pressed with 100 N after the first 0.5 s, above the predicted 80 to 95 N"),
+        (135.04, 60, "inconclusive", "that of 50 mm/s, the speed of the motion"),
+        (90, 50, "pass", ""),
+    ):
+        (found,) = judge_by_shots(result, [replace(shot(90, speed), lasting_N=lasting)]).results
+        assert found.outcome == outcome, lasting
+        assert said in found.reason
+    (found,) = judge_by_shots(result, [replace(shot(90, band=NO_BAND), lasting_N=120)]).results
+    assert "pressed with 120 N after the first 0.5 s, above the 98.65 N that 0.1 % should exceed" in found.reason
+    unknown = replace(shot(math.nan), lower_bound_N=90, unusable_recording="s.csv", lasting_N=140)
+    assert judge_by_shots(result, [unknown]).outcome == "fail"
+
+
+def test_each_phase_of_a_shot_has_its_limit(tmp_path: Path) -> None:
+    """Contact judged in two phases: the transient limit is that of the peak, not of what lasts."""
+    row = {"name": "a", "speed_mm_s": 50, "contact.limits": "ts15066", "verdict.clamped_limit": "two_phase"}
+    result = bs.evaluate_register(bs.load_register(write_register(tmp_path, row)))
+    (one,) = result.results
+    assert one.outcome == "pass"
+    assert one.verdict.limits is not None
+    assert one.verdict.transient is not None
+    limit, first = one.verdict.limits.force_N, one.verdict.transient.force_N
+    assert first > limit
+    for peak, lasting, outcome in ((limit + 1, 40, "pass"), (limit + 1, limit + 0.5, "fail"), (first + 1, 40, "fail")):
+        made = replace(shot(peak, band=(80.0, first + 2)), lasting_N=lasting)
+        assert judge_by_shots(result, [made]).outcome == outcome, (peak, lasting)

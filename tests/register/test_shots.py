@@ -123,6 +123,8 @@ def test_shots_without_a_peak_that_can_be_relied_on(tmp_path: Path) -> None:
     assert (shots[0].lower_bound_N, shots[0].unusable_recording, shots[2].recording) == (150.5, "s.csv", "r.csv")
     (told,) = told_of(write(tmp_path, head, made.format(1, "84,150,s.csv,")))
     assert told == "row 2, lower_bound_N: stands beside a measured peak; give one of the two"
+    lasting = load_shots(write(tmp_path, f"{HEAD},lasting_force_N", made.format(1, "84,120.5")), SITUATIONS)
+    assert lasting[0].lasting_N == 120.5
     with pytest.raises(bs.InputError, match="column recording: is there twice"):
         load_shots(write(tmp_path, f"{head},recording", made.format(1, "84,,,,")), SITUATIONS)
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from bumpstop.collision import evaluate
 from bumpstop.collision.probability_text import accepted_percent
+from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
 from bumpstop.errors import InputError
 from bumpstop.register.evaluation import RegisterResult, worst_first
 from bumpstop.register.shots import Shot
@@ -105,13 +106,13 @@ def judge_by_shots(result: RegisterResult, shots: Sequence[Shot]) -> RegisterRes
     """The results with the shots taken into account, worst first.
 
     A situation fails where a shot that is no faster than its motion measured more than the force limit, or at least as
-    much. One that would pass is inconclusive where a shot measured more than the band of its prediction, or without a
-    band more than the quantile of the accepted probability at its speed: the prediction is too low. So it is where a
-    shot measured less than a third of the band's lower end (without a band, a fifth of the median), where its band is
-    that of the motion and its speed is another, where it was made and has no peak that can be relied on, and where
-    what it should measure cannot be computed: such a shot shows nothing. What does not change the verdict stands
-    beside it as a warning, and so does that several shots all lie above their predictions. Shots never make a verdict
-    better.
+    much, and where after the first half second it pressed with more than the limit of what lasts. One that would pass
+    is inconclusive where a shot measured more than the band of its prediction, or without a band more than the quantile
+    of the accepted probability at its speed: the prediction is too low. So it is where a shot measured less than a
+    third of the band's lower end (without a band, a fifth of the median), where its band is that of the motion and its
+    speed is another, where it was made and has no peak that can be relied on, and where what it should measure cannot
+    be computed: such a shot shows nothing. What does not change the verdict stands beside it as a warning, and so does
+    that several shots all lie above their predictions. Shots never make a verdict better.
     """
     judged: dict[str, list[JudgedShot]] = {}
     for one in judged_shots(result, shots):
@@ -170,6 +171,7 @@ def _bias(result: SituationResult, shots: Sequence[Shot]) -> list[str]:
 def _judged(shot: Shot, result: SituationResult, expected: _Expectation) -> JudgedShot:
     limit, speed, measured = _force_limit(result), _speed_mm_s(result), shot.measured_N
     told = f"Shot {shot.shot} at {shot.speed_mm_s:g} mm/s"
+    pressed = f"{told} pressed with {as_written(shot.lasting_N)} N after the first {FIRST_PHASE_S:g} s"
     if shot.without_peak:
         measured = shot.lower_bound_N
         told += "" if math.isnan(measured) else f" measured at least {as_written(measured)} N"
@@ -177,12 +179,16 @@ def _judged(shot: Shot, result: SituationResult, expected: _Expectation) -> Judg
         return JudgedShot(shot, "not_measured")
     else:
         told += f" measured {as_written(measured)} N"
-    if measured > limit and shot.speed_mm_s <= speed * _SAME_SPEED:
-        return JudgedShot(shot, "over_limit", f"{told}, above the limit of {as_written(limit)} N.", measured)
+    if shot.speed_mm_s <= speed * _SAME_SPEED:
+        if measured > limit:
+            return JudgedShot(shot, "over_limit", f"{told}, above the limit of {as_written(limit)} N.", measured)
+        if shot.lasting_N > (limit := _lasting_limit(result)):
+            reason = f"{pressed}, above the limit of {as_written(limit)} N."
+            return JudgedShot(shot, "over_limit", reason, shot.lasting_N)
     if shot.without_peak:
         return _judged_without_peak(shot, told)
     if shot.in_band is None or shot.high_N > _WIDEST * shot.low_N:
-        return _judged_without_band(shot, result, told, expected(result, shot.speed_mm_s))
+        return _judged_without_band(shot, result, (told, pressed), expected(result, shot.speed_mm_s))
     # Only a band that may be that of another speed is compared with what is computed.
     here = expected(result, shot.speed_mm_s) if _may_be_band_of_motion(shot, result) else None
     if here is not None and math.isnan(here.median):
@@ -194,12 +200,16 @@ def _judged(shot: Shot, result: SituationResult, expected: _Expectation) -> Judg
     if measured < _MIN_SHARE * shot.low_N:
         reason = f"{told}, below a third of the predicted {band}: reading or unit?"
         return JudgedShot(shot, "low_reading", reason, shot.low_N - measured)
-    if shot.in_band:
-        return JudgedShot(shot, "in_band")
-    if measured < shot.low_N:
-        return JudgedShot(shot, "below")
-    reason = f"{told}, above the predicted {band}: the prediction is too low."
-    return JudgedShot(shot, "above", reason, measured / max(shot.high_N, 1e-9))
+    highest = _highest(shot)
+    if highest > shot.high_N:
+        reason = f"{told if measured >= highest else pressed}, above the predicted {band}: the prediction is too low."
+        return JudgedShot(shot, "above", reason, highest / max(shot.high_N, 1e-9))
+    return JudgedShot(shot, "in_band" if shot.in_band else "below")
+
+
+def _highest(shot: Shot) -> float:
+    """The greatest force of the whole contact, which predictions are of [N]."""
+    return float(np.fmax(shot.measured_N, shot.lasting_N))
 
 
 def _judged_without_peak(shot: Shot, told: str) -> JudgedShot:
@@ -214,15 +224,18 @@ def _judged_without_peak(shot: Shot, told: str) -> JudgedShot:
     return JudgedShot(shot, "unusable", reason, 0.0 if math.isnan(shot.lower_bound_N) else shot.lower_bound_N)
 
 
-def _judged_without_band(shot: Shot, result: SituationResult, told: str, here: _Expected) -> JudgedShot:
+def _judged_without_band(shot: Shot, result: SituationResult, words: tuple[str, str], here: _Expected) -> JudgedShot:
+    told, pressed = words
     # NaN is above nothing and below nothing, and would let any peak pass.
     if math.isnan(here.median) or math.isnan(here.most):
         return _not_computed(shot, told, here)
-    if shot.measured_N > here.most:
+    highest = _highest(shot)
+    if highest > here.most:
         accepted = accepted_percent(result.verdict.accepted_probability)
-        most = number(here.most, shot.measured_N)
-        reason = f"{told}, above the {most} N that {accepted} should exceed: the prediction is too low."
-        return JudgedShot(shot, "above", reason, shot.measured_N / max(here.most, 1e-9))
+        said = told if shot.measured_N >= highest else pressed
+        most = number(here.most, highest)
+        reason = f"{said}, above the {most} N that {accepted} should exceed: the prediction is too low."
+        return JudgedShot(shot, "above", reason, highest / max(here.most, 1e-9))
     if shot.measured_N < _MIN_SHARE_OF_MEDIAN * here.median < math.inf:
         reason = f"{told}, below a fifth of the computed median of {number(here.median)} N: reading or unit?"
         return JudgedShot(shot, "low_reading", reason, here.median - shot.measured_N)
@@ -263,6 +276,12 @@ def _expected(result: SituationResult, speed_mm_s: float) -> _Expected:
 def _force_limit(result: SituationResult) -> float:
     """Of the first instant of contact [N]; infinite without limits."""
     limits = result.verdict.transient or result.verdict.limits
+    return math.inf if limits is None else limits.force_N
+
+
+def _lasting_limit(result: SituationResult) -> float:
+    """Of what lasts beyond the first phase [N]; infinite without limits."""
+    limits = result.verdict.limits
     return math.inf if limits is None else limits.force_N
 
 

@@ -24,12 +24,12 @@ COLUMNS = (
     "measured_peak_force_N",
 )
 """Columns of a file of shots, in any order; others are passed over."""
-LOWER_BOUND, UNUSABLE, RECORDING = "lower_bound_N", "unusable_recording", "recording"
-OF_RECORDINGS = (LOWER_BOUND, UNUSABLE)
-"""Columns that ``measure calibrate`` adds for shots that were made and have no peak that can be relied on."""
+LOWER_BOUND, UNUSABLE, LASTING, RECORDING = "lower_bound_N", "unusable_recording", "lasting_force_N", "recording"
+OF_RECORDINGS = (LOWER_BOUND, UNUSABLE, LASTING)
+"""Columns that ``measure calibrate`` adds: what recordings tell beside peaks, and where no peak can be relied on."""
 MAY_LACK = (*OF_RECORDINGS, RECORDING)
 """Columns that a file may have beside :data:`COLUMNS`; the last is one of a plan."""
-_NUMBERS = (*COLUMNS[2:], LOWER_BOUND)
+_NUMBERS = (*COLUMNS[2:], LOWER_BOUND, LASTING)
 _MAX_FORCE_N, _MAX_SPEED_MM_S = 1e6, 1e5
 _WANTED = f"wanted a file of shots (CSV) with the columns {', '.join(COLUMNS)}"
 
@@ -47,6 +47,7 @@ class Shot:
         measured_N: peak force of the gauge [N]; NaN: there is none, be it that the shot is not made yet.
         lower_bound_N: without a peak, what the gauge showed at least [N]; NaN: not known.
         unusable_recording: file whose peak cannot be relied on; empty: none.
+        lasting_N: greatest force of the gauge after the first half second of contact [N]; NaN: not known.
         recording: file that was not read yet, as a plan has it; empty: none.
     """
 
@@ -59,6 +60,7 @@ class Shot:
     measured_N: float
     lower_bound_N: float = math.nan
     unusable_recording: str = ""
+    lasting_N: float = math.nan
     recording: str = ""
 
     @property
@@ -69,8 +71,8 @@ class Shot:
     @property
     def without_peak(self) -> bool:
         """Whether the shot was made and has no peak that can be relied on."""
-        bounded = math.isfinite(self.lower_bound_N)
-        return not self.measured and (bounded or bool(self.unusable_recording or self.recording))
+        told = math.isfinite(self.lower_bound_N) or math.isfinite(self.lasting_N)
+        return not self.measured and (told or bool(self.unusable_recording or self.recording))
 
     @property
     def in_band(self) -> bool | None:
@@ -142,7 +144,9 @@ class _Row:
                 self._fault(column, "is missing", "wanted both ends of the band, or neither")
         if low > high:
             self._fault("predicted_low_N", f"{low:g} is above predicted_high_N = {high:g}", "wanted low to high")
-        measured, bound = (self._number(column, _MAX_FORCE_N) for column in ("measured_peak_force_N", LOWER_BOUND))
+        measured, bound, lasting = (
+            self._number(column, _MAX_FORCE_N) for column in ("measured_peak_force_N", LOWER_BOUND, LASTING)
+        )
         if not math.isnan(measured) and not math.isnan(bound):
             self._fault(LOWER_BOUND, "stands beside a measured peak", "give one of the two")
         return Shot(
@@ -155,6 +159,7 @@ class _Row:
             measured_N=measured,
             lower_bound_N=bound,
             unusable_recording=self._cells[UNUSABLE],
+            lasting_N=lasting,
             recording=self._cells[RECORDING],
         )
 

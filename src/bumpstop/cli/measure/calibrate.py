@@ -52,7 +52,8 @@ def calibrate(
     from bumpstop.measure import calibrate_plan, load_plan
     from bumpstop.measure.learning.calibrated_register import HEAD, calibrated_register
     from bumpstop.measure.learning.calibrated_scenario import calibrated_toml
-    from bumpstop.measure.planning.plan_file import REGISTER, file_names, shots_text
+    from bumpstop.measure.planning.filled_shots import shots_text
+    from bumpstop.measure.planning.plan_file import REGISTER, file_names
     from bumpstop.text_files import write_text
 
     file = out if out is not None and out.suffix == ".toml" else None

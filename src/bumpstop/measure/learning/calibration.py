@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
 from bumpstop.errors import InputError
-from bumpstop.measure.learning.peak_force_ensemble import PeakForceEnsemble, Surfaces
+from bumpstop.measure.learning.peak_force_ensemble import Condition, PeakForceEnsemble, Surfaces
 from bumpstop.measure.learning.posterior import (
     ErrorModel,
     Posterior,
@@ -242,7 +243,7 @@ def calibrate(
             ensemble.conditions,
             next((each.median for each in found if each.key == LATENCY), 0.0),
         ),
-        notes=(*_notes(found, bad, posterior, surfaces, columns), *_force_notes(forces, shots)),
+        notes=(*_notes(found, bad, posterior, surfaces, columns), *_force_notes(forces, shots, ensemble.conditions)),
     )
 
 
@@ -358,12 +359,22 @@ def _notes(
     return notes
 
 
-def _force_notes(forces: Sequence[CalibratedForce], shots: Sequence[MeasuredShot]) -> list[str]:
+def _force_notes(
+    forces: Sequence[CalibratedForce], shots: Sequence[MeasuredShot], conditions: Sequence[Condition]
+) -> list[str]:
     """What was measured beyond a limit, or beyond what the shots should show even now."""
     notes = []
-    for force in forces:
+    for force, condition in zip(forces, conditions, strict=True):
         where = f"{force.situation} at {force.speed_mm_s:.4g} mm/s"
-        here = [shot.force_N for shot in shots if is_of(force.situation, force.speed_mm_s, shot)]
+        of = [shot for shot in shots if is_of(force.situation, force.speed_mm_s, shot)]
+        here = [shot.force_N for shot in of]
+        limit = condition.situation.lasting_limit_N
+        pressed = [shot.lasting_N for shot in of if shot.lasting_N > limit]
+        if pressed:
+            notes.append(
+                f"{where}: {len(pressed)} of {len(of)} shots press with more than the limit of {limit:.4g} N after the "
+                f"first {FIRST_PHASE_S:g} s, up to {max(pressed):.4g} N."
+            )
         over = sum(shot > force.limit_N for shot in here)
         if over:
             notes.append(

@@ -111,7 +111,7 @@ def _measured(
     readings: dict[int, GaugeReading] = {}
     left_out = []
     for row in plan.shots:
-        force, number = row.measured_N, row.shot or row.row
+        force, number, lasting = row.measured_N, row.shot or row.row, row.lasting_N
         if math.isnan(force) and row.recording:
             reading = read_gauge(plan.folder / row.recording, form)
             readings[row.row] = reading
@@ -123,7 +123,7 @@ def _measured(
                     f"Shot {number} is left out, its recording {row.recording!r} cannot be relied on: {why}{least}"
                 )
                 continue
-            force = reading.peak_N
+            force, lasting = reading.peak_N, reading.pressing_N
         if not math.isnan(force):
-            shots.append(MeasuredShot(row.situation, row.speed_mm_s, force, number))
+            shots.append(MeasuredShot(row.situation, row.speed_mm_s, force, number, lasting))
     return shots, readings, left_out

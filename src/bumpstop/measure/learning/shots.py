@@ -16,12 +16,14 @@ class MeasuredShot:
         speed_mm_s: of the tip [mm/s].
         force_N: peak force [N].
         number: of the shot in its plan or list.
+        lasting_N: greatest force after the first half second of contact [N]; NaN: not known.
     """
 
     situation: str
     speed_mm_s: float
     force_N: float
     number: int
+    lasting_N: float = math.nan
 
 
 @dataclass(frozen=True)

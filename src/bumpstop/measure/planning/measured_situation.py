@@ -45,7 +45,8 @@ class MeasuredSituation:
         approach: of the contact point along the motion, until it has full speed and a quarter beyond; with a trajectory
             from its start [m].
         start_point: where the contact point begins to move, base frame (3,) [m].
-        limit_N: force limit of the body region; NaN where there is none.
+        limit_N: force limit of the body region, of peaks in the first half second; NaN where there is none.
+        lasting_limit_N: of what lasts.
         notes: what a reader should know.
         onset_s: time of the trajectory at which the gauge is met [s]; None: the motion is a line.
     """
@@ -61,6 +62,7 @@ class MeasuredSituation:
     approach: float
     start_point: FloatArray
     limit_N: float
+    lasting_limit_N: float
     notes: tuple[str, ...]
     onset_s: float | None = None
 
@@ -86,6 +88,8 @@ class MeasuredSituation:
         """
         gauge = gauge_of(scenario, device)
         measured = gauge.measured(scenario)
+        problem = CollisionProblem.from_scenario(measured)
+        first_limit, lasting_limit = _limits(problem)
         if scenario.motion.kind == "trajectory":
             place = TrajectoryPlace.of(scenario, onset_s)
             return cls(
@@ -99,11 +103,11 @@ class MeasuredSituation:
                 pose=place.q,
                 approach=place.way,
                 start_point=place.start_point,
-                limit_N=_limit(CollisionProblem.from_scenario(measured)),
+                limit_N=first_limit,
+                lasting_limit_N=lasting_limit,
                 notes=(*_gauge_notes(gauge), *place.notes()),
                 onset_s=place.onset,
             )
-        problem = CollisionProblem.from_scenario(measured)
         curve = stopping_curve(_short(measured, {}))
         notes = _gauge_notes(gauge)
         approach, reached = _approach(measured)
@@ -128,7 +132,8 @@ class MeasuredSituation:
             pose=problem.q,
             approach=approach,
             start_point=curve.start - approach * way,
-            limit_N=_limit(problem),
+            limit_N=first_limit,
+            lasting_limit_N=lasting_limit,
             notes=tuple(notes),
         )
 
@@ -176,9 +181,12 @@ def _gauge_notes(gauge: Gauge) -> list[str]:
     return [gauge.note] if gauge.note else []
 
 
-def _limit(problem: CollisionProblem) -> float:
-    limits = problem.limits
-    return limits.force_N if limits is not None and limits.permitted else math.nan
+def _limits(problem: CollisionProblem) -> tuple[float, float]:
+    """Of the first half second of contact, and of what lasts [N]."""
+    lasting = problem.limits
+    if lasting is None or not lasting.permitted:
+        return math.nan, math.nan
+    return (problem.transient_limits or lasting).force_N, lasting.force_N
 
 
 def _short(scenario: Scenario, motion: dict[str, object], seconds: float = 0.1) -> CollisionProblem:

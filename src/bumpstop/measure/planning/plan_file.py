@@ -15,18 +15,16 @@ from bumpstop.collision.scenario.scenario_file import load_scenario
 from bumpstop.collision.scenario.settings_file import scenario_data
 from bumpstop.errors import InputError, near_matches
 from bumpstop.measure.learning.posterior import ErrorModel
-from bumpstop.measure.reading.text_table import TextTable, read_text_table
+from bumpstop.measure.planning.filled_shots import WANTED, FilledShot, read_shots
+from bumpstop.measure.reading.text_table import read_text_table
 from bumpstop.register.shots import COLUMNS as SHOT_COLUMNS
-from bumpstop.register.shots import OF_RECORDINGS
 from bumpstop.register.situation import Situation, common_statements
 from bumpstop.register.statements import OPEN_STATUSES, Statement, read_statements
-from bumpstop.rounding import to_decimals
 from bumpstop.text_files import as_path, parse_toml, read_text, to_toml, write_text
 
 if TYPE_CHECKING:
     from bumpstop.collision.scenario.scenario import Scenario
     from bumpstop.measure.planning.plan import MeasurementPlan
-    from bumpstop.measure.reading.gauge_reading import GaugeReading
 
 TABLE, SETTINGS, SCENARIOS = "plan.csv", "plan.toml", "situations"
 REGISTER = "calibrated_register.toml"
@@ -40,34 +38,6 @@ COLUMNS = (
     "expected_spread_percent",
 )
 _TO_FILL = ("measured_peak_force_N", "recording", "remark")
-_NUMBERS = ("shot", "speed_mm_s", *COLUMNS[3:7])
-_NEEDED = ("situation", "speed_mm_s", "measured_peak_force_N")
-_WANTED = "wanted the plan.csv of bumpstop measure plan, filled in"
-
-
-@dataclass(frozen=True)
-class FilledShot:
-    """A row of a filled plan.
-
-    Attributes:
-        row: of the file, from 1, without the header.
-        shot: number as the plan has it; 0: the row has none.
-        situation: name of it.
-        speed_mm_s: of the tip [mm/s].
-        predicted_N, low_N, high_N: as the plan has them [N]; NaN: the table does not say.
-        measured_N: peak force that the gauge showed [N]; NaN: not taken yet.
-        recording: file of it beside the table; empty: none.
-    """
-
-    row: int
-    shot: int
-    situation: str
-    speed_mm_s: float
-    predicted_N: float
-    low_N: float
-    high_N: float
-    measured_N: float
-    recording: str
 
 
 def table_text(plan: MeasurementPlan) -> str:
@@ -148,7 +118,7 @@ def inputs_of_register(statements: Mapping[str, Statement]) -> list[dict[str, st
 
 def _is_filled(path: Path) -> bool:
     """Whether people have written into a table: into cells left empty for them, or columns of their own."""
-    table = read_text_table(path, _WANTED)
+    table = read_text_table(path, WANTED)
     planned = set(COLUMNS).difference(_TO_FILL)
     own = [column for column, name in enumerate(table.names) if name not in planned]
     return bool(table.beyond) or any(row[column].strip() for row in table.rows for column in own)
@@ -263,99 +233,6 @@ def load_plan(path: Path, scenarios: Mapping[str, Scenario] | None = None) -> Pl
         folder=folder,
         files=tuple(files),
     )
-
-
-def read_shots(path: Path) -> tuple[FilledShot, ...]:
-    """Rows of a table of shots; columns in any order, further ones are passed over.
-
-    Raises:
-        InputError: a column is missing, or a value cannot be used; names row and column.
-    """
-    table = read_text_table(path, _WANTED)
-    for name in _NEEDED:
-        if name not in table.names:
-            raise InputError(f"{path}, column {name}", "is missing", _WANTED)
-    table.refuse_long_rows(table.beyond)
-    numbers = {name: table.numbers(column) for column, name in enumerate(table.names) if name in _NUMBERS}
-    found = []
-    for row in range(len(table.rows)):
-        name = table.cell(row, "situation").strip()
-        measured = _positive(table, numbers, row, "measured_peak_force_N", empty=True)
-        recording = table.cell(row, "recording").strip() if "recording" in table.names else ""
-        if recording.isdigit() and not math.isnan(measured):
-            where = f"{path}, row {row + 1}, recording"
-            valid = "wanted a file, and decimal points where commas are between cells"
-            raise InputError(where, f"{recording!r} stands beside a force of {measured:g} N", valid)
-        if not name:
-            raise InputError(f"{path}, row {row + 1}, situation", "is empty", "wanted the name of a situation")
-        shot, predicted, low, high = (
-            _positive(table, numbers, row, key, empty=True, unbounded=key != "shot") if key in table.names else math.nan
-            for key in ("shot", *COLUMNS[3:6])
-        )
-        found.append(
-            FilledShot(
-                row=row + 1,
-                shot=0 if math.isnan(shot) else int(shot),
-                situation=name,
-                speed_mm_s=_positive(table, numbers, row, "speed_mm_s", empty=False),
-                predicted_N=predicted,
-                low_N=low,
-                high_N=high,
-                measured_N=measured,
-                recording=recording,
-            )
-        )
-    if not found:
-        raise InputError(str(path), "has no rows", _WANTED)
-    return tuple(found)
-
-
-def shots_text(shots: Sequence[FilledShot], readings: Mapping[int, GaugeReading]) -> str:
-    """Predictions and measured peak forces as CSV, in the first columns of a plan, and what is known without a peak.
-
-    Args:
-        shots: rows.
-        readings: of the recordings that count, by number of the row: a peak that can be relied on, or else what it is
-            at least, and the name of the recording.
-    """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow((*SHOT_COLUMNS, *OF_RECORDINGS))
-    for shot in shots:
-        measured, bound, unusable = shot.measured_N, math.nan, ""
-        if (reading := readings.get(shot.row)) is not None:
-            if reading.usable:
-                measured = reading.peak_N
-            else:
-                bound, unusable = reading.lower_bound_N, shot.recording
-        # What is a hair above its limit stays above it.
-        up = [to_decimals(force, 2, up=True) for force in (measured, bound)]
-        figures = (shot.predicted_N, shot.low_N, shot.high_N, *up)
-        cells = ["" if math.isnan(figure) else f"{figure:.2f}" for figure in figures]
-        writer.writerow((shot.situation, shot.shot or shot.row, f"{shot.speed_mm_s:.10g}", *cells, unusable))
-    return text.getvalue()
-
-
-def _positive(
-    table: TextTable,
-    numbers: Mapping[str, list[float]],
-    row: int,
-    name: str,
-    *,
-    empty: bool,
-    unbounded: bool = False,
-) -> float:
-    text = table.cell(row, name).strip()
-    if not text and empty:
-        return math.nan
-    if unbounded and text == "inf":
-        return math.inf  # as a plan writes it of shots that may never be detected
-    value = numbers[name][row]
-    if not 0 < value < math.inf:
-        raise InputError(
-            f"{table.source}, row {row + 1}, {name}", f"{text!r} cannot be used", "wanted a number above zero"
-        )
-    return value
 
 
 def _number(data: Mapping[str, Any], key: str, file: Path) -> float:

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 _FREE_S = 0.05
 # What stays below this share of the highest force is a touch, no collision.
 _TOUCH_SHARE = 1 / 3
+# What lasts is above the peak by more than noise.
+_HARDER = 1.05
 
 
 @dataclass(frozen=True)
@@ -29,11 +31,13 @@ class GaugeContact:
     Attributes:
         first: its first sample.
         onset: when it begins [s].
+        release: when the gauge is free again [s]; infinite: it never is.
         faults: touches and collisions before it.
     """
 
     first: int
     onset: float
+    release: float
     faults: tuple[GaugeFault, ...]
 
 
@@ -49,13 +53,13 @@ def find_contact(curve: GaugeCurve, trigger: float, *, extrapolate: bool) -> Gau
         extrapolate: whether the onset is led back to zero along the rise.
     """
     force, time = curve.force, curve.time
-    begins = _begins(curve, trigger)
+    begins, releases = _contacts(curve, trigger)
     highest = int(np.argmax(force))
     count = int(np.searchsorted(begins, highest, side="right"))
     if not count:
         onset = _crossing(curve, highest, trigger)
-        return GaugeContact(highest, onset, ())
-    begins = begins[:count]
+        return GaugeContact(highest, onset, float(time[highest]), ())
+    begins, release = begins[:count], float(releases[count - 1])
     tops = np.maximum.reduceat(force[: highest + 1], begins)
     hard = np.flatnonzero(tops >= _TOUCH_SHARE * force[highest])
     near = hard[time[highest] - time[begins[hard]] <= FIRST_PHASE_S]
@@ -64,7 +68,8 @@ def find_contact(curve: GaugeCurve, trigger: float, *, extrapolate: bool) -> Gau
     onset = _crossing(curve, first, trigger)
     if extrapolate:
         onset = _begin(curve, first, onset)
-    return GaugeContact(first, onset, tuple(_before(time[begins[: own + 1]], tops[: own + 1], hard, force[highest])))
+    faults = _before(time[begins[: own + 1]], tops[: own + 1], hard, force[highest])
+    return GaugeContact(first, onset, release, tuple(faults))
 
 
 def late_fault(curve: GaugeCurve, at: int, onset: float) -> list[GaugeFault]:
@@ -82,7 +87,7 @@ def late_fault(curve: GaugeCurve, at: int, onset: float) -> list[GaugeFault]:
     highest = int(np.argmax(force))
     low = _TOUCH_SHARE * force[highest]
     if force[at] >= low:
-        return []
+        return _pressed_on(curve, at, highest, onset)
     rises_from = np.flatnonzero(force[:highest] < low)[-1]
     sudden = bool(time[highest] - time[rises_from] <= FIRST_PHASE_S)
     text = (
@@ -93,13 +98,26 @@ def late_fault(curve: GaugeCurve, at: int, onset: float) -> list[GaugeFault]:
     return [GaugeFault("late", 1, text, spoils=sudden)]
 
 
-def _begins(curve: GaugeCurve, trigger: float) -> npt.NDArray[np.intp]:
-    """First samples of all contacts."""
+def _pressed_on(curve: GaugeCurve, at: int, highest: int, onset: float) -> list[GaugeFault]:
+    """Whether the arm presses harder after the first phase than it hit."""
+    force = curve.force
+    if curve.time[highest] - onset <= FIRST_PHASE_S or force[highest] <= _HARDER * force[at]:
+        return []
+    text = (
+        f"The highest force, {force[highest]:.4g} N, comes {curve.time[highest] - onset:.3g} s after the begin of "
+        f"contact, which shows {force[at]:.4g} N in its first {FIRST_PHASE_S:g} s: the gauge was pressed on."
+    )
+    return [GaugeFault("late", 1, text)]
+
+
+def _contacts(curve: GaugeCurve, trigger: float) -> tuple[npt.NDArray[np.intp], FloatArray]:
+    """First samples of all contacts, and when the gauge is free after each [s]."""
     above = np.concatenate([[False], curve.force >= trigger, [False]])
     edges = np.flatnonzero(np.diff(above))
     begins, ends = edges[::2], edges[1::2]
     free = curve.time[begins[1:]] - curve.time[ends[:-1] - 1] >= _FREE_S
-    return np.concatenate([begins[:1], begins[1:][free]])
+    released = np.append(curve.time, np.inf)[ends]
+    return np.concatenate([begins[:1], begins[1:][free]]), np.concatenate([released[:-1][free], released[-1:]])
 
 
 def _before(begins: FloatArray, tops: FloatArray, hard: npt.NDArray[np.intp], peak: float) -> list[GaugeFault]:

@@ -42,6 +42,7 @@ class GaugeReading:
     Attributes:
         curve: as read, zeroed and with pressing positive.
         onset: when contact begins [s].
+        release: when the gauge is free again [s]; infinite: it never is.
         peak_N: greatest force in the first 0.5 s of contact, between samples: the summit of the parabola through the
             highest sample and its neighbours [N].
         sampled_peak_N: the highest sample in that time [N].
@@ -58,6 +59,7 @@ class GaugeReading:
 
     curve: GaugeCurve
     onset: float
+    release: float
     peak_N: float
     sampled_peak_N: float
     peak_time: float
@@ -85,6 +87,15 @@ class GaugeReading:
         spoiling = {fault.name for fault in self.faults if fault.spoils}
         hidden = bool(spoiling) and spoiling <= _HIDES_PEAK
         return min(self.sampled_peak_N, float(np.ptp(self.curve.force))) if hidden else math.nan
+
+    @property
+    def pressing_N(self) -> float:
+        """The greatest force of this contact after its first 0.5 s [N]; NaN: there is none, or it is not known."""
+        time = self.curve.time
+        pressed = self.curve.force[(time - self.onset > FIRST_PHASE_S) & (time < self.release)]
+        if not pressed.size or (not self.usable and math.isnan(self.lower_bound_N)):
+            return math.nan
+        return min(float(pressed.max()), math.inf if self.usable else float(np.ptp(self.curve.force)))
 
     def to_json(self) -> dict[str, Any]:
         """Figures by name; those that there are not are None."""
@@ -171,6 +182,7 @@ def analyse(curve: GaugeCurve, trigger_N: float | None = None) -> GaugeReading:
     return GaugeReading(
         curve=zeroed,
         onset=onset,
+        release=contact.release,
         peak_N=summit,
         sampled_peak_N=float(force[at]),
         peak_time=summit_time - onset,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
 from bumpstop.report.markup import Html, element, paragraph, table, whole
 from bumpstop.report.section import Part
 from bumpstop.terminal import as_written, number
@@ -78,6 +79,12 @@ def _row(judged: JudgedShot) -> tuple[str, ...]:
 
 
 def _measured(shot: Shot) -> str:
+    known = []
     if shot.measured:
-        return as_written(shot.measured_N)
-    return f"at least {as_written(shot.lower_bound_N)}" if math.isfinite(shot.lower_bound_N) else ""
+        known.append(as_written(shot.measured_N))
+    elif math.isfinite(shot.lower_bound_N):
+        known.append(f"at least {as_written(shot.lower_bound_N)}")
+    # What is left below the peak is no news.
+    if math.isfinite(shot.lasting_N) and not shot.lasting_N <= shot.measured_N:
+        known.append(f"{as_written(shot.lasting_N)} after {FIRST_PHASE_S:g} s")
+    return ", ".join(known)

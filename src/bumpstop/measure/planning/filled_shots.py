@@ -1,0 +1,151 @@
+"""Rows of a plan that are filled in, and what recordings tell of them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bumpstop.errors import InputError
+from bumpstop.measure.reading.text_table import TextTable, read_text_table
+from bumpstop.register.shots import COLUMNS, LASTING, LOWER_BOUND, OF_RECORDINGS, UNUSABLE
+from bumpstop.rounding import to_decimals
+
+if TYPE_CHECKING:
+    from bumpstop.measure.reading.gauge_reading import GaugeReading
+
+_NUMBERS = ("shot", *COLUMNS[2:], LOWER_BOUND, LASTING)
+_NEEDED = ("situation", "speed_mm_s", "measured_peak_force_N")
+WANTED = "wanted the plan.csv of bumpstop measure plan, filled in"
+
+
+@dataclass(frozen=True)
+class FilledShot:
+    """A row of a filled plan.
+
+    Attributes:
+        row: of the file, from 1, without the header.
+        shot: number as the plan has it; 0: the row has none.
+        situation: name of it.
+        speed_mm_s: of the tip [mm/s].
+        predicted_N, low_N, high_N: as the plan has them [N]; NaN: the table does not say.
+        measured_N: peak force that the gauge showed [N]; NaN: not taken yet.
+        recording: file of it beside the table; empty: none.
+        lower_bound_N, unusable_recording, lasting_N: of a recording that was read before, as a :class:`Shot` of a
+            register has them.
+    """
+
+    row: int
+    shot: int
+    situation: str
+    speed_mm_s: float
+    predicted_N: float
+    low_N: float
+    high_N: float
+    measured_N: float
+    recording: str
+    lower_bound_N: float = math.nan
+    unusable_recording: str = ""
+    lasting_N: float = math.nan
+
+
+def read_shots(path: Path) -> tuple[FilledShot, ...]:
+    """Rows of a table of shots; columns in any order, further ones are passed over.
+
+    Raises:
+        InputError: a column is missing, or a value cannot be used; names row and column.
+    """
+    table = read_text_table(path, WANTED)
+    for name in _NEEDED:
+        if name not in table.names:
+            raise InputError(f"{path}, column {name}", "is missing", WANTED)
+    table.refuse_long_rows(table.beyond)
+    numbers = {name: table.numbers(column) for column, name in enumerate(table.names) if name in _NUMBERS}
+    found = []
+    for row in range(len(table.rows)):
+        name = table.cell(row, "situation").strip()
+        measured = _positive(table, numbers, row, "measured_peak_force_N", empty=True)
+        recording = table.cell(row, "recording").strip() if "recording" in table.names else ""
+        if recording.isdigit() and not math.isnan(measured):
+            where = f"{path}, row {row + 1}, recording"
+            valid = "wanted a file, and decimal points where commas are between cells"
+            raise InputError(where, f"{recording!r} stands beside a force of {measured:g} N", valid)
+        if not name:
+            raise InputError(f"{path}, row {row + 1}, situation", "is empty", "wanted the name of a situation")
+        shot, predicted, low, high, bound, lasting = (
+            _positive(table, numbers, row, key, empty=True, unbounded=key != "shot") if key in table.names else math.nan
+            for key in ("shot", *COLUMNS[3:6], LOWER_BOUND, LASTING)
+        )
+        found.append(
+            FilledShot(
+                row=row + 1,
+                shot=0 if math.isnan(shot) else int(shot),
+                situation=name,
+                speed_mm_s=_positive(table, numbers, row, "speed_mm_s", empty=False),
+                predicted_N=predicted,
+                low_N=low,
+                high_N=high,
+                measured_N=measured,
+                recording=recording,
+                lower_bound_N=bound,
+                unusable_recording=table.cell(row, UNUSABLE).strip() if UNUSABLE in table.names else "",
+                lasting_N=lasting,
+            )
+        )
+    if not found:
+        raise InputError(str(path), "has no rows", WANTED)
+    return tuple(found)
+
+
+def shots_text(shots: Sequence[FilledShot], readings: Mapping[int, GaugeReading]) -> str:
+    """Predictions and measured peak forces as CSV, in the first columns of a plan, and what recordings tell besides.
+
+    Args:
+        shots: rows.
+        readings: of the recordings that count, by number of the row: a peak that can be relied on, or else what it is
+            at least, and the name of the recording.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow((*COLUMNS, *OF_RECORDINGS))
+    for shot in shots:
+        measured, lasting = shot.measured_N, shot.lasting_N
+        bound, unusable = shot.lower_bound_N, shot.unusable_recording
+        if (reading := readings.get(shot.row)) is not None:
+            lasting, bound, unusable = reading.pressing_N, math.nan, ""
+            if reading.usable:
+                measured = reading.peak_N
+            else:
+                bound, unusable = reading.lower_bound_N, shot.recording
+        # What is a hair above its limit stays above it.
+        up = [to_decimals(force, 2, up=True) for force in (measured, bound, lasting)]
+        figures = (shot.predicted_N, shot.low_N, shot.high_N, *up)
+        *cells, last = ("" if math.isnan(figure) else f"{figure:.2f}" for figure in figures)
+        writer.writerow((shot.situation, shot.shot or shot.row, f"{shot.speed_mm_s:.10g}", *cells, unusable, last))
+    return text.getvalue()
+
+
+def _positive(
+    table: TextTable,
+    numbers: Mapping[str, list[float]],
+    row: int,
+    name: str,
+    *,
+    empty: bool,
+    unbounded: bool = False,
+) -> float:
+    text = table.cell(row, name).strip()
+    if not text and empty:
+        return math.nan
+    if unbounded and text == "inf":
+        return math.inf  # as a plan writes it of shots that may never be detected
+    value = numbers[name][row]
+    if not 0 < value < math.inf:
+        raise InputError(
+            f"{table.source}, row {row + 1}, {name}", f"{text!r} cannot be used", "wanted a number above zero"
+        )
+    return value
