@@ -196,6 +196,39 @@ def test_readings_that_are_too_low_for_a_cell_are_doubted(share: float) -> None:
     assert all("too low to be explained by a latency" in warning for warning in below)
 
 
+def test_shots_that_all_lie_below_belief_are_doubted() -> None:
+    """A gauge that shows 0.6 of the force: parameters explain it, and scenarios promised it without a word."""
+    z = np.zeros(len(ensemble().parameters))
+    columns = [0, 1, 2, 3] * 2
+    low = [replace(shot, force_N=0.6 * shot.force_N) for shot in shots_at(z, columns)]
+    (warning,) = calibrate(ensemble(), low, refine=0).warnings
+    assert warning.startswith(
+        "8 of 8 shots lie below the least that was believed before, 0.59 times the expected force"
+    )
+    assert "gauge, speed and place" in warning
+    # A cell that is milder than assumed, as many are.
+    milder = [replace(shot, force_N=0.85 * shot.force_N) for shot in shots_at(z, columns)]
+    assert calibrate(ensemble(), milder, refine=0).warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("columns", "factors"),
+    [
+        ([0, 1, 2, 3] * 2, [0.6] * 4 + [1.0] * 4),
+        ([1, 1], [0.5, 1.6]),
+        # Shots of the full speed that were made at half of it.
+        ([0, 0, 1, 1, 2, 3], [1, 1, 0.56, 0.56, 1, 1]),
+    ],
+)
+def test_shots_that_contradict_each_other_are_told(columns: list[int], factors: list[float]) -> None:
+    """No single one was far enough off to be named."""
+    shots = shots_at(np.zeros(len(ensemble().parameters)), columns)
+    mixed = [replace(shot, force_N=factor * shot.force_N) for shot, factor in zip(shots, factors, strict=True)]
+    (warning,) = calibrate(ensemble(), mixed, refine=0).warnings
+    assert "shots contradict each other" in warning
+    assert "3 % was told of the gauge" in warning
+
+
 def test_bad_shots_of_one_number_are_told_apart() -> None:
     """As of two plans that were measured one after the other."""
     columns = [0, 1, 2, 3, 0, 1, 2, 3, 1, 3]
@@ -386,6 +419,19 @@ def test_what_a_gauge_is_pressed_with_goes_into_the_shots(tmp_path: Path) -> Non
     # What was read before is not lost where the shots are read again.
     (tmp_path / "shots.csv").write_text(said)
     assert shots_text(read_shots(tmp_path / "shots.csv"), {}) == said
+
+
+def test_a_recording_counts_once(tmp_path: Path) -> None:
+    """Copied into another row, it was another shot, as sure as the first."""
+    plan = plan_measurements([("hand", rigid())], speed_shares=[0.5, 1.0], points=32, shots=3)
+    table = write_plan(plan, tmp_path)
+    write(tmp_path / "a.csv", *pressed())
+    lines = [line.split(",") for line in table.read_text().splitlines()]
+    for row, name in ((1, "a.csv"), (3, "./a.csv")):
+        lines[row][7] = name
+    table.write_text("\n".join(",".join(line) for line in lines) + "\n")
+    with pytest.raises(InputError, match=r"row 3, recording: './a.csv' is that of row 1; give each shot its own"):
+        calibrate_plan(load_plan(tmp_path))
 
 
 def test_each_phase_has_its_limit() -> None:

@@ -1,4 +1,4 @@
-"""Readings that no cell gives: another unit, a gauge that shows too little, or a latency below zero."""
+"""Readings that no cell gives: another unit, a gauge that shows too little, shots at odds, or a latency below zero."""
 
 from __future__ import annotations
 
@@ -8,14 +8,25 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.measure.parameters import LATENCY, nominal
+from bumpstop.terminal import in_percent
 
 if TYPE_CHECKING:
     from bumpstop.measure.learning.peak_force_ensemble import Condition
     from bumpstop.measure.learning.shots import MeasuredShot
 
-# More than half of the shots below what was believed, and in the middle by a factor of two: no parameter is so far off.
+# More than half of the shots below what was believed; in the middle by a factor of two no parameter is so far off.
 # Readings that are too high are told by their limits, and make nothing look safe.
 _MANY, _LOW_RATIO = 0.5, 0.5
+# Honest shots of the told gauge have their error found up to 1.2 times as large.
+_AT_ODDS = 1.5
+_TOO_LOW = (
+    "Are readings in another unit, or does the gauge show too little? What was learned only hides it: do not use the "
+    "calibrated scenarios before that is settled."
+)
+_LOW = (
+    "Parameters explain that, and so does a gauge that shows too little, or was hit more slowly or elsewhere: check "
+    "gauge, speed and place before the calibrated scenarios are used."
+)
 
 
 def reading_doubts(
@@ -23,6 +34,7 @@ def reading_doubts(
     shots: Sequence[MeasuredShot],
     conditions: Sequence[Condition],
     latency_shift: float,
+    gauge_error: tuple[float, float],
 ) -> tuple[str, ...]:
     """Why measured shots are hardly those of their cell, a sentence for each reason.
 
@@ -31,16 +43,27 @@ def reading_doubts(
         shots: measured.
         conditions: whose scenarios the latency is of.
         latency_shift: what the shots add to it [s].
+        gauge_error: of a shot, as told and as the shots show it [1].
     """
     ratio = float(np.median([shot.force_N / median for shot, (median, _, _) in zip(shots, before, strict=True)]))
     low = sum(shot.force_N < least for shot, (_, least, _) in zip(shots, before, strict=True))
-    too_low = ratio < _LOW_RATIO and low > _MANY * len(shots)
-    doubts = (
-        f"{low} of {len(shots)} shots lie below the least that was believed before, {ratio:.2g} times the "
-        "expected force in the middle. Are readings in another unit, or does the gauge show too little? What was "
-        "learned only hides it: do not use the calibrated scenarios before that is settled.",
-    )
-    return (*(doubts if too_low else ()), *_latency_doubt(latency_shift, conditions, too_low=too_low))
+    doubts = []
+    many_low = low > _MANY * len(shots)
+    too_low = many_low and ratio < _LOW_RATIO
+    if many_low:
+        asked = _TOO_LOW if too_low else _LOW
+        doubts.append(
+            f"{low} of {len(shots)} shots lie below the least that was believed before, {ratio:.2g} times the "
+            f"expected force in the middle. {asked}"
+        )
+    told, shown = gauge_error
+    if shown > _AT_ODDS * told:
+        doubts.append(
+            f"A single shot is off by {in_percent(shown, 2)} beyond its own scatter, and {in_percent(told, 2)} was "
+            "told of the gauge: shots contradict each other. Are all rows of the place, the speed and the gauge that they "
+            "name? What was learned lies between them."
+        )
+    return (*doubts, *_latency_doubt(latency_shift, conditions, too_low=too_low))
 
 
 def _latency_doubt(shift: float, conditions: Sequence[Condition], *, too_low: bool) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,7 +58,8 @@ def read_shots(path: Path) -> tuple[FilledShot, ...]:
     """Rows of a table of shots; columns in any order, further ones are passed over.
 
     Raises:
-        InputError: a column is missing, or a value cannot be used; names row and column.
+        InputError: a column is missing, a value cannot be used, or a recording is that of two shots; names row and
+            column.
     """
     table = read_text_table(path, WANTED)
     for name in _NEEDED:
@@ -65,7 +67,8 @@ def read_shots(path: Path) -> tuple[FilledShot, ...]:
             raise InputError(f"{path}, column {name}", "is missing", WANTED)
     table.refuse_long_rows(table.beyond)
     numbers = {name: table.numbers(column) for column, name in enumerate(table.names) if name in _NUMBERS}
-    found = []
+    found: list[FilledShot] = []
+    rows_of: dict[str, int] = {}
     for row in range(len(table.rows)):
         name = table.cell(row, "situation").strip()
         measured = _positive(table, numbers, row, "measured_peak_force_N", empty=True)
@@ -74,6 +77,12 @@ def read_shots(path: Path) -> tuple[FilledShot, ...]:
             where = f"{path}, row {row + 1}, recording"
             valid = "wanted a file, and decimal points where commas are between cells"
             raise InputError(where, f"{recording!r} stands beside a force of {measured:g} N", valid)
+        # Where a force is filled in the recording is not read.
+        if recording and math.isnan(measured):
+            first = rows_of.setdefault(os.path.normpath(recording), row + 1)
+            if first != row + 1:
+                where = f"{path}, row {row + 1}, recording"
+                raise InputError(where, f"{recording!r} is that of row {first}", "give each shot its own")
         if not name:
             raise InputError(f"{path}, row {row + 1}, situation", "is empty", "wanted the name of a situation")
         shot, predicted, low, high, bound, lasting = (
