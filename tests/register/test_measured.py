@@ -193,6 +193,24 @@ def test_what_a_gauge_shows_after_the_first_phase_is_judged(tmp_path: Path) -> N
     assert judge_by_shots(result, [unknown]).outcome == "fail"
 
 
+def test_a_prediction_of_another_contact_is_told(tmp_path: Path) -> None:
+    """Shots of the belly's soft gauge under the name of a hand: in their band, which is far below what is computed."""
+    result = bs.evaluate_register(bs.load_register(write_register(tmp_path, {"name": "a", "speed_mm_s": 50})))
+    soft = replace(shot(34, band=(25.0, 45.0)), predicted_N=33)
+    (found,) = judge_by_shots(result, [shot(85), soft]).results
+    assert found.outcome == "inconclusive"
+    assert found.reason == (
+        "Shot 1 at 50 mm/s has a prediction of 33 N, and 81.58 N are computed at this speed: is it of this situation, "
+        "its body region and speed?"
+    )
+    bare = replace(soft, predicted_N=math.nan)
+    assert "has a prediction of up to 45 N" not in judge_by_shots(result, [bare]).results[0].reason
+    far = replace(bare, measured_N=20, low_N=15, high_N=35)
+    assert "has a prediction of up to 35 N" in judge_by_shots(result, [far]).results[0].reason
+    # A gauge that is softer than the body shows less, and is none of another.
+    assert judge_by_shots(result, [replace(shot(60, band=(50.0, 70.0)), predicted_N=60)]).outcome == "pass"
+
+
 def test_each_phase_of_a_shot_has_its_limit(tmp_path: Path) -> None:
     """Contact judged in two phases: the transient limit is that of the peak, not of what lasts."""
     row = {"name": "a", "speed_mm_s": 50, "contact.limits": "ts15066", "verdict.clamped_limit": "two_phase"}

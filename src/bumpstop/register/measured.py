@@ -37,6 +37,7 @@ Finding = Literal[
     "speed",
     "low_reading",
     "above",
+    "other",
     "not_computed",
     "below",
     "in_band",
@@ -50,16 +51,23 @@ _WORDS: dict[Finding, str] = {
     "speed": "speed? the band is of another",
     "low_reading": "far below: reading or unit?",
     "above": "above",
+    "other": "prediction of another contact?",
     "not_computed": "cannot be computed",
     "below": "below",
     "in_band": "in the band",
     "no_band": "",
     "not_measured": "not measured yet",
 }
+# What is computed for the situation itself is no more than this times what its gauge is predicted to show, unless the
+# gauge's spring is far softer than the body.
+_SAME_CONTACT = 2.0
 # So many shots of one situation that all lie above their predictions are hardly chance.
 _SEVERAL = 3
 # What changes a verdict, the gravest first.
-_GRAVE: tuple[Finding, ...] = ("over_limit", "unusable", "unread", "speed", "low_reading", "above", "not_computed")
+_GRAVE: tuple[Finding, ...] = (
+    *("over_limit", "unusable", "unread", "speed", "low_reading", "above", "other"),
+    "not_computed",
+)
 
 
 @dataclass(frozen=True)
@@ -110,9 +118,10 @@ def judge_by_shots(result: RegisterResult, shots: Sequence[Shot]) -> RegisterRes
     is inconclusive where a shot measured more than the band of its prediction, or without a band more than the quantile
     of the accepted probability at its speed: the prediction is too low. So it is where a shot measured less than a
     third of the band's lower end (without a band, a fifth of the median), where its band is that of the motion and its
-    speed is another, where it was made and has no peak that can be relied on, and where what it should measure cannot
-    be computed: such a shot shows nothing. What does not change the verdict stands beside it as a warning, and so does
-    that several shots all lie above their predictions. Shots never make a verdict better.
+    speed is another, where its prediction is less than half of what is computed, where it was made and has no peak that
+    can be relied on, and where what it should measure cannot be computed: such a shot shows nothing. What does not
+    change the verdict stands beside it as a warning, and so does that several shots all lie above their predictions.
+    Shots never make a verdict better.
     """
     judged: dict[str, list[JudgedShot]] = {}
     for one in judged_shots(result, shots):
@@ -204,7 +213,25 @@ def _judged(shot: Shot, result: SituationResult, expected: _Expectation) -> Judg
     if highest > shot.high_N:
         reason = f"{told if measured >= highest else pressed}, above the predicted {band}: the prediction is too low."
         return JudgedShot(shot, "above", reason, highest / max(shot.high_N, 1e-9))
+    if reason := _of_another_contact(shot, result, expected):
+        return JudgedShot(shot, "other", reason)
     return JudgedShot(shot, "in_band" if shot.in_band else "below")
+
+
+def _of_another_contact(shot: Shot, result: SituationResult, expected: _Expectation) -> str:
+    """Why a shot that agrees with its prediction shows nothing of the situation; empty: it does."""
+    if not math.isfinite(_speed_mm_s(result)):
+        return ""  # what is computed of a trajectory is of its own speed
+    computed = expected(result, shot.speed_mm_s).median
+    known = math.isfinite(shot.predicted_N)
+    predicted = shot.predicted_N if known else shot.high_N
+    if not _SAME_CONTACT * predicted < computed < math.inf:
+        return ""
+    return (
+        f"Shot {shot.shot} at {shot.speed_mm_s:g} mm/s has a prediction of {'' if known else 'up to '}"
+        f"{as_written(predicted)} N, and {number(computed)} N are computed at this speed: is it of this situation, its "
+        "body region and speed?"
+    )
 
 
 def _highest(shot: Shot) -> float:

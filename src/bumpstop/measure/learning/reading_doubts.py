@@ -60,8 +60,8 @@ def reading_doubts(
     if shown > _AT_ODDS * told:
         doubts.append(
             f"A single shot is off by {in_percent(shown, 2)} beyond its own scatter, and {in_percent(told, 2)} was "
-            "told of the gauge: shots contradict each other. Are all rows of the place, the speed and the gauge that they "
-            "name? What was learned lies between them."
+            "told of the gauge: shots contradict each other. Are all rows of the place, the speed and the gauge that "
+            "they name? What was learned lies between them."
         )
     return (*doubts, *_latency_doubt(latency_shift, conditions, too_low=too_low))
 
