@@ -15,7 +15,7 @@ from bumpstop.measure.learning.peak_force_ensemble import Condition, PeakForceEn
 from bumpstop.measure.learning.posterior import ErrorModel
 from bumpstop.measure.learning.response_surface import normal_points
 from bumpstop.measure.learning.shots import MeasuredShot
-from bumpstop.measure.parameters import Parameters
+from bumpstop.measure.parameters import GEARS, ROTORS, SERVO, Parameters
 from bumpstop.measure.peak_force_model import ShotForce, shot_force
 from bumpstop.measure.planning.design import Belief, greedy_design
 from bumpstop.measure.planning.measured_situation import situations_of
@@ -74,6 +74,7 @@ def compare(findings: Findings, *, quick: bool) -> None:
         f"(sd {100 * _FRICTION_SHARE:g} % of the thresholds), gauges with friction and {100 * _GAUGE_SD:g} % of noise."
     )
     _coverage(findings, cell, runs=6 if quick else 1000, quick=quick)
+    _coverage(findings, cell, runs=6 if quick else 1000, quick=quick, by_joint=True)
     _order(findings, cell, runs=1 if quick else 24, quick=quick)
     _reference(findings, cell, runs=1 if quick else 12)
     if not quick:
@@ -134,9 +135,10 @@ class Truth:
     Args:
         cell: what is assumed.
         seed: of all that is planted.
+        by_joint: gears, servos and rotors are off in each joint by itself, by as much as is assumed of all alike.
     """
 
-    def __init__(self, cell: Cell, seed: int) -> None:
+    def __init__(self, cell: Cell, seed: int, *, by_joint: bool = False) -> None:
         self._cell = cell
         self.random = np.random.default_rng(seed)
         self.z = self.random.standard_normal(len(cell.ensemble.parameters))
@@ -144,6 +146,12 @@ class Truth:
         self._friction = _FRICTION_SHARE * self.random.standard_normal((len(cell.ensemble.conditions), 6))
         self._gauge_friction = _GAUGE_FRICTION * self.random.random()
         self._known: dict[int, ShotForce] = {}
+        self._of_joints: dict[str, Array] = {}
+        for parameter in cell.ensemble.parameters.each if by_joint else ():
+            if parameter.key in (GEARS, SERVO, ROTORS):
+                self.z[cell.ensemble.parameters.index(parameter.key)] = 0.0
+                name = parameter.key.partition(".")[2]
+                self._of_joints[name] = np.exp(parameter.sd * self.random.standard_normal(6))
 
     def scenario(self, column: int) -> bs.Scenario:
         """A condition as it is."""
@@ -155,6 +163,7 @@ class Truth:
                 "gear_damping": (self._damping * train.gear_damping).tolist(),
                 "servo_position_gain_1_s": (self._gain * train.servo_position_gain).tolist(),
             }
+            | {key: (np.array(getattr(found.arm, key)) * factor).tolist() for key, factor in self._of_joints.items()}
         )
         detector = found.detector.model_copy(update={"noise_mean_Nm": (self._friction[column] * thresholds).tolist()})
         return found.model_copy(update={"arm": arm, "detector": detector})
@@ -176,9 +185,11 @@ class Truth:
         return MeasuredShot(condition.situation.name, condition.speed_mm_s, float(shown), number)
 
 
-def commission(cell: Cell, seed: int, columns: list[int], *, bad: int = _BAD) -> tuple[Truth, Calibration] | None:
+def commission(
+    cell: Cell, seed: int, columns: list[int], *, bad: int = _BAD, by_joint: bool = False
+) -> tuple[Truth, Calibration] | None:
     """Shots of these conditions, some of them bad, and what is learned; None: the planted arm never detects a gauge."""
-    truth = Truth(cell, seed)
+    truth = Truth(cell, seed, by_joint=by_joint)
     try:
         spoilt = set(truth.random.choice(len(columns), bad, replace=False).tolist())
         shots = [truth.shot(c, n + 1, bad=n in spoilt) for n, c in enumerate(columns)]
@@ -187,12 +198,12 @@ def commission(cell: Cell, seed: int, columns: list[int], *, bad: int = _BAD) ->
     return truth, calibrate(cell.ensemble, shots, refine=0, seed=seed)
 
 
-def _coverage(findings: Findings, cell: Cell, *, runs: int, quick: bool) -> None:
+def _coverage(findings: Findings, cell: Cell, *, runs: int, quick: bool, by_joint: bool = False) -> None:
     measured, asked = cell.columns(measured=True), cell.columns(measured=False)
     columns = (measured * _SHOTS)[:_SHOTS]
     inside, single, widths, before, named, undetected = [], [], [], [], [], 0
     for seed in range(runs):
-        done = commission(cell, seed, columns)
+        done = commission(cell, seed, columns, by_joint=by_joint)
         if done is None:
             undetected += 1
             continue
@@ -213,8 +224,9 @@ def _coverage(findings: Findings, cell: Cell, *, runs: int, quick: bool) -> None
         if (seed + 1) % 50 == 0:
             findings.progress(f"{seed + 1} commissionings: {100 * np.mean(inside):.1f} % inside")
     share, one_share = float(np.mean(inside)), float(np.mean(single))
+    of_joints = ", gears, servos and rotors off in each joint by itself" if by_joint else ""
     findings.table(
-        f"{runs} commissionings with {_SHOTS} shots, {_BAD} of them bad, at places that were not measured",
+        f"{runs} commissionings with {_SHOTS} shots, {_BAD} of them bad, at places that were not measured{of_joints}",
         ["", "Value"],
         ["", ".3g"],
         [
@@ -228,12 +240,17 @@ def _coverage(findings: Findings, cell: Cell, *, runs: int, quick: bool) -> None
     )
     wanted = 0.8 if quick else _COVERAGE
     findings.check(
-        f"The 95 % interval of the peak force at unmeasured places holds the truth in {100 * wanted:.0f} % or more",
+        "The 95 % interval of the peak force at unmeasured places holds the truth in "
+        f"{100 * wanted:.0f} % or more{of_joints}",
         share >= wanted,
         f"{100 * share:.1f} % of {len(inside)}",
     )
-    findings.check("The shots narrow the interval", np.median(widths) < np.median(before))
-    findings.figures["coverage"] = {"expected": share, "single": one_share, "cases": len(inside)}
+    findings.check(f"The shots narrow the interval{of_joints}", np.median(widths) < np.median(before))
+    findings.figures["coverage by joint" if by_joint else "coverage"] = {
+        "expected": share,
+        "single": one_share,
+        "cases": len(inside),
+    }
 
 
 def orders(cell: Cell, shots: int) -> tuple[list[int], list[int]]:

@@ -40,6 +40,8 @@ _KNOWN: dict[str, tuple[str, float]] = {
     PADDING: ("stiffness of the padding", 0.35),
 }
 KEYS = tuple(_KNOWN)
+# What one factor stands for, and is off in each joint, pad or padding by itself.
+_EACH_BY_ITSELF = (GEARS, SERVO, ROTORS, CONTACT, PADDING)
 # Standard deviation of a latency: a share of it, and at least so many feedback periods.
 _LATENCY_SHARE, _LATENCY_PERIODS = 0.5, 1.0
 
@@ -154,6 +156,22 @@ class Parameters:
             update={table: getattr(scenario, table).model_copy(update=values) for table, values in tables.items()}
         )
 
+    def apart(self, scenario: Scenario, z: float) -> list[Scenario]:
+        """The scenario with one joint, pad or padding at z after the other, the rest of it as it is."""
+        found = []
+        for parameter in self.each:
+            if parameter.key not in _EACH_BY_ITSELF or not has_key(scenario, parameter.key):
+                continue
+            table, _, name = parameter.key.partition(".")
+            value: Any = _by_joint(scenario, parameter.key) if table == "arm" else nominal(scenario, parameter.key)
+            factor = math.exp(parameter.sd * z)
+            of = getattr(scenario, table)
+            joints = len(value) if isinstance(value, list | tuple) else 0
+            values: list[Any] = [[*value[:j], factor * value[j], *value[j + 1 :]] for j in range(joints)]
+            values = values or [factor * float(value)]
+            found += [scenario.model_copy(update={table: of.model_copy(update={name: each})}) for each in values]
+        return found
+
     def with_nominal(self, scenario: Scenario) -> Scenario:
         """The scenario with every key of a parameter spelt out, as :meth:`at` scales them."""
         return self.at(scenario, np.zeros(len(self)))
@@ -169,12 +187,15 @@ def nominal(scenario: Scenario, key: str) -> Any:
     value = getattr(getattr(scenario, table), name)
     if value is not None:
         return value
-    problem = CollisionProblem.from_scenario(scenario)
-    if key == CONTACT:
-        return problem.body_stiffness
-    train = problem.drive_train
+    return CollisionProblem.from_scenario(scenario).body_stiffness if key == CONTACT else _by_joint(scenario, key)
+
+
+def _by_joint(scenario: Scenario, key: str) -> list[float]:
+    """Value of a key of an elastic arm, also where the scenario gives one number for all joints."""
+    train = CollisionProblem.from_scenario(scenario).drive_train
     values = {GEARS: train.gear_stiffness, SERVO: train.servo_bandwidth / (2 * math.pi), ROTORS: train.rotor_inertia}
-    return values[key].tolist()
+    found: list[float] = values[key].tolist()
+    return found
 
 
 def has_key(scenario: Scenario, key: str) -> bool:

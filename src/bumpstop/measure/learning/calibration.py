@@ -352,7 +352,7 @@ def _notes(
     notes += map(str, bad)
     if posterior.effective < _MIN_EFFECTIVE:
         notes.append(f"Only {posterior.effective:.0f} draws count effectively: quantiles are uncertain.")
-    error = float(surfaces.error[np.unique(columns)].max())
+    error = float(surfaces.surface.error[np.unique(columns)].max())
     if error > 0.03:
         notes.append(
             f"Between computed points the peak forces are known to {in_percent(error, 2)}, which is in the spread."

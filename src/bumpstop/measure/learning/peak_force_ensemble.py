@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -68,6 +68,7 @@ class PeakForceEnsemble:
         z: points (points, parameters), standard normal numbers before anything is measured.
         log_mean: mean logarithm of the peak force (points, conditions) [log N]; NaN where shots are not detected.
         log_sd: standard deviation of the logarithm among shots (points, conditions) [1].
+        own_error: of each condition, by joints and pads that are off each by itself (conditions,) [1].
     """
 
     parameters: Parameters
@@ -75,6 +76,7 @@ class PeakForceEnsemble:
     z: FloatArray
     log_mean: FloatArray
     log_sd: FloatArray
+    own_error: FloatArray
 
     @classmethod
     def of(
@@ -96,33 +98,32 @@ class PeakForceEnsemble:
             progress: told the share that is done.
         """
         z = np.concatenate([np.zeros((1, len(parameters))), normal_points(points - 1, len(parameters), seed)])
-        return cls._at(parameters, tuple(conditions), z, progress)
+        own = np.array([_own_error(parameters, condition) for condition in conditions])
+        return cls(parameters, tuple(conditions), z, *cls._at(parameters, tuple(conditions), z, progress), own)
 
-    @classmethod
+    @staticmethod
     def _at(
-        cls,
         parameters: Parameters,
         conditions: tuple[Condition, ...],
         z: FloatArray,
         progress: Callable[[float], None] | None = None,
-    ) -> PeakForceEnsemble:
+    ) -> tuple[FloatArray, FloatArray]:
         mean, sd = np.full((len(z), len(conditions)), np.nan), np.full((len(z), len(conditions)), np.nan)
         for i, point in enumerate(z):
             for c, condition in enumerate(conditions):
                 mean[i, c], sd[i, c] = _log_force(parameters.at(condition.scenario, point), condition.speed_share)
             if progress is not None:
                 progress((i + 1) / len(z))
-        return cls(parameters, conditions, z, mean, sd)
+        return mean, sd
 
     def with_points(self, z: FloatArray, progress: Callable[[float], None] | None = None) -> PeakForceEnsemble:
         """The same with more points (points, parameters)."""
-        more = self._at(self.parameters, self.conditions, z, progress)
-        return PeakForceEnsemble(
-            self.parameters,
-            self.conditions,
-            np.concatenate([self.z, more.z]),
-            np.concatenate([self.log_mean, more.log_mean]),
-            np.concatenate([self.log_sd, more.log_sd]),
+        mean, sd = self._at(self.parameters, self.conditions, z, progress)
+        return replace(
+            self,
+            z=np.concatenate([self.z, z]),
+            log_mean=np.concatenate([self.log_mean, mean]),
+            log_sd=np.concatenate([self.log_sd, sd]),
         )
 
     def detected(self) -> FloatArray:
@@ -145,6 +146,7 @@ class PeakForceEnsemble:
             self.z,
             self.log_mean[:, keep],
             self.log_sd[:, keep],
+            self.own_error[keep],
         )
         return kept, tuple(self.conditions[c] for c in left)
 
@@ -177,7 +179,7 @@ class PeakForceEnsemble:
             fitted = ResponseSurface.fit(self.z[rows], self.log_mean[np.ix_(rows, alike)], weights[rows])
             coefficients[:, alike], error[alike] = fitted.coefficients, np.maximum(_MIN_ERROR, fitted.error)
             sd[alike] = np.average(self.log_sd[np.ix_(rows, alike)], axis=0, weights=weights[rows])
-        return Surfaces(ResponseSurface(coefficients, error), sd)
+        return Surfaces(ResponseSurface(coefficients, error), sd, self.own_error)
 
     def _weights(self, mean: FloatArray, covariance: FloatArray) -> FloatArray:
         """Of the points, by the belief: widened until enough of them count."""
@@ -200,19 +202,31 @@ class Surfaces:
     Attributes:
         surface: one column for each condition [log N].
         log_sd: of shots (conditions,) [1].
+        own_error: of each condition, see :class:`PeakForceEnsemble` (conditions,) [1].
     """
 
     surface: ResponseSurface
     log_sd: FloatArray
+    own_error: FloatArray | float = 0.0
 
     @property
     def error(self) -> FloatArray:
-        """Of the polynomials (conditions,) [1]."""
-        return self.surface.error
+        """Of the polynomials, and of each condition by itself (conditions,) [1]."""
+        return np.asarray(np.hypot(self.surface.error, self.own_error))
 
     def __call__(self, z: FloatArray) -> FloatArray:
         """Mean logarithm of the peak force (points, conditions)."""
         return self.surface(z)
+
+
+def _own_error(parameters: Parameters, condition: Condition) -> float:
+    """How far joints and pads that are off each by itself put the logarithm of a condition's peak force [1]."""
+    ends = [
+        [_log_force(each, condition.speed_share)[0] for each in parameters.apart(condition.scenario, z)]
+        for z in (-1.0, 1.0)
+    ]
+    # Where an arm no longer detects the gauge the other points tell enough.
+    return math.sqrt(float(np.nansum((np.subtract(ends[1], ends[0]) / 2) ** 2)))
 
 
 def _log_force(scenario: Scenario, speed: float) -> tuple[float, float]:

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 # More than half of the shots below what was believed; in the middle by a factor of two no parameter is so far off.
 # Readings that are too high are told by their limits, and make nothing look safe.
 _MANY, _LOW_RATIO = 0.5, 0.5
-# Honest shots of the told gauge have their error found up to 1.2 times as large.
-_AT_ODDS = 1.5
+# Honest shots of the told gauge have their error found up to 1.17 times as large.
+_AT_ODDS = 1.3
 _TOO_LOW = (
     "Are readings in another unit, or does the gauge show too little? What was learned only hides it: do not use the "
     "calibrated scenarios before that is settled."
