@@ -472,3 +472,8 @@ def test_each_phase_has_its_limit() -> None:
     )
     assert (one.limit_N, one.lasting_limit_N) == (140, 140)
     assert (two.limit_N, two.lasting_limit_N) == (280, 140)
+    # Of a region that nothing may hit there is none, and the order of shots counts all situations alike.
+    face = rigid(verdict__clamped_limit="two_phase", contact__body="face")
+    (situation,) = situations_of([("face", face)])
+    assert math.isnan(situation.limit_N)
+    assert plan_measurements([("face", face), ("hand", rigid())], points=32, shots=2).spread > 0

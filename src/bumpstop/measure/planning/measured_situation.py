@@ -183,10 +183,9 @@ def _gauge_notes(gauge: Gauge) -> list[str]:
 
 def _limits(problem: CollisionProblem) -> tuple[float, float]:
     """Of the first half second of contact, and of what lasts [N]."""
-    lasting = problem.limits
-    if lasting is None or not lasting.permitted:
-        return math.nan, math.nan
-    return (problem.transient_limits or lasting).force_N, lasting.force_N
+    both = (problem.transient_limits or problem.limits, problem.limits)
+    first, lasting = (limits.force_N if limits is not None and limits.permitted else math.nan for limits in both)
+    return first, lasting
 
 
 def _short(scenario: Scenario, motion: dict[str, object], seconds: float = 0.1) -> CollisionProblem:
