@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import tomllib
 from dataclasses import replace
@@ -14,7 +13,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.errors import InputError
-from bumpstop.measure import MeasuredShot, calibrate_plan, load_plan, plan_measurements, write_plan
+from bumpstop.measure import MeasuredShot
 from bumpstop.measure.learning.calibrated_scenario import calibrated_toml, uncertainty
 from bumpstop.measure.learning.calibration import calibrate
 from bumpstop.measure.learning.peak_force_ensemble import PeakForceEnsemble, Surfaces
@@ -30,12 +29,9 @@ from bumpstop.measure.parameters import (
     Parameters,
 )
 from bumpstop.measure.peak_force_model import shot_force
-from bumpstop.measure.planning.filled_shots import read_shots, shots_text
 from bumpstop.measure.planning.measured_situation import situations_of
 from bumpstop.measure.planning.plan import conditions_of
-from bumpstop.measure.planning.plan_file import COLUMNS
 from measure.cells import elastic, rigid
-from measure.gauge_cases import pressed, write
 
 
 @cache
@@ -380,100 +376,3 @@ def test_bad_input() -> None:
         calibrate(ensemble(), [])
     with pytest.raises(InputError, match="shot 7: 'hand' at 33 mm/s is not among the conditions"):
         calibrate(ensemble(), [MeasuredShot("hand", 33.0, 100.0, 7)])
-
-
-def test_plan_filled_by_forces_and_recordings(tmp_path: Path) -> None:
-    """From the plan over a table and a recording to figures; a spoilt recording is left out and said to be."""
-    plan = plan_measurements(
-        [("hand", rigid())], speed_shares=[1.0], points=40, repeats=3, fixed=["contact.stiffness_N_m"]
-    )
-    table = write_plan(plan, tmp_path)
-    time, force = pressed(noise=0.1)
-    scale = plan.shots[0].predicted_N / force.max()
-    write(tmp_path / "good.csv", time, scale * force)
-    write(tmp_path / "bad.csv", time, np.minimum(scale * force, 50.0))
-    lines = table.read_text().splitlines()
-    for i, (measured, recording) in enumerate(
-        [(f"{plan.shots[0].predicted_N:.2f}", ""), ("", "good.csv"), ("", "bad.csv")]
-    ):
-        cells = lines[i + 1].split(",")
-        cells[6], cells[7] = measured, recording
-        lines[i + 1] = ",".join(cells)
-    table.write_text("\n".join(lines) + "\n")
-    made = calibrate_plan(load_plan(tmp_path))
-    assert [shot.number for shot in made.calibration.shots] == [1, 2]
-    assert made.calibration.shots[1].force_N == pytest.approx(plan.shots[0].predicted_N, rel=5e-3)
-    rows = [row.split(",") for row in shots_text(load_plan(tmp_path).shots, made.readings).splitlines()]
-    assert rows[0] == [*COLUMNS[:7], "lower_bound_N", "unusable_recording", "lasting_force_N"]
-    assert [row[6] != "" for row in rows[1:]] == [True, True, False]
-    # Rounded down it could fall to a limit that it is above.
-    (peak,) = (reading.peak_N for reading in made.readings.values() if reading.usable)
-    for force in (peak, 135.001, 135.009, 135.0):
-        readings = {row: replace(reading, peak_N=force) for row, reading in made.readings.items()}
-        written = shots_text(load_plan(tmp_path).shots, readings).splitlines()[2].split(",")[6]
-        assert 0 <= float(written) - force < 0.01
-    # A peak that was cut off at 50 N is none, and no less than that.
-    assert [row[7:9] for row in rows[1:]] == [["", ""], ["", ""], [rows[3][7], "bad.csv"]]
-    assert float(rows[3][7]) == pytest.approx(50, abs=0.1)
-    (tmp_path / "shots.csv").write_text("\n".join(",".join(row) for row in rows))
-    assert read_shots(tmp_path / "shots.csv")[1].measured_N == pytest.approx(plan.shots[0].predicted_N, rel=5e-3)
-    assert math.isnan(read_shots(tmp_path / "shots.csv")[2].measured_N)
-    assert len(made.left_out) == 1
-    assert made.left_out[0].startswith("Shot 3 is left out, its recording 'bad.csv' cannot be relied on: ")
-    assert "The peak is at least 49.9" in made.left_out[0]
-    assert made.calibration.forces[0].expected_N[0] == pytest.approx(plan.shots[0].predicted_N, rel=0.03)
-    assert "contact.stiffness_N_m" not in made.calibration.parameters.keys
-
-
-def test_what_a_gauge_is_pressed_with_goes_into_the_shots(tmp_path: Path) -> None:
-    """An arm that presses on after its collision: the limit is passed by what lasts, and a later hit is none of it."""
-    plan = plan_measurements([("hand", rigid(motion__velocity_mm_s=[0, 0, -50]))], speed_shares=[1.0], points=32)
-    table = write_plan(plan, tmp_path)
-    time, force = pressed(noise=0.1)
-    force *= 90 / force.max()
-    push = 160 * np.clip((time - 0.55) / 0.3, 0, 1)
-    write(tmp_path / "pressing.csv", time, np.maximum(force, push))
-    write(tmp_path / "hit.csv", time, np.where(time < 0.3, force, np.where(time > 0.8, 0.8 * force.max(), 0)))
-    lines = [line.split(",") for line in table.read_text().splitlines()]
-    for row, name in ((1, "pressing.csv"), (2, "hit.csv")):
-        lines[row][7] = name
-    table.write_text("\n".join(",".join(line) for line in lines) + "\n")
-    made = calibrate_plan(load_plan(tmp_path))
-    assert made.calibration.shots[0].force_N == pytest.approx(90, abs=1)
-    assert any("1 of 2 shots press with more than the limit of 140 N" in note for note in made.calibration.notes)
-    said = shots_text(load_plan(tmp_path).shots, made.readings)
-    rows = list(csv.DictReader(said.splitlines()))
-    assert float(rows[0]["lasting_force_N"]) == pytest.approx(160, abs=1)
-    assert rows[1]["lasting_force_N"] == ""
-    assert [fault.name for fault in made.readings[1].faults] == ["late"]
-    assert "the gauge was pressed on" in made.readings[1].faults[0].text
-    # What was read before is not lost where the shots are read again.
-    (tmp_path / "shots.csv").write_text(said)
-    assert shots_text(read_shots(tmp_path / "shots.csv"), {}) == said
-
-
-def test_a_recording_counts_once(tmp_path: Path) -> None:
-    """Copied into another row, it was another shot, as sure as the first."""
-    plan = plan_measurements([("hand", rigid())], speed_shares=[0.5, 1.0], points=32, shots=3)
-    table = write_plan(plan, tmp_path)
-    write(tmp_path / "a.csv", *pressed())
-    lines = [line.split(",") for line in table.read_text().splitlines()]
-    for row, name in ((1, "a.csv"), (3, "./a.csv")):
-        lines[row][7] = name
-    table.write_text("\n".join(",".join(line) for line in lines) + "\n")
-    with pytest.raises(InputError, match=r"row 3, recording: './a.csv' is that of row 1; give each shot its own"):
-        calibrate_plan(load_plan(tmp_path))
-
-
-def test_each_phase_has_its_limit() -> None:
-    """Of contact that is judged in two phases a peak has the transient one."""
-    (one,), (two,) = (
-        situations_of([("hand", rigid(verdict__clamped_limit=law))]) for law in ("quasi_static", "two_phase")
-    )
-    assert (one.limit_N, one.lasting_limit_N) == (140, 140)
-    assert (two.limit_N, two.lasting_limit_N) == (280, 140)
-    # Of a region that nothing may hit there is none, and the order of shots counts all situations alike.
-    face = rigid(verdict__clamped_limit="two_phase", contact__body="face")
-    (situation,) = situations_of([("face", face)])
-    assert math.isnan(situation.limit_N)
-    assert plan_measurements([("face", face), ("hand", rigid())], points=32, shots=2).spread > 0
