@@ -45,3 +45,11 @@ def write(
     text = "\n".join(lines) + "\n"
     path.write_text(text.replace(".", ",") if comma else text, encoding="utf-8")
     return path
+
+
+def write_with_pressure(path: Path, time: Array, force: Array, pressure: Array, unit: str = "N/cm2") -> Path:
+    """A recording with a column of pressure."""
+    rows = zip(time.tolist(), force.tolist(), pressure.tolist(), strict=True)
+    text = "".join(f"{t!r};{f!r};{p!r}\n" for t, f, p in rows)
+    path.write_text(f"Time [s];Force [N];Pressure [{unit}]\n{text}", encoding="utf-8")
+    return path

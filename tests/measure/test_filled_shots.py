@@ -16,7 +16,7 @@ from bumpstop.measure.planning.filled_shots import read_shots, shots_text
 from bumpstop.measure.planning.measured_situation import situations_of
 from bumpstop.measure.planning.plan_file import COLUMNS
 from measure.cells import rigid
-from measure.gauge_cases import pressed, write
+from measure.gauge_cases import pressed, write, write_with_pressure
 
 
 def test_plan_filled_by_forces_and_recordings(tmp_path: Path) -> None:
@@ -41,7 +41,14 @@ def test_plan_filled_by_forces_and_recordings(tmp_path: Path) -> None:
     assert [shot.number for shot in made.calibration.shots] == [1, 2]
     assert made.calibration.shots[1].force_N == pytest.approx(plan.shots[0].predicted_N, rel=5e-3)
     rows = [row.split(",") for row in shots_text(load_plan(tmp_path).shots, made.readings).splitlines()]
-    assert rows[0] == [*COLUMNS[:7], "lower_bound_N", "unusable_recording", "lasting_force_N"]
+    of_recordings = (
+        "lower_bound_N",
+        "unusable_recording",
+        "lasting_force_N",
+        "pressure_N_cm2",
+        "lasting_pressure_N_cm2",
+    )
+    assert rows[0] == [*COLUMNS[:7], *of_recordings]
     assert [row[6] != "" for row in rows[1:]] == [True, True, False]
     # Rounded down it could fall to a limit that it is above.
     (peak,) = (reading.peak_N for reading in made.readings.values() if reading.usable)
@@ -87,6 +94,59 @@ def test_what_a_gauge_is_pressed_with_goes_into_the_shots(tmp_path: Path) -> Non
     # What was read before is not lost where the shots are read again.
     (tmp_path / "shots.csv").write_text(said)
     assert shots_text(read_shots(tmp_path / "shots.csv"), {}) == said
+
+
+def test_pressures_of_recordings_go_into_the_shots(tmp_path: Path) -> None:
+    """Those beside a force that cannot be relied on, too, and beside one that somebody wrote into the plan."""
+    plan = plan_measurements(
+        [("hand", rigid(motion__velocity_mm_s=[0, 0, -50]))], speed_shares=[1.0], repeats=5, points=32
+    )
+    table = write_plan(plan, tmp_path)
+    time, force = pressed(noise=0.1)
+    force *= 90 / force.max()
+    pressure = np.maximum(force, 0) * (195.001 / force.max())
+    write_with_pressure(tmp_path / "high.csv", time, force, pressure)
+    write_with_pressure(tmp_path / "cut.csv", time, np.minimum(force, 40.0), np.minimum(pressure, 193.0))
+    write_with_pressure(tmp_path / "unit.csv", time, force, pressure, "MPa")
+    lines = [f"{line}," for line in table.read_text().splitlines()]
+    lines[0] += "pressure_N_cm2"
+    cells = [line.split(",") for line in lines]
+    for row, (measured, recording, film) in enumerate(
+        (("", "high.csv", "90"), ("", "cut.csv", ""), ("", "unit.csv", ""), ("88", "", "201.5"), ("", "", "12")), 1
+    ):
+        cells[row][6], cells[row][7], cells[row][-1] = measured, recording, film
+    table.write_text("\n".join(",".join(row) for row in cells) + "\n")
+    made = calibrate_plan(load_plan(tmp_path))
+    said = shots_text(load_plan(tmp_path).shots, made.readings)
+    rows = list(csv.DictReader(said.splitlines()))
+    assert [row["pressure_N_cm2"] for row in rows] == ["195.01", rows[1]["pressure_N_cm2"], "", "201.50", "12.00"]
+    assert float(rows[1]["pressure_N_cm2"]) == pytest.approx(193, abs=0.3)
+    assert [row["lasting_pressure_N_cm2"] != "" for row in rows] == [True, True, False, False, False]
+    notes = made.calibration.notes
+    assert "hand at 50 mm/s: 3 of 4 shots show more pressure than the limit of 190 N/cm², up to 201.5 N/cm²." in notes
+    assert any(note.startswith("The pressure of shot 3 is left out: A pressure of ") for note in notes)
+    (tmp_path / "shots.csv").write_text(said)
+    assert shots_text(read_shots(tmp_path / "shots.csv"), {}) == said
+    for bad in ("0", "-1", "inf", "high"):
+        cells[1][-1] = bad
+        table.write_text("\n".join(",".join(row) for row in cells) + "\n")
+        with pytest.raises(InputError, match=r"row 1, pressure_N_cm2: .* cannot be used; wanted a number above zero"):
+            load_plan(tmp_path)
+
+
+def test_pressures_of_what_lasts_are_noted(tmp_path: Path) -> None:
+    two = rigid(motion__velocity_mm_s=[0, 0, -50], verdict__clamped_limit="two_phase")
+    (situation,) = situations_of([("hand", two)])
+    assert (situation.pressure_limit_N_cm2, situation.lasting_pressure_limit_N_cm2) == (380, 190)
+    table = write_plan(plan_measurements([("hand", two)], speed_shares=[1.0], points=32), tmp_path)
+    lines = [f"{line},," for line in table.read_text().splitlines()]
+    lines[0] = f"{lines[0][:-1]}pressure_N_cm2,lasting_pressure_N_cm2"
+    cells = [line.split(",") for line in lines]
+    cells[1][6], cells[1][-2], cells[1][-1] = "90", "300", "191"
+    table.write_text("\n".join(",".join(row) for row in cells) + "\n")
+    notes = calibrate_plan(load_plan(tmp_path)).calibration.notes
+    said = "1 of 1 shots show more pressure than the limit of 190 N/cm² after the first 0.5 s, up to 191 N/cm²."
+    assert [note for note in notes if "pressure" in note] == [f"hand at 50 mm/s: {said}"]
 
 
 def test_a_recording_counts_once(tmp_path: Path) -> None:

@@ -16,7 +16,8 @@ from bumpstop.cli.main import main
 from bumpstop.cli.measure.scenarios import named_scenarios
 from bumpstop.text_files import to_toml
 from measure.cells import RIGID
-from measure.gauge_cases import pressed, write
+from measure.gauge_cases import pressed, write, write_with_pressure
+from register.cases import write_register
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
@@ -141,6 +142,37 @@ def test_one_scenario_into_one_file(folder: Path, capsys: pytest.CaptureFixture[
     status, _, wrong = run(capsys, "calibrate", "shots.csv")
     assert status == 2
     assert "row 1, situation: 'hand' has no scenario; give its scenario: --scenario FILE" in wrong
+
+
+def test_a_recording_whose_pressure_is_above_the_limit_fails_the_dossier(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its force is as predicted: the dossier passed."""
+    register = write_register(folder, {"name": "hand", "speed_mm_s": 50})
+    run(capsys, "plan", str(register), "-o", "plan", "--points", "32", "--speeds", "100", "--shots", "2")
+    head, first, *others = csv.reader(Path("plan/plan.csv").read_text().splitlines())
+    first[7] = "a.csv"
+    with Path("plan/plan.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([head, first, *others])
+    time, force = pressed(noise=0.1)
+    force *= float(first[3]) / force.max()
+    limits = bs.evaluate_register(bs.load_register(register)).results[0].verdict.limits
+    assert limits is not None
+    assert limits.pressure_N_cm2 is not None
+    for share, status in ((0.9, 0), (1.1, 3)):
+        pressure = np.maximum(force, 0) * share * limits.pressure_N_cm2 / force.max()
+        write_with_pressure(Path("plan/a.csv"), time, force, pressure)
+        said = json.loads(run(capsys, "calibrate", "plan", "-o", "learned", "--json")[1])
+        over = f"show more pressure than the limit of {limits.pressure_N_cm2:g} N/cm²"
+        assert [over in note for note in said["notes"] if "pressure" in note] == [True] * (share > 1)
+        assert (over in Path("learned/report.html").read_text(encoding="utf-8")) == (share > 1)
+        assert (over in run(capsys, "calibrate", "plan")[1].replace("\n", " ")) == (share > 1)
+        head_of_page = ("--cell", "4", "--author", "A", "--revision", "B", "--out", "out")
+        with pytest.raises(SystemExit) as ended:
+            main(["report", str(register), "--shots", "learned/shots.csv", *head_of_page])
+        assert int(ended.value.code or 0) == status
+        page = Path("out/report.html").read_text(encoding="utf-8")
+        assert ("measured a pressure of" in page) == (share > 1)
 
 
 @pytest.mark.parametrize(("out", "name"), [("hand.toml", "hand.toml"), (".", "hand.toml"), (".", "shots.csv")])

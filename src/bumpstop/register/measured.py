@@ -1,4 +1,4 @@
-"""What measured peaks say of the verdicts of a register: measurement decides."""
+"""What measured peaks and pressures say of the verdicts of a register: measurement decides."""
 
 from __future__ import annotations
 
@@ -34,6 +34,7 @@ Finding = Literal[
     "over_limit",
     "unusable",
     "unread",
+    "no_peak",
     "speed",
     "low_reading",
     "above",
@@ -48,6 +49,7 @@ _WORDS: dict[Finding, str] = {
     "over_limit": "above the limit",
     "unusable": "recording cannot be relied on",
     "unread": "recording not read",
+    "no_peak": "no peak force",
     "speed": "speed? the band is of another",
     "low_reading": "far below: reading or unit?",
     "above": "above",
@@ -65,7 +67,7 @@ _SAME_CONTACT = 2.0
 _SEVERAL = 3
 # What changes a verdict, the gravest first.
 _GRAVE: tuple[Finding, ...] = (
-    *("over_limit", "unusable", "unread", "speed", "low_reading", "above", "other"),
+    *("over_limit", "unusable", "unread", "no_peak", "speed", "low_reading", "above", "other"),
     "not_computed",
 )
 
@@ -114,13 +116,14 @@ def judge_by_shots(result: RegisterResult, shots: Sequence[Shot]) -> RegisterRes
     """The results with the shots taken into account, worst first.
 
     A situation fails where a shot that is no faster than its motion measured more than the force limit, or at least as
-    much, and where after the first half second it pressed with more than the limit of what lasts. One that would pass
-    is inconclusive where a shot measured more than the band of its prediction, or without a band more than the quantile
-    of the accepted probability at its speed: the prediction is too low. So it is where a shot measured less than a
-    third of the band's lower end (without a band, a fifth of the median), where its band is that of the motion and its
-    speed is another, where its prediction is less than half of what is computed, where it was made and has no peak that
-    can be relied on, and where what it should measure cannot be computed: such a shot shows nothing. What does not
-    change the verdict stands beside it as a warning, and so does that several shots all lie above their predictions.
+    much, and where after the first half second it pressed with more than the limit of what lasts; and where it measured
+    more than the pressure limit of the same phase, if the table has one. One that would pass is inconclusive where a
+    shot measured more than the band of its prediction, or without a band more than the quantile of the accepted
+    probability at its speed: the prediction is too low. So it is where a shot measured less than a third of the band's
+    lower end (without a band, a fifth of the median), where its band is that of the motion and its speed is another,
+    where its prediction is less than half of what is computed, where it was made and has no peak that can be relied on,
+    and where what it should measure cannot be computed: such a shot shows nothing. What does not change the verdict
+    stands beside it as a warning, and so does that several shots all lie above their predictions.
     Shots never make a verdict better.
     """
     judged: dict[str, list[JudgedShot]] = {}
@@ -190,10 +193,13 @@ def _judged(shot: Shot, result: SituationResult, expected: _Expectation) -> Judg
         told += f" measured {as_written(measured)} N"
     if shot.speed_mm_s <= speed * _SAME_SPEED:
         if measured > limit:
-            return JudgedShot(shot, "over_limit", f"{told}, above the limit of {as_written(limit)} N.", measured)
+            reason = f"{told}, above the limit of {as_written(limit)} N."
+            return JudgedShot(shot, "over_limit", reason, _use(measured, limit))
         if shot.lasting_N > (limit := _lasting_limit(result)):
             reason = f"{pressed}, above the limit of {as_written(limit)} N."
-            return JudgedShot(shot, "over_limit", reason, shot.lasting_N)
+            return JudgedShot(shot, "over_limit", reason, _use(shot.lasting_N, limit))
+        if (over := _judged_by_pressure(shot, result)) is not None:
+            return over
     if shot.without_peak:
         return _judged_without_peak(shot, told)
     if shot.in_band is None or shot.high_N > _WIDEST * shot.low_N:
@@ -216,6 +222,26 @@ def _judged(shot: Shot, result: SituationResult, expected: _Expectation) -> Judg
     if reason := _of_another_contact(shot, result, expected):
         return JudgedShot(shot, "other", reason)
     return JudgedShot(shot, "in_band" if shot.in_band else "below")
+
+
+def _judged_by_pressure(shot: Shot, result: SituationResult) -> JudgedShot | None:
+    """What a pressure above the limit of its phase says; None: there is none. One that was cut off says as much."""
+    limits = result.verdict.limits
+    phases = (result.verdict.transient or limits, ""), (limits, f" after the first {FIRST_PHASE_S:g} s")
+    for pressure, (of_phase, when) in zip(shot.pressures_N_cm2, phases, strict=True):
+        limit = None if of_phase is None else of_phase.pressure_N_cm2
+        if limit is not None and pressure > limit:
+            reason = (
+                f"Shot {shot.shot} at {shot.speed_mm_s:g} mm/s measured a pressure of {as_written(pressure)} N/cm²"
+                f"{when}, above the limit of {as_written(limit)} N/cm²."
+            )
+            return JudgedShot(shot, "over_limit", reason, _use(pressure, limit))
+    return None
+
+
+def _use(measured: float, limit: float) -> float:
+    """Forces and pressures in one measure: the share of the limit that was used."""
+    return measured / max(limit, 1e-9)
 
 
 def _of_another_contact(shot: Shot, result: SituationResult, expected: _Expectation) -> str:
@@ -246,6 +272,8 @@ def _judged_without_peak(shot: Shot, told: str) -> JudgedShot:
             "calibrate and give its shots.csv."
         )
         return JudgedShot(shot, "unread", reason)
+    if not shot.unusable_recording and math.isnan(shot.lower_bound_N):
+        return JudgedShot(shot, "no_peak", f"{told} has no peak force: fill it in, or repeat the shot.")
     of = f" {shot.unusable_recording!r}" if shot.unusable_recording else ""
     reason = f"{told}: its recording{of} cannot be relied on, repeat the shot."
     return JudgedShot(shot, "unusable", reason, 0.0 if math.isnan(shot.lower_bound_N) else shot.lower_bound_N)

@@ -25,12 +25,14 @@ COLUMNS = (
 )
 """Columns of a file of shots, in any order; others are passed over."""
 LOWER_BOUND, UNUSABLE, LASTING, RECORDING = "lower_bound_N", "unusable_recording", "lasting_force_N", "recording"
-OF_RECORDINGS = (LOWER_BOUND, UNUSABLE, LASTING)
+PRESSURES = ("pressure_N_cm2", "lasting_pressure_N_cm2")
+"""Columns of the pressure in the first half second of contact and after it."""
+OF_RECORDINGS = (LOWER_BOUND, UNUSABLE, LASTING, *PRESSURES)
 """Columns that ``measure calibrate`` adds: what recordings tell beside peaks, and where no peak can be relied on."""
 MAY_LACK = (*OF_RECORDINGS, RECORDING)
 """Columns that a file may have beside :data:`COLUMNS`; the last is one of a plan."""
-_NUMBERS = (*COLUMNS[2:], LOWER_BOUND, LASTING)
-_MAX_FORCE_N, _MAX_SPEED_MM_S = 1e6, 1e5
+_NUMBERS = (*COLUMNS[2:], LOWER_BOUND, LASTING, *PRESSURES)
+_MAX_FORCE_N, _MAX_PRESSURE_N_CM2, _MAX_SPEED_MM_S = 1e6, 1e6, 1e5
 _WANTED = f"wanted a file of shots (CSV) with the columns {', '.join(COLUMNS)}"
 
 
@@ -48,6 +50,8 @@ class Shot:
         lower_bound_N: without a peak, what the gauge showed at least [N]; NaN: not known.
         unusable_recording: file whose peak cannot be relied on; empty: none.
         lasting_N: greatest force of the gauge after the first half second of contact [N]; NaN: not known.
+        pressure_N_cm2, lasting_pressure_N_cm2: highest pressure that a film or sensor showed, at least; of one that is
+            told over time, in the first half second of contact and after it [N/cm2]; NaN: not known.
         recording: file that was not read yet, as a plan has it; empty: none.
     """
 
@@ -61,6 +65,8 @@ class Shot:
     lower_bound_N: float = math.nan
     unusable_recording: str = ""
     lasting_N: float = math.nan
+    pressure_N_cm2: float = math.nan
+    lasting_pressure_N_cm2: float = math.nan
     recording: str = ""
 
     @property
@@ -71,8 +77,13 @@ class Shot:
     @property
     def without_peak(self) -> bool:
         """Whether the shot was made and has no peak that can be relied on."""
-        told = math.isfinite(self.lower_bound_N) or math.isfinite(self.lasting_N)
-        return not self.measured and (told or bool(self.unusable_recording or self.recording))
+        told = (self.lower_bound_N, self.lasting_N, *self.pressures_N_cm2)
+        return not self.measured and (any(map(math.isfinite, told)) or bool(self.unusable_recording or self.recording))
+
+    @property
+    def pressures_N_cm2(self) -> tuple[float, float]:
+        """Those of the first half second and after it [N/cm2]."""
+        return self.pressure_N_cm2, self.lasting_pressure_N_cm2
 
     @property
     def in_band(self) -> bool | None:
@@ -149,6 +160,7 @@ class _Row:
         )
         if not math.isnan(measured) and not math.isnan(bound):
             self._fault(LOWER_BOUND, "stands beside a measured peak", "give one of the two")
+        pressure, lasting_pressure = (self._number(column, _MAX_PRESSURE_N_CM2, above=True) for column in PRESSURES)
         return Shot(
             situation=name,
             shot=self._cells["shot"],
@@ -160,10 +172,12 @@ class _Row:
             lower_bound_N=bound,
             unusable_recording=self._cells[UNUSABLE],
             lasting_N=lasting,
+            pressure_N_cm2=pressure,
+            lasting_pressure_N_cm2=lasting_pressure,
             recording=self._cells[RECORDING],
         )
 
-    def _number(self, column: str, most: float, least: float = 0.0) -> float:
+    def _number(self, column: str, most: float, least: float = 0.0, *, above: bool = False) -> float:
         text = self._cells[column]
         if not text:
             return math.nan
@@ -176,9 +190,10 @@ class _Row:
             value = float(text.replace(",", ".") if self._decimal_commas else text)
         except ValueError:
             value = math.nan
-        if not least <= value <= most:
+        if not least <= value <= most or (above and value == least):
             empty = "" if least > 0 else ", or nothing"
-            self._fault(column, f"{text[:40]!r} cannot be used", f"wanted a number from {least:g} to {most:g}{empty}")
+            wanted = f"above {least:g} and up to {most:g}" if above else f"from {least:g} to {most:g}"
+            self._fault(column, f"{text[:40]!r} cannot be used", f"wanted a number {wanted}{empty}")
             return math.nan
         return value
 

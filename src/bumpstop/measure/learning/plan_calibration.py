@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from bumpstop.errors import InputError
 from bumpstop.measure.learning.calibration import Calibration, calibrate
 from bumpstop.measure.learning.peak_force_ensemble import Condition, PeakForceEnsemble
+from bumpstop.measure.learning.pressure_notes import pressure_notes
 from bumpstop.measure.learning.shots import MeasuredShot
 from bumpstop.measure.parameters import Parameters
 from bumpstop.measure.planning.measured_situation import MeasuredSituation
@@ -101,6 +102,7 @@ def calibrate_plan(
         seed=plan.seed if seed is None else seed,
         progress=None if progress is None else lambda share: progress(part + (1 - part) * share),
     )
+    found = replace(found, notes=(*found.notes, *pressure_notes(plan.shots, readings, conditions)))
     return PlanCalibration(found, tuple(situations), readings, tuple(left_out))
 
 

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bumpstop.measure.planning.filled_shots import FilledShot
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,6 @@ class BadShot:
         }
 
 
-def is_of(situation: str, speed_mm_s: float, shot: MeasuredShot) -> bool:
+def is_of(situation: str, speed_mm_s: float, shot: MeasuredShot | FilledShot) -> bool:
     """Whether a shot is one of a situation at a speed."""
     return situation == shot.situation and math.isclose(speed_mm_s, shot.speed_mm_s, rel_tol=1e-3)

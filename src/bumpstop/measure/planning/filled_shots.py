@@ -7,19 +7,19 @@ import io
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bumpstop.errors import InputError
 from bumpstop.measure.reading.text_table import TextTable, read_text_table
-from bumpstop.register.shots import COLUMNS, LASTING, LOWER_BOUND, OF_RECORDINGS, UNUSABLE
+from bumpstop.register.shots import COLUMNS, LASTING, LOWER_BOUND, OF_RECORDINGS, PRESSURES, UNUSABLE
 from bumpstop.rounding import to_decimals
 
 if TYPE_CHECKING:
     from bumpstop.measure.reading.gauge_reading import GaugeReading
 
-_NUMBERS = ("shot", *COLUMNS[2:], LOWER_BOUND, LASTING)
+_NUMBERS = ("shot", *COLUMNS[2:], LOWER_BOUND, LASTING, *PRESSURES)
 _NEEDED = ("situation", "speed_mm_s", "measured_peak_force_N")
 WANTED = "wanted the plan.csv of bumpstop measure plan, filled in"
 
@@ -38,6 +38,7 @@ class FilledShot:
         recording: file of it beside the table; empty: none.
         lower_bound_N, unusable_recording, lasting_N: of a recording that was read before, as a :class:`Shot` of a
             register has them.
+        pressure_N_cm2, lasting_pressure_N_cm2: likewise, or of a film, as somebody wrote them down.
     """
 
     row: int
@@ -52,6 +53,29 @@ class FilledShot:
     lower_bound_N: float = math.nan
     unusable_recording: str = ""
     lasting_N: float = math.nan
+    pressure_N_cm2: float = math.nan
+    lasting_pressure_N_cm2: float = math.nan
+
+    def with_reading(self, reading: GaugeReading | None) -> FilledShot:
+        """The row with what its recording tells; None: it was not read."""
+        if reading is None:
+            return self
+        usable = reading.usable
+        # What a film showed beside a recording was there, too.
+        pressures = (
+            (self.pressure_N_cm2, reading.pressure_N_cm2),
+            (self.lasting_pressure_N_cm2, reading.pressing_pressure_N_cm2),
+        )
+        first, later = (written if math.isnan(read) or written > read else read for written, read in pressures)
+        return replace(
+            self,
+            measured_N=reading.peak_N if usable else self.measured_N,
+            lower_bound_N=math.nan if usable else reading.lower_bound_N,
+            unusable_recording="" if usable else self.recording,
+            lasting_N=reading.pressing_N,
+            pressure_N_cm2=first,
+            lasting_pressure_N_cm2=later,
+        )
 
 
 def read_shots(path: Path) -> tuple[FilledShot, ...]:
@@ -85,9 +109,11 @@ def read_shots(path: Path) -> tuple[FilledShot, ...]:
                 raise InputError(where, f"{recording!r} is that of row {first}", "give each shot its own")
         if not name:
             raise InputError(f"{path}, row {row + 1}, situation", "is empty", "wanted the name of a situation")
-        shot, predicted, low, high, bound, lasting = (
-            _positive(table, numbers, row, key, empty=True, unbounded=key != "shot") if key in table.names else math.nan
-            for key in ("shot", *COLUMNS[3:6], LOWER_BOUND, LASTING)
+        shot, predicted, low, high, bound, lasting, pressure, lasting_pressure = (
+            _positive(table, numbers, row, key, empty=True, unbounded=key in COLUMNS[3:6])
+            if key in table.names
+            else math.nan
+            for key in ("shot", *COLUMNS[3:6], LOWER_BOUND, LASTING, *PRESSURES)
         )
         found.append(
             FilledShot(
@@ -103,6 +129,8 @@ def read_shots(path: Path) -> tuple[FilledShot, ...]:
                 lower_bound_N=bound,
                 unusable_recording=table.cell(row, UNUSABLE).strip() if UNUSABLE in table.names else "",
                 lasting_N=lasting,
+                pressure_N_cm2=pressure,
+                lasting_pressure_N_cm2=lasting_pressure,
             )
         )
     if not found:
@@ -116,25 +144,20 @@ def shots_text(shots: Sequence[FilledShot], readings: Mapping[int, GaugeReading]
     Args:
         shots: rows.
         readings: of the recordings that count, by number of the row: a peak that can be relied on, or else what it is
-            at least, and the name of the recording.
+            at least, and the name of the recording; what lasts, and pressures.
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow((*COLUMNS, *OF_RECORDINGS))
-    for shot in shots:
-        measured, lasting = shot.measured_N, shot.lasting_N
-        bound, unusable = shot.lower_bound_N, shot.unusable_recording
-        if (reading := readings.get(shot.row)) is not None:
-            lasting, bound, unusable = reading.pressing_N, math.nan, ""
-            if reading.usable:
-                measured = reading.peak_N
-            else:
-                bound, unusable = reading.lower_bound_N, shot.recording
+    for row in shots:
+        shot = row.with_reading(readings.get(row.row))
+        told = (shot.measured_N, shot.lower_bound_N, shot.lasting_N, shot.pressure_N_cm2, shot.lasting_pressure_N_cm2)
         # What is a hair above its limit stays above it.
-        up = [to_decimals(force, 2, up=True) for force in (measured, bound, lasting)]
+        up = [to_decimals(figure, 2, up=True) for figure in told]
         figures = (shot.predicted_N, shot.low_N, shot.high_N, *up)
-        *cells, last = ("" if math.isnan(figure) else f"{figure:.2f}" for figure in figures)
-        writer.writerow((shot.situation, shot.shot or shot.row, f"{shot.speed_mm_s:.10g}", *cells, unusable, last))
+        cells = ["" if math.isnan(figure) else f"{figure:.2f}" for figure in figures]
+        speed = f"{shot.speed_mm_s:.10g}"
+        writer.writerow((shot.situation, shot.shot or shot.row, speed, *cells[:5], shot.unusable_recording, *cells[5:]))
     return text.getvalue()
 
 

@@ -19,6 +19,7 @@ from bumpstop.register.rows import NAME, is_name
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
     from bumpstop.collision.scenario.scenario import Scenario
+    from bumpstop.contact import ContactLimits
 
 # Beyond where full speed is reached: servos settle.
 _APPROACH_MARGIN = 1.25
@@ -47,6 +48,7 @@ class MeasuredSituation:
         start_point: where the contact point begins to move, base frame (3,) [m].
         limit_N: force limit of the body region, of peaks in the first half second; NaN where there is none.
         lasting_limit_N: of what lasts.
+        pressure_limit_N_cm2, lasting_pressure_limit_N_cm2: of the highest pressure, likewise.
         notes: what a reader should know.
         onset_s: time of the trajectory at which the gauge is met [s]; None: the motion is a line.
     """
@@ -63,6 +65,8 @@ class MeasuredSituation:
     start_point: FloatArray
     limit_N: float
     lasting_limit_N: float
+    pressure_limit_N_cm2: float
+    lasting_pressure_limit_N_cm2: float
     notes: tuple[str, ...]
     onset_s: float | None = None
 
@@ -89,7 +93,7 @@ class MeasuredSituation:
         gauge = gauge_of(scenario, device)
         measured = gauge.measured(scenario)
         problem = CollisionProblem.from_scenario(measured)
-        first_limit, lasting_limit = _limits(problem)
+        first_limits, lasting_limits = _limits(problem)
         if scenario.motion.kind == "trajectory":
             place = TrajectoryPlace.of(scenario, onset_s)
             return cls(
@@ -103,8 +107,10 @@ class MeasuredSituation:
                 pose=place.q,
                 approach=place.way,
                 start_point=place.start_point,
-                limit_N=first_limit,
-                lasting_limit_N=lasting_limit,
+                limit_N=first_limits[0],
+                lasting_limit_N=lasting_limits[0],
+                pressure_limit_N_cm2=first_limits[1],
+                lasting_pressure_limit_N_cm2=lasting_limits[1],
                 notes=(*_gauge_notes(gauge), *place.notes()),
                 onset_s=place.onset,
             )
@@ -132,8 +138,10 @@ class MeasuredSituation:
             pose=problem.q,
             approach=approach,
             start_point=curve.start - approach * way,
-            limit_N=first_limit,
-            lasting_limit_N=lasting_limit,
+            limit_N=first_limits[0],
+            lasting_limit_N=lasting_limits[0],
+            pressure_limit_N_cm2=first_limits[1],
+            lasting_pressure_limit_N_cm2=lasting_limits[1],
             notes=tuple(notes),
         )
 
@@ -181,11 +189,15 @@ def _gauge_notes(gauge: Gauge) -> list[str]:
     return [gauge.note] if gauge.note else []
 
 
-def _limits(problem: CollisionProblem) -> tuple[float, float]:
-    """Of the first half second of contact, and of what lasts [N]."""
-    both = (problem.transient_limits or problem.limits, problem.limits)
-    first, lasting = (limits.force_N if limits is not None and limits.permitted else math.nan for limits in both)
-    return first, lasting
+def _limits(problem: CollisionProblem) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Force [N] and pressure [N/cm2] of the first half second of contact, and the same of what lasts."""
+    return _of_phase(problem.transient_limits or problem.limits), _of_phase(problem.limits)
+
+
+def _of_phase(limits: ContactLimits | None) -> tuple[float, float]:
+    if limits is None or not limits.permitted:
+        return math.nan, math.nan
+    return limits.force_N, math.nan if limits.pressure_N_cm2 is None else limits.pressure_N_cm2
 
 
 def _short(scenario: Scenario, motion: dict[str, object], seconds: float = 0.1) -> CollisionProblem:

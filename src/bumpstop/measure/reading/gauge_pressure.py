@@ -16,7 +16,7 @@ _MIN_BASELINE = 5
 # A zero that is off by more than a share of the highest pressure, and by more than this, is taken away [N/cm2].
 _OFFSET_SHARE, _MIN_OFFSET = 0.01, 0.5
 # Limits of the body end at some hundreds; films and foils of collisions show no more [N/cm2].
-_MAX_PRESSURE = 2000.0
+MAX_PRESSURE_N_CM2 = 2000.0
 
 
 def corrected_pressure(curve: GaugeCurve, free: int) -> tuple[FloatArray | None, list[GaugeFault]]:
@@ -49,7 +49,7 @@ def corrected_pressure(curve: GaugeCurve, free: int) -> tuple[FloatArray | None,
         pressure, highest = -pressure, -lowest
         text = f"The pressure of column {name!r} is negative: it was turned over."
         found.append(GaugeFault("inverted", 1, text, repaired=True))
-    if highest > _MAX_PRESSURE:
+    if highest > MAX_PRESSURE_N_CM2:
         text = (
             f"A pressure of {highest:.4g} N/cm² is none of a gauge of collisions: the unit of pressure, "
             f"{curve.units[2]!r}, is wrong; the force counts all the same."

@@ -14,7 +14,7 @@ from bumpstop.measure.reading.gauge_contact import find_contact, late_fault
 from bumpstop.measure.reading.gauge_curve import GaugeCurve, GaugeFormat, load_gauge_curve
 from bumpstop.measure.reading.gauge_fault import GaugeFault
 from bumpstop.measure.reading.gauge_faults import MIN_OFFSET_N, OFFSET_SHARE, curve_faults, sampling_faults
-from bumpstop.measure.reading.gauge_pressure import corrected_pressure
+from bumpstop.measure.reading.gauge_pressure import MAX_PRESSURE_N_CM2, corrected_pressure
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -31,6 +31,8 @@ _MIN_BASELINE = 5
 _MAX_ZERO_ERROR = 0.01
 # What hides a higher peak, and leaves the forces that were recorded true.
 _HIDES_PEAK = frozenset({"saturated", "clipped", "coarse", "gaps", "truncated", "resampled"})
+# What spoils the peak force, and leaves known when contact is: with this the pressure counts.
+_KEEPS_PRESSURE = _HIDES_PEAK | {"spike"}
 # A recording that begins with more than this share of its highest force, and ends with less, begins in contact.
 _IN_CONTACT = 0.3
 
@@ -96,6 +98,29 @@ class GaugeReading:
         if not pressed.size or (not self.usable and math.isnan(self.lower_bound_N)):
             return math.nan
         return min(float(pressed.max()), math.inf if self.usable else float(np.ptp(self.curve.force)))
+
+    @property
+    def pressure_N_cm2(self) -> float:
+        """The highest pressure of the first 0.5 s, at least [N/cm2]; NaN: none was recorded that can be relied on."""
+        return self._counting(self.peak_pressure_N_cm2)
+
+    @property
+    def pressing_pressure_N_cm2(self) -> float:
+        """The same of this contact after its first 0.5 s [N/cm2]."""
+        time = self.curve.time
+        return self._counting(
+            _highest(self.curve.pressure, (time - self.onset > FIRST_PHASE_S) & (time < self.release))
+        )
+
+    def _counting(self, pressure: float) -> float:
+        """Above zero; where faults spoil the force, and with it what tells the zero, no more than what it spans."""
+        spoiling = {fault.name for fault in self.faults if fault.spoils}
+        if self.curve.pressure is None or not pressure > 0 or not spoiling <= _KEEPS_PRESSURE:
+            return math.nan
+        known = self.curve.pressure[np.isfinite(self.curve.pressure)]
+        if known.max() > MAX_PRESSURE_N_CM2:
+            return math.nan
+        return pressure if self.usable else min(pressure, float(np.ptp(known)))
 
     def to_json(self) -> dict[str, Any]:
         """Figures by name; those that there are not are None."""

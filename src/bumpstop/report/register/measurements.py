@@ -56,11 +56,14 @@ class MeasurementsPart(Part):
             found.append(paragraph(element("strong", f"{lost} {words} no peak that can be relied on.")))
         if missing:
             found.append(paragraph("Without a measured shot: ", ", ".join(missing), "."))
-        headings = ("situation", "shot", "speed, mm/s", "predicted, N", "band, N", "measured, N", "")
-        return [*found, table(headings, [_row(one) for one in self._judged], caption="Shots of the force gauge")]
+        with_pressure = any(math.isfinite(pressure) for shot in shots for pressure in shot.pressures_N_cm2)
+        pressure = ("pressure, N/cm²",) if with_pressure else ()
+        headings = ("situation", "shot", "speed, mm/s", "predicted, N", "band, N", "measured, N", *pressure, "")
+        rows = [_row(one, with_pressure) for one in self._judged]
+        return [*found, table(headings, rows, caption="Shots of the force gauge")]
 
 
-def _row(judged: JudgedShot) -> tuple[str, ...]:
+def _row(judged: JudgedShot, with_pressure: bool) -> tuple[str, ...]:
     shot, word = judged.shot, judged.words
     band = (
         ""
@@ -74,6 +77,7 @@ def _row(judged: JudgedShot) -> tuple[str, ...]:
         "" if math.isnan(shot.predicted_N) else whole(number(shot.predicted_N)),
         whole(band) if band else "",
         whole(_measured(shot)),
+        *([whole(_pressure(shot))] if with_pressure else []),
         element("strong", word) if judged.reason or judged.finding == "below" else word,
     )
 
@@ -87,4 +91,12 @@ def _measured(shot: Shot) -> str:
     # What is left below the peak is no news.
     if math.isfinite(shot.lasting_N) and not shot.lasting_N <= shot.measured_N:
         known.append(f"{as_written(shot.lasting_N)} after {FIRST_PHASE_S:g} s")
+    return ", ".join(known)
+
+
+def _pressure(shot: Shot) -> str:
+    first, lasting = shot.pressures_N_cm2
+    known = [as_written(first)] if math.isfinite(first) else []
+    if math.isfinite(lasting) and not lasting <= first:
+        known.append(f"{as_written(lasting)} after {FIRST_PHASE_S:g} s")
     return ", ".join(known)
