@@ -51,6 +51,8 @@ def test_a_far_body_that_is_hit_harder_is_told_with_its_force(example: str, chan
         {"contact__offset_sd_s": 1.0, "arm__model": "rigid"},
         {"contact__offset_law": "fixed", "contact__offset_mm": 98.0},
         {"contact__offset_law": "uniform"},
+        # Hardly any body stands on the line: there is no verdict.
+        {"contact__offset_sd_s": 1e4},
     ],
 )
 def test_bodies_at_one_place_need_no_word(changes: dict[str, Any]) -> None:

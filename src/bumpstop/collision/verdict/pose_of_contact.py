@@ -40,6 +40,8 @@ def pose_of_contact(
 
     offset = halfnorm(scale=problem.offset_size)
     hit = offset.cdf(result.curve.distance.max())
+    if not hit > 0.5:  # the median offset is beyond the line, and most cases touch nothing
+        return []
     middle = float(offset.median())
     own = _lever(result, middle)
     p = 1 - result.scenario.verdict.accepted_probability
