@@ -14,6 +14,8 @@ from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 from bumpstop.output_files import replacing
 
 ROOT = Path(__file__).parents[2]
@@ -53,6 +55,16 @@ def compiled(command: Sequence[str], source: Path, program: Path) -> subprocess.
         with replacing(kept) as waiting:
             shutil.copy(program, waiting)
     return done
+
+
+def program_beside(test: str, name: str, folder: Path) -> Path:
+    """A C++ program that stands beside a test, compiled into a folder; without a compiler the test is skipped."""
+    if not can(COMPILER, folder):
+        pytest.skip("no compiler")
+    program = folder / name
+    built = compiled([*COMPILER, "-O1"], Path(test).with_name(f"{name}.cpp"), program)
+    assert built.returncode == 0, built.stderr
+    return program
 
 
 def _state(compiler: str, source: Path) -> str:

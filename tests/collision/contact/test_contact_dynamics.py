@@ -5,12 +5,11 @@ from __future__ import annotations
 import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cpp.builds import COMPILER, can, compiled
+from cpp.builds import program_beside
 from reference.elastic_arm import Array, Body, ElasticArm, collide
 
 STEP = 0.001
@@ -29,12 +28,7 @@ Simulate = Callable[[ElasticArm, Body, Array, float], Found]
 
 @pytest.fixture(scope="module")
 def simulate(tmp_path_factory: pytest.TempPathFactory) -> Simulate:
-    folder = tmp_path_factory.mktemp("contact")
-    program = folder / "contact_dynamics"
-    if not can(COMPILER, folder):
-        pytest.skip("no compiler")
-    built = compiled([*COMPILER, "-O1"], Path(__file__).with_name("contact_dynamics.cpp"), program)
-    assert built.returncode == 0, built.stderr
+    program = program_beside(__file__, "contact_dynamics", tmp_path_factory.mktemp("contact"))
 
     def run(arm: ElasticArm, body: Body, path: Array, offset: float) -> Found:
         mass = np.asarray(arm.mass_matrix, dtype=float)

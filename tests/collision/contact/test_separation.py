@@ -5,12 +5,11 @@ from __future__ import annotations
 import itertools
 import subprocess
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cpp.builds import COMPILER, can, compiled
+from cpp.builds import program_beside
 
 STEP, STIFFNESS, MASS = 0.001, 20_000.0, 4.0
 HALF_OSCILLATION = np.pi * np.sqrt(MASS / STIFFNESS) / STEP
@@ -23,12 +22,7 @@ Separations = Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray]]
 
 @pytest.fixture(scope="module")
 def separations(tmp_path_factory: pytest.TempPathFactory) -> Separations:
-    folder = tmp_path_factory.mktemp("separation")
-    program = folder / "separation"
-    if not can(COMPILER, folder):
-        pytest.skip("no compiler")
-    built = compiled([*COMPILER, "-O1"], Path(__file__).with_name("separation.cpp"), program)
-    assert built.returncode == 0, built.stderr
+    program = program_beside(__file__, "separation", tmp_path_factory.mktemp("separation"))
 
     def run(speed: np.ndarray, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Offset, touch, end and smoothness of the bodies simulated, and of all; `speed` in every step."""

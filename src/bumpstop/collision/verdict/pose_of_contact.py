@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,13 +37,11 @@ def pose_of_contact(
     problem = result.problem
     if not problem.elastic or problem.trajectory is not None or problem.offset_kind != "half_normal":
         return []
-    from scipy.stats import halfnorm
-
-    offset = halfnorm(scale=problem.offset_size)
-    hit = offset.cdf(result.curve.distance.max())
+    scale, normal = problem.offset_size, NormalDist()
+    hit = 2 * normal.cdf(float(result.curve.distance.max()) / scale) - 1
     if not hit > 0.5:  # the median offset is beyond the line, and most cases touch nothing
         return []
-    middle = float(offset.median())
+    middle = scale * normal.inv_cdf(0.75)
     own = _lever(result, middle)
     p = 1 - result.scenario.verdict.accepted_probability
     said = result.peak_force.quantile(p)
@@ -51,7 +50,7 @@ def pose_of_contact(
         said = result.peak_force.quantile(p)
     notes = []
     for share, which in ((_NEAR, "nearer"), (_FAR, "farther")):
-        place = float(offset.ppf(share * hit))
+        place = scale * normal.inv_cdf((1 + share * hit) / 2)
         if not np.linalg.norm(_lever(result, place) - own) > _LEVER * np.linalg.norm(own):
             continue
         try:
