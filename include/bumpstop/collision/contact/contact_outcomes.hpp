@@ -2,7 +2,7 @@
 /// Outcomes of detected and undetected collisions of an elastic arm, or with a body that moves, at the nodes of panels.
 #pragma once
 
-#include "bumpstop/collision/contact/contact_collision.hpp"
+#include "bumpstop/collision/contact/detection_outcomes.hpp"
 #include "bumpstop/collision/distribution/detection_probabilities.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -155,14 +155,14 @@ class ContactOutcomes {
         for (std::size_t i = first; i < end; ++i) probability.include(run_[i].probability);
         const int low = int(first), high = int(end) - 1, middle = (low + high) / 2;
         const Interpolation interpolation(std::vector{low, middle, high});
-        if (!agree(interpolation, probability)) {
-            // The halves share the tick in the middle, which is not simulated again.
-            find_run(first, std::size_t(middle) + 1);
-            find_run(std::size_t(middle), end);
+        if (agree(interpolation, probability)) {
+            for (std::size_t i = first; i < end; ++i)
+                interpolate_to_panels(interpolated(interpolation, int(i)), run_[i].first, run_[i].end);
             return;
         }
-        for (std::size_t i = first; i < end; ++i)
-            interpolate_to_panels(interpolated(interpolation, int(i)), run_[i].first, run_[i].end);
+        // The halves share the tick in the middle, which is not simulated again.
+        find_run(first, std::size_t(middle) + 1);
+        find_run(std::size_t(middle), end);
     }
     /// Whether values interpolated from the ticks at the nodes agree with those of two ticks between them.
     bool agree(const Interpolation& interpolation, const MaxProbability& probability) {
@@ -249,52 +249,38 @@ class ContactOutcomes {
         const double low = panels_[first].low, high = panels_[end - 1].high;
         // Where all nodes have the same offset, one is simulated for all.
         const std::size_t nodes = low == high ? 1 : order_;
-        std::vector<ContactCollision> cached;
-        if (end - first == 1) cached = std::move(cache_.of_panel[first]);
+        const auto set = [&](std::size_t row, std::size_t g, double value) {
+            std::fill_n(values.begin() + std::ptrdiff_t(row * order_ + g), nodes == 1 ? order_ : 1, value);
+        };
+        std::vector<ContactCollision> collisions;
+        if (end - first == 1 && cache_.of_panel[first].size() == nodes) collisions = std::move(cache_.of_panel[first]);
+        const LinePath& path = *reactions_.paths().path;
+        const int tick = panels_[first].tick, period = reactions_.paths().period,
+                  known = std::min(tick, path.ticks - 1);
+        const double at_tick = path.at_tick(known, period),
+                     advance = known > 0 ? at_tick - path.at_tick(known - 1, period) : at_tick * period;
+        std::vector<double> touch;
         for (std::size_t g = 0; g < nodes; ++g) {
-            const auto set = [&](std::size_t row, double value) {
-                std::fill_n(values.begin() + std::ptrdiff_t(row * order_ + g), nodes == 1 ? order_ : 1, value);
-            };
-            ContactCollision collision =
-                cached.size() == nodes ? std::move(cached[g])
-                                       : ContactCollision(reactions_, panels_[first].tick,
-                                                          0.5 * (low + high) + 0.5 * (high - low) * rule_.node[g]);
-            simulate_detections(collision, probability.detected, [&](std::size_t slot, const Outcome& outcome) {
-                const double value[] = {outcome.peak, outcome.lasting, outcome.duration, collision.force(int(slot))};
-                for (std::size_t q = 0; q < quantities; ++q) set(q * slots_ + slot, value[q]);
-            });
-            if (!(probability.undetected > 0)) continue;
-            const Outcome outcome = collision.undetected();
+            const double offset = 0.5 * (low + high) + 0.5 * (high - low) * rule_.node[g];
+            touch.push_back(advance > 0 ? (offset - at_tick) / advance : 0.0);
+            if (collisions.size() == g) collisions.emplace_back(reactions_, tick, offset);
+        }
+        // The swing of an arm takes longer than this [s]. Of bodies that meet a rigid arm every detection is simulated.
+        constexpr double widest = 0.02;
+        DetectionOutcomes detections(probability.detected, share_.data(),
+                                     reactions_.elastic() ? widest / (reactions_.paths().step * period) : 0.0);
+        detections(collisions, touch, [&](const DetectionOutcomes::Detection& at, const auto& outcome) {
+            for (std::size_t q = 0; q < DetectionOutcomes::quantities; ++q)
+                set(q * slots_ + at.slot, at.node, outcome[q]);
+            set(DetectionOutcomes::quantities * slots_ + at.slot, at.node, collisions[at.node].force(int(at.slot)));
+        });
+        if (!(probability.undetected > 0)) return values;
+        for (std::size_t g = 0; g < nodes; ++g) {
+            const Outcome outcome = collisions[g].undetected();
             const double value[] = {outcome.peak, outcome.lasting, outcome.duration};
-            for (std::size_t q = 0; q < undetected_quantities; ++q) set(quantities * slots_ + q, value[q]);
+            for (std::size_t q = 0; q < undetected_quantities; ++q) set(quantities * slots_ + q, g, value[q]);
         }
         return values;
-    }
-    /// Calls set(slot, outcome) for detections from the first to the last that have a probability. Successive ones
-    /// whose probabilities add up to next to nothing are interpolated between their neighbours.
-    template <class Set>
-    static void simulate_detections(ContactCollision& collision, const std::vector<double>& chance, Set set) {
-        std::size_t first = 0, end = chance.size();
-        while (first < end && !(chance[first] > 0)) ++first;
-        while (end > first && !(chance[end - 1] > 0)) --end;
-        Outcome from{};
-        double passed = 0;  // probability of those since the last one that was simulated
-        for (std::size_t i = first, before = first; i < end; ++i) {
-            passed += chance[i];
-            if (i > first && i + 1 < end && passed <= ContactReactions::negligible_chance) continue;
-            const Outcome to = collision.detected(int(i));
-            for (std::size_t k = before + 1; k < i; ++k) {
-                const double share = double(k - before) / double(i - before);
-                // In this form infinite values stay infinite.
-                const auto mix = [&](double a, double b) { return (1 - share) * a + share * b; };
-                set(k,
-                    Outcome{mix(from.peak, to.peak), mix(from.lasting, to.lasting), mix(from.duration, to.duration)});
-            }
-            set(i, to);
-            from = to;
-            before = i;
-            passed = 0;
-        }
     }
 
     /// By row, the allowed error of a value: times its probability it is a share of the greatest value.
