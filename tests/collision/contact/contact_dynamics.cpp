@@ -2,7 +2,7 @@
 ///
 /// In: joints, steps, step [s], offset [m], 1 in a reaction; K, c, m, ground stiffness of the body; M by rows, then B, Kg, Dg, P, D, f, a and g,
 /// a number for each joint; the path at the ends of steps, the start included.
-/// Out, for every step: force, greatest force so far, time in contact, residual of each joint.
+/// Out, for every step: force, greatest force so far and after the transient phase, time in contact, residual of each joint.
 #include "bumpstop/collision/contact/contact_dynamics.hpp"
 
 #include <cstdio>
@@ -38,7 +38,7 @@ int main() {
     state.reacts = reacts;
     for (int i = 0; i < steps; ++i) {
         dynamics.step(state, path[std::size_t(i)], path[std::size_t(i + 1)], offset);
-        std::printf("%.17g %.17g %.17g", state.force, state.peak, state.duration);
+        std::printf("%.17g %.17g %.17g %.17g", state.force, state.peak, state.lasting, state.duration);
         double residual[max_joints];
         if (arm.dof > 0) dynamics.residuals(state, nullptr, arm.dof, residual);
         for (int j = 0; j < arm.dof; ++j) std::printf(" %.17g", residual[j]);

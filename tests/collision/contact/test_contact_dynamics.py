@@ -19,6 +19,7 @@ STEP = 0.001
 class Found:
     force: Array
     peak: Array
+    lasting: Array
     since: Array
     residual: Array
 
@@ -52,7 +53,7 @@ def simulate(tmp_path_factory: pytest.TempPathFactory) -> Simulate:
         text = " ".join(repr(float(number)) for number in numbers)
         done = subprocess.run([program], input=text, capture_output=True, text=True, check=True)
         table = np.array([[float(value) for value in line.split()] for line in done.stdout.splitlines()])
-        return Found(table[:, 0], table[:, 1], table[:, 2], table[:, 3:])
+        return Found(table[:, 0], table[:, 1], table[:, 2], table[:, 3], table[:, 4:])
 
     return run
 
@@ -134,3 +135,19 @@ def test_time_in_contact(simulate: Simulate) -> None:
     body = Body(stiffness=5e4, mass=2.0)
     expected, found = collide(arm, body, path, STEP), simulate(arm, body, path, 0.0)
     assert found.since[-1] == pytest.approx(expected.contact_duration, rel=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_lasting_force_from_within_a_step(simulate: Simulate, seed: int) -> None:
+    """The force falls when the transient phase ends, 0.5 s after a touch between two steps."""
+    rng = np.random.default_rng([9, seed])
+    arm, body = random_arm(rng), Body(stiffness=float(rng.uniform(1e4, 1e5)))
+    t = STEP * np.arange(601)
+    # The arm turns back slowly enough to press until the end.
+    turn = float(rng.uniform(0.4, 0.48))
+    path = np.where(t < turn, 0.1 * t, 0.1 * turn - 0.3 * (t - turn))
+    offset = 0.1 * STEP * float(rng.uniform(0, 1))
+    expected, found = collide(arm, body, path, STEP, offset=offset), simulate(arm, body, path, offset)
+    end = expected.contacts[0][0] + 0.5
+    greatest = max(expected.force[expected.time >= end].max(), np.interp(end, expected.time, expected.force))
+    assert found.lasting[-1] == pytest.approx(greatest, rel=1e-5)

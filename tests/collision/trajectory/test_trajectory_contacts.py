@@ -258,7 +258,9 @@ def test_phases_are_read_off_the_force_over_time(tmp_path: Path) -> None:
             touch = i - 1 + (begin - place[i - 1]) / (place[i] - place[i - 1])
             later += touch * 1e-3 > begin + 1e-3
             turn = math.ceil(touch + 50 - 1e-6)
-            early, late = distance[:turn].max(initial=0.0), max(distance[turn:].max(initial=0.0), distance[-1], 0.0)
+            at_end = np.interp(touch + 50, np.arange(len(distance)), distance)
+            early = max(distance[:turn].max(initial=0.0), at_end)
+            late = max(distance[turn:].max(initial=0.0), distance[-1], at_end, 0.0)
             np.testing.assert_allclose(deepest, [early, late], rtol=0, atol=1e-12)
     assert later > 3, "an arm that brakes before contact meets it later"
     assert result.verdict.p_over_force is not None

@@ -28,11 +28,12 @@ struct ContactState {
     double ramp = 0;
     std::array<double, Transitions::padded> z{};  ///< as of ContactSystem, then zeros
 
-    /// Records a force that is `highest` between two times, counted from `elapsed`, and `last` at the second.
-    void record_force(double highest, double last, double from, double to) {
+    /// Records a force that is `highest` between two times, counted from `elapsed`; `force(t)` is that at one of them.
+    template <class Force>
+    void record_force(double highest, double from, double to, const Force& force) {
         peak = std::max(peak, highest);
-        if (elapsed + to >= transient_phase)
-            lasting = std::max(lasting, elapsed + from >= transient_phase ? highest : last);
+        const double end = transient_phase - elapsed;  // of the transient phase
+        if (to >= end) lasting = std::max(lasting, end > from ? std::max(force(end), force(to)) : highest);
     }
     /// Whether a step of the reference to `to` need be simulated: the body has been touched, or is touched in it.
     bool needs_step(double to, double offset) const {
@@ -174,7 +175,11 @@ class ContactDynamics {
                                                                   block.on_demand(in, point), by_->piece)
                                                     .maximum());
                 }
-                at.record_force(highest, force[point], point * by_->piece, (point + 1) * by_->piece);
+                const double from = point * by_->piece;
+                at.record_force(highest, from, from + by_->piece, [&](double t) {
+                    return HermiteInterpolant(value, slope * by_->piece, force[point], rate[point] * by_->piece)
+                        .at((t - from) / by_->piece);
+                });
                 value = force[point];
                 slope = rate[point];
             }
@@ -207,7 +212,11 @@ class ContactDynamics {
                     if (turns) highest = std::max(highest, force.maximum());
                     if (changes) share = force.root();
                 }
-                at.record_force(highest, changes ? 0.0 : after.force, 0, share * time);
+                at.record_force(highest, 0, share * time, [&](double t) {
+                    return HermiteInterpolant(before.force, before.force_rate * time, after.force,
+                                              after.force_rate * time)
+                        .at(t / time);
+                });
                 at.duration += share * time;
             } else {
                 changes = after.penetration > 0 && after.force > by_->force_tolerance;

@@ -27,13 +27,14 @@ class HermiteInterpolant {
         c_[3] = slope0 + slope1 - 2 * value;
     }
 
+    double at(double x) const { return c_[0] + x * (c_[1] + x * (c_[2] + x * (c_[3] + x * (c_[4] + x * c_[5])))); }
     /// Where it is zero, if the values at its ends differ in sign.
     double root() const {
-        return newton(c_[0] / (c_[0] - value(1)), [&](double x) { return value(x) / nonzero(slope(x)); });
+        return newton(c_[0] / (c_[0] - at(1)), [&](double x) { return at(x) / nonzero(slope(x)); });
     }
     /// Its maximum, if it rises at the first end and falls at the last.
     double maximum() const {
-        return value(newton(c_[1] / (c_[1] - slope(1)), [&](double x) { return slope(x) / nonzero(second(x)); }));
+        return at(newton(c_[1] / (c_[1] - slope(1)), [&](double x) { return slope(x) / nonzero(second(x)); }));
     }
 
   private:
@@ -44,7 +45,6 @@ class HermiteInterpolant {
         return x;
     }
     static double nonzero(double slope) { return std::fabs(slope) > 1e-300 ? slope : 1e300; }
-    double value(double x) const { return c_[0] + x * (c_[1] + x * (c_[2] + x * (c_[3] + x * (c_[4] + x * c_[5])))); }
     double slope(double x) const {
         return c_[1] + x * (2 * c_[2] + x * (3 * c_[3] + x * (4 * c_[4] + x * (5 * c_[5]))));
     }

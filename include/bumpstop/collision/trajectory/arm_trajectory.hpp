@@ -192,11 +192,17 @@ class ArmTrajectory {
         const Point3<double> origin = point_at(begin);
         std::array<double, 2> phase_max{0, 0};
         if (!(reaction_[std::size_t(tick)].reach > begin)) return phase_max;
-        const int turn = int(std::ceil((touch_time(tick, begin) + first) / step() - 1e-9));
+        const double end = (touch_time(tick, begin) + first) / step();  // of the first phase, within a step
+        const int turn = int(std::ceil(end - 1e-9));
         const int reacts = first_step(tick) + setup_.timing.latency;
+        double before = 0;  // distance a step earlier
         auto meet = [&](int i, double distance) {
             double& most = phase_max[i < turn ? 0 : 1];
             most = std::max(most, distance);
+            const double between = before + (distance - before) * (end - (turn - 1));
+            if (i == turn)
+                for (double& each : phase_max) each = std::max(each, between);
+            before = distance;
         };
         for (int i = 0; i < std::min(reacts, steps_ + 1); ++i)
             if (i * step() > begin) meet(i, dot(point_[std::size_t(i)] - origin, normal));

@@ -51,12 +51,14 @@ class ReleaseTimes:
         """
         path = np.concatenate([self._distance[: self._begin[tick]], self._path[tick]])
         touch = np.nan_to_num(first_passage_times(path, offset, self._step), nan=np.inf)
-        turn = np.minimum(np.ceil((touch + first_s) / self._step - 1e-9), path.size).astype(np.int64)
+        end = (touch + first_s) / self._step  # of the first phase, within a step
+        turn = np.minimum(np.ceil(end - 1e-9), path.size).astype(np.int64)
+        between = np.interp(end, np.arange(path.size), path)
         reached = np.maximum.accumulate(path)
         rest = path[-1]  # where the arm stays, unless it has let go
         ahead = np.append(np.maximum.accumulate(np.append(path, rest)[::-1])[::-1][: path.size], rest)
-        first = np.where(np.isfinite(touch), reached[np.maximum(turn - 1, 0)] - offset, 0.0)
-        late = np.where(np.isfinite(touch), ahead[turn] - offset, 0.0)
+        first = np.where(np.isfinite(touch), np.maximum(reached[np.maximum(turn - 1, 0)], between) - offset, 0.0)
+        late = np.where(np.isfinite(touch), np.maximum(ahead[turn], between) - offset, 0.0)
         return np.maximum(first, 0.0), np.maximum(late, 0.0)
 
     def max_distance(self, tick: int) -> float:
