@@ -162,8 +162,8 @@ CellMixture contact_mixture(const CollisionDistribution& collision, ContactQuant
     // A slot less probable than this is one cell from its smallest value to its greatest.
     constexpr double one_cell = 1e-14;
     // Of a panel. They are narrow because in a far tail the density falls steeply, while that of a cell is constant.
-    // Panels of few nodes, of rigid arms, are narrow themselves.
-    const std::size_t cells = order > 8 || collision.nodes.kinks ? 32 : 16;
+    // The force at detection decides its own probability, which rises steeply with it.
+    const std::size_t cells = quantity == ContactQuantity::force_at_detection ? 32 : 16;
     const std::size_t panels = density.panel.size();
     const std::size_t rows =
         (std::max(cells + 1, order) + std::size_t(lanes) - 1) / std::size_t(lanes) * std::size_t(lanes);
