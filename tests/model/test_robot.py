@@ -315,3 +315,15 @@ def test_roll_pitch_and_yaw() -> None:
     for angles in np.random.default_rng(2).uniform(-math.pi, math.pi, (50, 3)):
         expected = Rotation.from_euler("xyz", angles).as_matrix()
         np.testing.assert_allclose(rotation_from_rpy(*angles), expected, rtol=0, atol=1e-15)
+
+
+def test_a_joint_on_its_limit_is_not_beyond_it_by_rounding() -> None:
+    robot = Robot.load("ur10e")
+    q = np.tile(robot.upper, (5, 1))
+    q[1] = np.nextafter(robot.upper, np.inf)
+    q[2, 5] += 1e-8
+    q[3] = robot.lower - 1e-12
+    q[4, 0] = math.nan
+    beyond = robot.beyond_limits(q)
+    assert beyond.shape == q.shape
+    assert np.argwhere(beyond).tolist() == [[2, 5], [4, 0]]

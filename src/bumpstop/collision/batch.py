@@ -91,7 +91,7 @@ def evaluate_batch(
         raise InputError("threads", f"{threads} is too few", "wanted at least 1")
     if ((quantiles <= 0) | (quantiles >= 1)).any():
         raise InputError("probabilities", "are not all between 0 and 1")
-    outside = (poses < robot.lower) | (poses > robot.upper)
+    outside = robot.beyond_limits(poses)
     if outside.any():
         row, joint = (int(i) for i in np.argwhere(outside)[0])
         raise InputError(f"q[{row}]", f"joint {joint + 1} at {poses[row, joint]:g} is outside its limits")

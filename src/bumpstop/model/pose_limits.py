@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.model.robot import Robot
@@ -21,9 +23,8 @@ def check_pose(robot: Robot, q: FloatArray, field: str, *, in_degrees: bool) -> 
     Raises:
         InputError: names the joint, its position and its limits.
     """
-    for j, joint in enumerate(robot.joints):
-        if joint.lower <= q[j] <= joint.upper:
-            continue
+    for j in np.flatnonzero(robot.beyond_limits(q)):
+        joint = robot.joints[j]
         shown = [float(q[j]), joint.lower, joint.upper]
         unit = "rad" if joint.kind == "revolute" else "m"
         if in_degrees and joint.kind == "revolute":

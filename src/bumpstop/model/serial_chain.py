@@ -23,6 +23,8 @@ from bumpstop.model.reach import reach
 
 # Of a point from the frame of its link, along each axis: farther than any arm, near enough that no product overflows.
 MAX_POINT_M = 100.0
+# A joint no farther beyond its limit than this stands on it, as `limit_rounding` of the kernels [rad or m].
+LIMIT_ROUNDING = 1e-9
 
 InertiaStatus = Literal["published", "unverified", "assumed", "unknown"]
 
@@ -206,6 +208,10 @@ class SerialChain:
     def upper(self) -> FloatArray:
         """Upper joint limits (dof,) [rad or m]."""
         return np.array([joint.upper for joint in self.joints])
+
+    def beyond_limits(self, q: FloatArray) -> npt.NDArray[np.bool_]:
+        """Which joints of poses (..., dof) [rad or m] are outside their limits, by more than rounding (..., dof)."""
+        return np.asarray(~((q >= self.lower - LIMIT_ROUNDING) & (q <= self.upper + LIMIT_ROUNDING)))
 
     @property
     def velocity(self) -> FloatArray:

@@ -161,7 +161,7 @@ def line(
     n = robot.dof
     pose = as_float_array(q, "pose", (n,))
     target = as_float_array(velocity, "velocity", (3,))
-    outside = np.flatnonzero((pose < robot.lower) | (pose > robot.upper))
+    outside = np.flatnonzero(robot.beyond_limits(pose))
     if outside.size:
         j = int(outside[0])
         raise InputError(

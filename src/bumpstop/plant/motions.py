@@ -208,7 +208,7 @@ def _clear(robot: Robot, q: FloatArray) -> bool:
 
 
 def _checked(trajectory: Trajectory, robot: Robot) -> Trajectory:
-    outside = np.argwhere((trajectory.position < robot.lower) | (trajectory.position > robot.upper))
+    outside = np.argwhere(robot.beyond_limits(trajectory.position))
     if len(outside):
         row, j = (int(x) for x in outside[0])
         problem = f"takes joint {j + 1} to {trajectory.position[row, j]:.4g}, outside its limits"

@@ -80,7 +80,7 @@ def improve_detectability(problem: CollisionProblem, q: FloatArray, direction: F
                     "nij,nj->ni", np.linalg.pinv(jacobian, rcond=1e-3), _error(robot.pose(trial), goal)
                 )
             kept = np.abs(_error(robot.pose(trial), goal)).max(axis=1) < _POSE
-            alive &= kept & ((trial >= robot.lower) & (trial <= robot.upper)).all(axis=1)
+            alive &= kept & ~robot.beyond_limits(trial).any(axis=1)
             if not alive.any():
                 break
             here = np.where(alive[:, None], trial, here)

@@ -169,8 +169,8 @@ def _predict(problem: CollisionProblem, q: FloatArray, velocity: FloatArray, qua
     per_cycle = K * approach * cycle
     bound = detection_bound(problem, torque, per_cycle, rare) + per_cycle + K * travel
 
-    inside = (stopped.q >= problem.robot.lower) & (stopped.q <= problem.robot.upper)
-    trusted = (turning <= MAX_TURNING) & inside.all(axis=1) & ~np.any([each.limited for each in along], axis=0)
+    outside = problem.robot.beyond_limits(stopped.q).any(axis=1)
+    trusted = (turning <= MAX_TURNING) & ~outside & ~np.any([each.limited for each in along], axis=0)
     trusted &= np.isfinite(bound) & (end <= scenario.motion.duration_s) & (scenario.motion.start != "rest")
     usable = np.isfinite(rates) & (start.approach > 0)
     expected = np.where(np.isfinite(force), force + K * stopping, np.inf)

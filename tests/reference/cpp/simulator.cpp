@@ -76,8 +76,10 @@ Status prepare(const Problem& problem, Start& start) {
 }
 
 bool outside(const Problem& problem, const State& state) {
+    constexpr double rounding = 1e-9;  // a joint that stands on its limit stays within its range
     for (int j = 0; j < problem.joint_count; ++j) {
-        if (state.position[j] < problem.min_position[j] || state.position[j] > problem.max_position[j]) return true;
+        if (state.position[j] < problem.min_position[j] - rounding) return true;
+        if (state.position[j] > problem.max_position[j] + rounding) return true;
     }
     return false;
 }

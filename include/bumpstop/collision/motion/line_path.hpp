@@ -153,14 +153,22 @@ LineStart<T> begin_line(const CollisionSetup& setup, const T* q, const Point3<T>
 
 namespace detail {
 
-/// Distance of the free joints from their nearest position limit, negative beyond it; `q` by joint [rad or m].
+/// A joint that comes no farther beyond its limit than this has not left its range: one that stands on the limit while
+/// the others move is carried across it by rounding [rad or m].
+inline constexpr double limit_rounding = 1e-9;
+
+/// How far a joint at `q` may still go to its nearer position limit, negative where it has left its range [rad or m].
+template <class T>
+T limit_margin(const MotionSettings& motion, int joint, const T& q) {
+    return min(q - (motion.lower[joint] - limit_rounding), (motion.upper[joint] + limit_rounding) - q);
+}
+
+/// The least of the free joints, or 1; `q` by joint [rad or m].
 template <class T>
 T min_limit_margin(const MotionSettings& motion, const T* q) {
     T margin = 1.0;
-    for (int f = 0; f < motion.free_count; ++f) {
-        const int j = motion.free_joint[f];
-        margin = min(margin, min(q[j] - motion.lower[j], motion.upper[j] - q[j]));
-    }
+    for (int f = 0; f < motion.free_count; ++f)
+        margin = min(margin, limit_margin(motion, motion.free_joint[f], q[motion.free_joint[f]]));
     return margin;
 }
 

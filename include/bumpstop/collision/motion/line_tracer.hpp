@@ -256,8 +256,7 @@ class LineTracer {
             if (lane_of(margin, i) < 0) {
                 for (int f = 0; f < n; ++f) {
                     const int j = motion_.free_joint[f];
-                    const double position = lane_of(q[j], i);
-                    if (position < motion_.lower[j] || position > motion_.upper[j]) at.path->end_joint = j;
+                    if (detail::limit_margin(motion_, j, lane_of(q[j], i)) < 0) at.path->end_joint = j;
                 }
                 cut(lane, PathEnd::joint_limit, at.step[i]);
                 at.path = nullptr;
