@@ -30,23 +30,27 @@ class ContactReactions {
         double peak, lasting, duration;  ///< greatest force, in all and after the transient phase [N]; in contact [s]
     };
 
-    /// Detection at a tick; `state` is that of the collision `first` steps later, from 0 up to the latency.
-    Outcome operator()(ContactState state, int tick, int first, double offset) const {
-        begin_reaction(state, paths_->tick_step(tick) + first);
+    /// Detection at a tick; `state` is that of the collision when the arm leaves its line.
+    Outcome operator()(ContactState state, int tick, double offset) const {
+        paths_->begin_reaction(state, paths_->reaction_begin(tick));
         // A rigid arm that stops short of the body need not be simulated. An elastic one oscillates beyond its path.
         const double most = paths_->max_distance[std::size_t(tick)];
         if (state.touched || most > offset - separation_tolerance || (elastic() && std::isfinite(most)))
-            simulate(state, PathAfter(*paths_, tick, first), offset);
+            simulate(state, after(tick), offset);
         return {state.peak, state.lasting, state.duration};
     }
     /// The same before contact.
     Outcome without_contact(int tick, double offset) const {
-        return (*this)(paths_->approaching(paths_->tick_step(tick)), tick, 0, offset);
+        const int begin = paths_->reaction_begin(tick);
+        int step = std::min(begin, paths_->step_before(offset));
+        ContactState state = paths_->approaching(step);
+        for (; step < begin; ++step) paths_->advance(dynamics_, state, step, offset);
+        return (*this)(state, tick, offset);
     }
-    /// Without a reaction from `step` on: the motion goes on to its end, where the arm stands.
-    Outcome undisturbed(ContactState state, int step, double offset) const {
-        begin_reaction(state, step);
-        simulate(state, PathAfter::undisturbed(*paths_, step), offset);
+    /// Without a detection; `state` is that of the collision at the end of the motion, where the arm stops.
+    Outcome undetected(ContactState state, double offset) const {
+        paths_->begin_reaction(state, paths_->motion_end());
+        simulate(state, PathAfter::undisturbed(*paths_, paths_->motion_end()), offset);
         return {state.peak, state.lasting, state.duration};
     }
 
@@ -54,25 +58,22 @@ class ContactReactions {
     double max_distance(int tick) const {
         const double most = paths_->max_distance[std::size_t(tick)];
         if (!elastic() || !std::isfinite(most)) return most;
-        return max_distance(PathAfter(*paths_, tick, 0), paths_->tick_step(tick));
+        return max_distance(after(tick), paths_->reaction_begin(tick));
     }
-    /// The same of an elastic arm without a reaction from a step on.
-    double max_distance_undisturbed(int step) const {
-        return max_distance(PathAfter::undisturbed(*paths_, step), step);
+    /// The same of an elastic arm without an alarm.
+    double max_distance_undetected() const {
+        return max_distance(PathAfter::undisturbed(*paths_, paths_->motion_end()), paths_->motion_end());
     }
 
   private:
+    PathAfter after(int tick) const {
+        return PathAfter(*paths_, tick, paths_->reaction_begin(tick) - paths_->tick_step(tick));
+    }
     double max_distance(const PathAfter& path, int from) const {
         ContactState state = paths_->approaching(from);
-        begin_reaction(state, from);
+        paths_->begin_reaction(state, from);
         simulate(state, path, ContactPaths::out_of_reach);
-        return state.max_penetration + ContactPaths::out_of_reach;
-    }
-    /// Until step `from` the reference has moved undisturbed.
-    void begin_reaction(ContactState& state, int from) const {
-        state.ramp = paths_->change(from);
-        if (!state.begun) state.speed = paths_->speed(from);
-        state.begun = true;
+        return std::max(paths_->max_before[std::size_t(from)], state.max_penetration + ContactPaths::out_of_reach);
     }
 
     static constexpr int max_retreat = 1 << 15;  ///< steps; an arm that retreats more slowly counts as standing
@@ -83,7 +84,6 @@ class ContactReactions {
         const int block = dynamics_.propagator().block_steps, longest = path.length();
         // The reaction itself makes an elastic arm oscillate, also before it touches the body.
         const bool elastic = this->elastic();
-        state.reacts = true;
         int touch = state.touched ? 0 : -1;  // step of the first touch; -1: none so far
         double from = path.at(0);
         int farther = 0;  // the last step so far after which the reference still comes farther
@@ -150,7 +150,9 @@ class ContactCollision {
           // touched the body earlier, between two ticks.
           step_(std::min(first_, reactions.paths().step_before(offset))),
           offset_(offset),
-          state_(reactions.paths().approaching(step_)) {}
+          state_(reactions.paths().approaching(step_)),
+          at_motion_end_(state_),
+          at_line_end_(state_) {}
 
     double force(int i) { return i < 0 ? 0.0 : at(i).force; }
     /// Whether the body has separated by the i-th tick in contact.
@@ -166,14 +168,16 @@ class ContactCollision {
         const ContactPaths& paths = reactions_->paths();
         const int tick = std::clamp(tick_ + i, 0, paths.path->ticks - 1);
         if (i < 0) return reactions_->without_contact(tick, offset_);
-        advance_to(step_of(i) + paths.latency);
-        return (*reactions_)(at_reaction_[std::size_t(i)], tick, paths.latency, offset_);
+        const int begin = std::min(step_of(i) + paths.latency, paths.line_end());
+        advance_to(begin);
+        return (*reactions_)(begin < step_of(i) + paths.latency ? at_line_end_ : at_reaction_[std::size_t(i)], tick,
+                             offset_);
     }
-    /// It is not detected.
+    /// It is not detected: the arm reacts to nothing but the end of its motion.
     Outcome undetected() {
-        // Up to the last tick the arm reacts to nothing, not even to the end of its motion.
-        while (step_ < last_tick() && !state_.separated) advance_to(step_ + 1);
-        return reactions_->undisturbed(step_ < last_tick() ? state_ : state_at_last_tick_, last_tick(), offset_);
+        const int end = reactions_->paths().motion_end();
+        while (step_ < end && !state_.separated) advance_to(step_ + 1);
+        return reactions_->undetected(step_ < end ? state_ : at_motion_end_, offset_);
     }
 
   private:
@@ -185,7 +189,6 @@ class ContactCollision {
         advance_to(step_of(i));
         return at_tick_[std::size_t(i)];
     }
-    int last_tick() const { return reactions_->paths().tick_step(reactions_->paths().path->ticks - 1); }
     /// The step of the i-th tick in contact.
     int step_of(int i) const { return first_ + (i + 1) * reactions_->paths().period; }
 
@@ -194,10 +197,10 @@ class ContactCollision {
         const ContactDynamics& dynamics = reactions_->dynamics();
         while (step_ < last) {
             allow_interruption();
-            const double from = paths.undisturbed(step_), to = paths.undisturbed(++step_);
-            const bool on_path = step_ > 0 && step_ <= paths.last_step();
-            if (on_path && (state_.begun || state_.needs_step(to, offset_))) dynamics.step(state_, from, to, offset_);
-            if (step_ == last_tick()) state_at_last_tick_ = state_;
+            if (step_ >= 0 && step_ < paths.last_step()) paths.advance(dynamics, state_, step_, offset_);
+            ++step_;
+            if (step_ == paths.motion_end()) at_motion_end_ = state_;
+            if (step_ == paths.line_end()) at_line_end_ = state_;
             const int since = step_ - first_;
             if (since > 0 && since % paths.period == 0) {
                 at_tick_.push_back({state_.force, state_.separated});
@@ -213,10 +216,10 @@ class ContactCollision {
     int tick_, first_;  // first_: step of the tick before the first one in contact
     int step_;          // simulation steps so far
     double offset_;
-    ContactState state_, state_at_last_tick_;  // after step_ steps; where contact begins after the last tick, before it
-    std::vector<Tick> at_tick_;                // by tick in contact
-    std::vector<double> residual_;             // [tick in contact][joint]
-    std::vector<ContactState> at_reaction_;    // when the reaction to a tick in contact begins
+    ContactState state_, at_motion_end_, at_line_end_;  // after step_ steps; at these ends, once they are reached
+    std::vector<Tick> at_tick_;                         // by tick in contact
+    std::vector<double> residual_;                      // [tick in contact][joint]
+    std::vector<ContactState> at_reaction_;             // when the reaction to a tick in contact begins
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

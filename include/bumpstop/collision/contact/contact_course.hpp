@@ -28,6 +28,10 @@ inline ContactCourse contact_course(const ContactPropagator& by, std::span<const
         allow_interruption();
         if (i > reaction && !state.reacts) {
             state.reacts = true;
+            if (i > 1 && !state.begun) {
+                state.speed = (path[i - 1] - path[i - 2]) / by.step;
+                state.begun = true;
+            }
             if (i > 2) state.ramp = (path[i - 1] - 2 * path[i - 2] + path[i - 3]) / by.step;
         }
         if (i > 0 && (state.reacts || by.leaves_reference || state.needs_step(path[i], offset)))

@@ -50,10 +50,19 @@ struct ContactPaths {
     double change(int i) const {
         return i < 2 ? 0.0 : (undisturbed(i) - 2 * undisturbed(i - 1) + undisturbed(i - 2)) / step;
     }
-    /// Undisturbed speed in the step that ends with this one [m/s].
-    double speed(int i) const { return i < 1 ? 0.0 : (undisturbed(i) - undisturbed(i - 1)) / step; }
+    /// Undisturbed speed in the step that ends with this one; before the start it is that of the start [m/s].
+    double speed(int i) const {
+        const int at = from_rest ? i : std::max(1, i);
+        return (undisturbed(at) - undisturbed(at - 1)) / step;
+    }
+    /// The last step of the line; from there an arm that cannot follow it any more brakes.
+    int line_end() const { return int(path->s.size()) - 1; }
+    /// The step after which an arm that has detected nothing stands, or brakes because it cannot follow its line.
+    int motion_end() const { return std::min(end_step, line_end()); }
     int tick_step(int k) const { return k * period + 1; }
     int reaction_step(int k) const { return tick_step(k) + latency; }
+    /// The step after which the arm leaves its line, detected at a tick: no reaction begins where it brakes already.
+    int reaction_begin(int k) const { return std::min(reaction_step(k), line_end()); }
 
     /// The step before that in which a body at `offset` is touched; the last step if it is not.
     int step_before(double offset) const {
@@ -67,6 +76,20 @@ struct ContactPaths {
         state.max_penetration = -HUGE_VAL;
         return state;
     }
+    /// From step `from` on the reference is that of a reaction. Until then it has moved undisturbed.
+    void begin_reaction(ContactState& state, int from) const {
+        state.ramp = change(from);
+        if (!state.begun) state.speed = speed(from);
+        state.begun = state.reacts = true;
+    }
+    /// Advances a collision by the step of the undisturbed motion after step i. An arm brakes at the end of its line as
+    /// in a reaction: its controller does not foresee it.
+    void advance(const ContactDynamics& dynamics, ContactState& state, int i, double offset) const {
+        if (i == line_end() && !path->braking.empty()) begin_reaction(state, i);
+        const double to = undisturbed(i + 1);
+        if (state.begun || dynamics.propagator().leaves_reference || state.needs_step(to, offset))
+            dynamics.step(state, undisturbed(i), to, offset);
+    }
     void follow_approach(const ContactPropagator& by) {
         approach.clear();
         if (!by.leaves_reference) return;
@@ -76,7 +99,7 @@ struct ContactPaths {
         approach.push_back(state);
         for (int i = 0; i < last_step(); ++i) {
             allow_interruption();
-            dynamics.step(state, undisturbed(i), undisturbed(i + 1), out_of_reach);
+            advance(dynamics, state, i, out_of_reach);
             approach.push_back(state);
         }
     }
@@ -110,20 +133,21 @@ struct ContactPaths {
 };
 
 /// Distances of the reference after a tick whose reaction begins a latency later. Where that reaction has no path the
-/// motion goes on to its end. Beyond the end of a retreat the reference keeps its last speed.
+/// motion goes on until the arm has braked. Beyond the end of a retreat the reference keeps its last speed.
 class PathAfter {
   public:
     PathAfter() = default;
     /// `first`: steps from the tick to the step that is number 0 here.
     PathAfter(const ContactPaths& paths, int tick, int first)
-        : paths_(&paths),
-          own_(&paths.reaction[std::size_t(tick)]),
-          max_later_(&paths.max_later[std::size_t(tick)]),
-          from_(paths.tick_step(tick) + first),
-          lead_(paths.latency - first) {
-        const std::vector<double>& own = *own_;
+        : paths_(&paths), from_(paths.tick_step(tick) + first), lead_(paths.latency - first) {
+        const std::vector<double>& own = paths.reaction[std::size_t(tick)];
+        if (own.empty()) {
+            lead_ = std::max(0, paths.last_step() - from_);
+            return;
+        }
+        own_ = &own;
+        max_later_ = &paths.max_later[std::size_t(tick)];
         if (paths.reverses && own.size() > 1) retreat_ = std::min(0.0, own.back() - own[own.size() - 2]);
-        if (own.empty()) own_ = nullptr;
     }
     /// Without a reaction: the motion goes on from a step to its end.
     static PathAfter undisturbed(const ContactPaths& paths, int step) {
@@ -131,13 +155,12 @@ class PathAfter {
         path.paths_ = &paths;
         path.from_ = step;
         path.lead_ = std::max(0, paths.end_step - step);
-        path.stands_ = true;
         return path;
     }
 
     double at(int i) const {
         if (i < lead_) return paths_->undisturbed(from_ + i);
-        if (own_ == nullptr) return paths_->undisturbed(from_ + (stands_ ? lead_ : i));
+        if (own_ == nullptr) return paths_->undisturbed(from_ + lead_);
         const int last = int(own_->size()) - 1, here = i - lead_;
         return here <= last ? (*own_)[std::size_t(here)] : own_->back() + (here - last) * retreat_;
     }
@@ -155,19 +178,14 @@ class PathAfter {
         return i - lead_ < int(max_later_->size()) ? (*max_later_)[std::size_t(i - lead_)] : own_->back();
     }
     /// Steps until the reference stands, or retreats at constant speed.
-    int length() const {
-        if (stands_) return lead_;
-        return own_ == nullptr ? std::max(lead_ + 1, paths_->last_step() - from_)
-                               : lead_ + std::max(1, int(own_->size()) - 1);
-    }
+    int length() const { return own_ == nullptr ? lead_ : lead_ + std::max(1, int(own_->size()) - 1); }
     bool retreats() const { return retreat_ < 0; }
 
   private:
     const ContactPaths* paths_ = nullptr;
-    const std::vector<double>*own_ = nullptr, *max_later_ = nullptr;
-    int from_ = 0, lead_ = 0;
-    bool stands_ = false;  // at the end of the motion
-    double retreat_ = 0;   // distance in a step beyond the end of the path [m]
+    const std::vector<double>*own_ = nullptr, *max_later_ = nullptr;  // null: no reaction
+    int from_ = 0, lead_ = 0;                                         // the first step; steps of the undisturbed motion
+    double retreat_ = 0;  // distance in a step beyond the end of the path [m]
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -197,9 +197,9 @@ inline void add_early_reactions(const ContactReactions& reactions, const OffsetD
     // Without an alarm an elastic arm still oscillates beyond the end of its motion.
     const double survival = before.survival_before(ticks);
     if (!reactions.elastic() || paths.path->end == PathEnd::all_detected || !(survival > negligible_chance)) return;
-    const int end = paths.tick_step(ticks - 1);
-    detail::add_pieces([&](double place) { return reactions.undisturbed(paths.approaching(end), end, place); }, offset,
-                       ticks, survival, edges.back(), reactions.max_distance_undisturbed(end), false, {}, out);
+    const ContactState end = paths.approaching(paths.motion_end());
+    detail::add_pieces([&](double place) { return reactions.undetected(end, place); }, offset, ticks, survival,
+                       edges.back(), reactions.max_distance_undetected(), false, {}, out);
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

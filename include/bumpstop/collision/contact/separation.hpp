@@ -41,7 +41,7 @@ class Separations {
         found.touch = rise > 0 ? i + std::clamp((offset - paths_.undisturbed(i)) / rise, 0.0, 1.0) : i + 1.0;
         for (; i < paths_.last_step() && !state.separated; ++i) {
             allow_interruption();
-            dynamics_.step(state, paths_.undisturbed(i), paths_.undisturbed(i + 1), offset);
+            paths_.advance(dynamics_, state, i, offset);
             at_step(i, state);
         }
         if (state.separated) found.separated = found.touch + state.duration / paths_.step;

@@ -118,20 +118,20 @@ class Rollouts:
         if tick < 0:
             # The path goes on for a latency beyond the motion's end, for the reactions.
             distance = distance[: _motion_steps(self._result, distance) + 1]
+            reaction = distance.size - 1
             if curve.end in ("joint_limit", "singularity"):
                 distance = np.append(distance, curve.line.braking)
         else:
             # An arm that cannot follow its line as far brakes where it ends.
             begin = min(tick * period + 1 + problem.latency_steps, distance.size - 1)
             # The reaction's path starts with the step in which it begins.
+            reaction = begin
             distance = np.concatenate([distance[:begin], curve.kernel.reaction_paths([tick], [offset])[0]])
         displacement = np.zeros_like(distance)
         course = None
         if problem.gives_way:
             path = distance.size
             distance = np.append(distance, np.full(_settling_steps(problem, tick), distance[-1]))
-            # Undetected the arm reacts to nothing before the last tick, not even to the end of its motion.
-            reaction = max(0, curve.ticks - 1) * period + 1 if begin is None else begin
             course = contact_course(problem, curve, distance, offset, reaction)
             displacement = np.maximum(0.0, distance - offset) - course.force / problem.stiffness
             if problem.gets_away:
