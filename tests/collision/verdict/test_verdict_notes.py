@@ -297,3 +297,23 @@ def test_where_a_sooner_reaction_goes_farther_than_the_one_followed(changes: dic
     # Clear of singularities the latest reaction goes farthest.
     calm = bs.evaluate(ur10e().with_values({"reaction.latency_s": 0.02}).with_values(changes))
     assert not any("reacts sooner" in warning for warning in calm.warnings)
+
+
+@pytest.mark.parametrize("latency_s", [0.1, 0.2])
+def test_a_sooner_reaction_goes_farther_than_the_brake_at_the_end_of_the_line(latency_s: float) -> None:
+    """The arm slows down towards its limit, which it reaches after 114 ms: 312 N without latency, 236 N with it."""
+    slowing = {
+        "robot": "ur5e",
+        "pose_rad": [
+            5.835057210791876, -3.051133368991834, 2.9909977090868756, 6.199696873316511, -5.925838638813958,
+            6.007482208206539,
+        ],
+        "motion": {"velocity_mm_s": [-22.99335181811892, -193.44983528963505, -228.14133119314724], "task": "position"},
+        "contact": {"body": "hand_finger", "limits": "ts15066", "area_cm2": 2.0},
+        "detector": {"thresholds_Nm": [20.0] * 6, "noise_sd_Nm": 2.0},
+        "reaction": {"kind": "stop", "joint_acceleration_rad_s2": 15.0, "latency_s": latency_s},
+        "arm": {"model": "elastic"},
+    }  # fmt: skip
+    result = bs.evaluate(bs.Scenario.from_dict(slowing))
+    assert result.curve.end == "joint_limit"
+    assert any("gets up to 3.9" in warning for warning in result.warnings if "reacts sooner" in warning)

@@ -137,9 +137,11 @@ def _sooner_note(result: CollisionOutcome) -> list[str]:
     judged = problem.gives_way or problem.transient_limits is not None
     if problem.trajectory is not None or problem.latency_steps == 0 or not judged or curve.ticks == 0:
         return []
-    begins = 1 + problem.period_steps * np.arange(curve.ticks) + problem.latency_steps
-    known = np.flatnonzero(begins < len(curve.distance))
-    ticks = known[np.unique(np.linspace(0, known.size - 1, _REACTIONS).astype(int))] if known.size else known
+    # An arm that cannot follow its line as far brakes where it ends.
+    begins = np.minimum(
+        1 + problem.period_steps * np.arange(curve.ticks) + problem.latency_steps, len(curve.distance) - 1
+    )
+    ticks = np.unique(np.linspace(0, curve.ticks - 1, _REACTIONS).astype(int))
     paths = curve.kernel.reaction_paths([int(k) for k in ticks], [-1e9] * ticks.size)
     here = curve.tick_distance[ticks]
     latest = [max(path.max(), curve.distance[1 : 1 + k].max()) for path, k in zip(paths, begins[ticks], strict=True)]
