@@ -1,5 +1,5 @@
 // Distributions of collisions.
-#include "bumpstop/collision/integrate.hpp"
+#include "bumpstop/collision/collision.hpp"
 #include "common.hpp"
 #include "interrupt.hpp"
 

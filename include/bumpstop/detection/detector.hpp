@@ -7,7 +7,6 @@
 #include <optional>
 
 #include "bumpstop/detection/alarm_logic.hpp"
-#include "bumpstop/detection/event_span.hpp"
 #include "bumpstop/detection/fitted_dynamics.hpp"
 #include "bumpstop/detection/isolation.hpp"
 #include "bumpstop/detection/payload.hpp"

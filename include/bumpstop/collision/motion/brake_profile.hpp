@@ -75,4 +75,12 @@ inline BrakeProfile brake_profile(const Chain& chain, const MotionSettings& moti
     return profile;
 }
 
+/// Steps after which a reaction is ended in any case, because an arm near a singularity may never reverse. All others
+/// end long before: the slowest joint stands after `stop_time` [s], has reversed after twice that, and goes back no
+/// farther than it came in `path_steps`. The limit by `substeps` keeps the count of sub-steps within an int.
+inline int max_reaction_steps(double stop_time, std::size_t path_steps, double step, int substeps) {
+    const double needed = std::min(4 * stop_time / step, 2e6) + 2 * double(path_steps);
+    return int(std::min(std::max(needed, 20000.0), 2e9 / substeps));
+}
+
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

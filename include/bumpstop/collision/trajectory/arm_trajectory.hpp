@@ -7,7 +7,6 @@
 #include "bumpstop/collision/contact/contact_paths.hpp"
 #include "bumpstop/collision/contact/elastic_arm.hpp"
 #include "bumpstop/collision/distribution/survival_criterion.hpp"
-#include "bumpstop/collision/trajectory/joint_spline.hpp"
 #include "bumpstop/collision/trajectory/path_reaction.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {

@@ -4,7 +4,7 @@
 
 #include <atomic>
 
-#include "bumpstop/collision/integrate.hpp"
+#include "bumpstop/collision/collision.hpp"
 #include "bumpstop/collision/trajectory/arm_trajectory.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
