@@ -118,10 +118,7 @@ class Detector {
         const double* qd = settings_.samples.measured_rates ? out_.qd.data() : derivative_.rate();
         const double* qdd = settings_.samples.measured_rates ? derivative_.rate() : derivative_.acceleration();
         JointAngles<double>& angle = angle_;
-        // Interleaved so that the latencies of the logarithms and powers overlap with other work.
-        bank_.take_logarithms(qd);
         angle.set_padded(chain_, validator_.position());
-        bank_.take_powers(qd);
         if (fitted_) fitted_->advance(chain_.dof, validator_.interval(), qd);
         bool finite = false;
         if (settings_.residual == ResidualKind::direct) {
@@ -219,7 +216,7 @@ class Detector {
         if (fitted_) {
             for (int j = 0; j < chain_.dof; ++j) tau[j] = fitted_->gain[j] * validator_.signal()[j];
         } else if (mapped) {
-            bank_.map(validator_.signal(), qd, qdd, tau, errors_ ? sd_.data() : nullptr);
+            bank_.torque(validator_.signal(), qd, qdd, tau, errors_ ? sd_.data() : nullptr);
         } else {
             for (int first = 0; first < chain_.dof; first += native_lanes)
                 store(load<L>(validator_.signal() + first), tau + first);

@@ -74,45 +74,23 @@ class JointTorqueBank {
     /// Torques [Nm or N] as joint_torque gives them and, unless `sd` is null, their standard errors, propagated from
     /// those of the parameters as independent: sd^2 = sum over parameters of (dtau/dp se_p)^2. Arrays of max_joints
     /// numbers; those beyond the last joint are ignored.
-    void torque(const double* current, const double* qd, const double* qdd, double* tau, double* sd) noexcept {
-        take_logarithms(qd);
-        take_powers(qd);
-        map(current, qd, qdd, tau, sd);
-    }
-
-    /// The three parts of `torque`, to be called in this order. Each has a long latency that a control loop can overlap
-    /// with other work.
-    [[gnu::flatten]] void take_logarithms(const double* qd) noexcept {
-        if (!any_power_) return;
-        for (int k = 0; k * native_lanes < joints_; ++k) {
-            const L speed = max(abs(load<L>(qd + k * native_lanes)), group_[k].rest);
-            log_speed_[k] = log(min(L(1.0), speed * (1 / top)));
-        }
-    }
-    [[gnu::flatten]] void take_powers(const double* qd) noexcept {
-        if (any_power_)
-            for (int k = 0; k * native_lanes < joints_; ++k)
-                power_[k] = exp_minus(-(log_speed_[k] * group_[k].F), L(0.0));
-        if (any_stribeck_)
-            for (int k = 0; k * native_lanes < joints_; ++k) {
-                const L u = reduced_speed(group_[k], load<L>(qd + k * native_lanes));
-                bell_[k] = exp_minus(u * u, L(0.0));
+    [[gnu::flatten]] void torque(const double* current, const double* qd, const double* qdd, double* tau,
+                                 double* sd) noexcept {
+        for (int first = 0; first < joints_; first += native_lanes) {
+            Group& group = group_[first / native_lanes];
+            Motion motion{load<L>(current + first), load<L>(qd + first), load<L>(qdd + first)};
+            if (any_power_) {
+                motion.log_speed = log(min(L(1.0), max(abs(motion.qd), group.rest) * (1 / top)));
+                motion.power = exp_minus(-(motion.log_speed * group.F), L(0.0));
             }
-    }
-    [[gnu::flatten]] void map(const double* current, const double* qd, const double* qdd, double* tau,
-                              double* sd) noexcept {
-        for (int k = 0; k * native_lanes < joints_; ++k) {
-            const int first = k * native_lanes;
-            const Motion motion{load<L>(current + first),
-                                load<L>(qd + first),
-                                load<L>(qdd + first),
-                                log_speed_[k],
-                                power_[k],
-                                bell_[k]};
+            if (any_stribeck_) {
+                const L u = reduced_speed(group, motion.qd);
+                motion.bell = exp_minus(u * u, L(0.0));
+            }
             if (sd != nullptr) {
-                torque_of_group<true>(group_[k], motion, tau + first, sd + first);
+                torque_of_group<true>(group, motion, tau + first, sd + first);
             } else {
-                torque_of_group<false>(group_[k], motion, tau + first, nullptr);
+                torque_of_group<false>(group, motion, tau + first, nullptr);
             }
         }
     }
@@ -139,9 +117,10 @@ class JointTorqueBank {
         Errors errors;
     };
 
-    /// A sample of a group, with functions of its speed: ln(|qd| / top), (|qd| / top)^F and exp(-(qd / w)^2).
+    /// A sample of a group, with functions of its speed: ln(|qd| / top), (|qd| / top)^F and exp(-(qd / w)^2); zero where
+    /// no joint has that friction law.
     struct Motion {
-        L current, qd, qdd, log_speed, power, bell;
+        L current, qd, qdd, log_speed = 0.0, power = 0.0, bell = 0.0;
     };
 
     static L reduced_speed(const Group& g, L qd) noexcept { return min(L(26.0), abs(qd) * g.inverse_stribeck_speed); }
@@ -189,7 +168,6 @@ class JointTorqueBank {
     int joints_ = 0;
     bool any_power_ = false, any_stribeck_ = false;
     std::array<Group, max_groups> group_{};
-    std::array<L, max_groups> log_speed_{}, power_{}, bell_{};  // zero where no joint has that friction law
 };
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET
