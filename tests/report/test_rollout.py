@@ -188,9 +188,11 @@ def test_an_undetected_run_stands_for_a_quantile_where_the_arm_comes_to_rest():
     assert bad.peak_force == pytest.approx(result.peak_force.quantile(0.999), rel=2e-3)
 
 
-def test_a_motion_that_ends_before_the_first_control_cycle_is_drawn():
+@pytest.mark.parametrize("residual", ["direct", "observer"])
+def test_a_motion_that_ends_before_the_first_control_cycle_is_drawn(residual):
     """Joint 2 stands at its limit and would have to go on: the arm brakes, and nobody has looked."""
-    result = evaluate({"pose_deg": [0, 109.9999999, 0, -20, 0, -40, 0], "motion.velocity_mm_s": [0, 0, -30]})
+    at_limit = {"pose_deg": [0, 109.9999999, 0, -20, 0, -40, 0], "motion.velocity_mm_s": [0, 0, -30]}
+    result = evaluate(at_limit | {"detector.residual": residual})
     assert result.curve.ticks == 0
     bad = Rollouts(result).nearest(0.99)
     assert bad.detection is None

@@ -49,7 +49,7 @@ def contact_residual(problem: CollisionProblem, torque: FloatArray) -> FloatArra
     if keep == 0:
         return torque
     residual = np.empty_like(torque)
-    here, before = np.zeros_like(torque[0]), np.zeros_like(torque[0])
+    here = before = np.zeros(torque.shape[1:])  # a motion may end before the first tick
     for k, now in enumerate(torque):
         mean = (before + now) / 2
         residual[k] = here = mean + keep * (here - mean)
