@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import time
+import weakref
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -75,15 +76,15 @@ def test_the_page_says_what_the_command_says(
     assert text.input_value() == ""
     assert not screen.faults
     assert not screen.elsewhere
-    # Closing the page frees its work.
-    pages = list(server.pages.values())
+    # Closing the page frees its work, and what it has.
+    pages = [weakref.ref(page) for page in server.pages.values()]
     assert len(pages) == 2
     screen.page.close()
     other.page.close()
     limit = time.monotonic() + 10
-    while any(page.computing for page in pages) and time.monotonic() < limit:
+    while any(page() for page in pages) and time.monotonic() < limit:
         time.sleep(0.05)
-    assert not any(page.computing for page in pages)
+    assert not any(page() for page in pages)
     assert not server.pages
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import gc
 import http
 import ipaddress
 import os
@@ -19,6 +20,8 @@ from urllib.parse import urlsplit
 
 from bumpstop.errors import InputError
 from bumpstop.view.answer import Answer
+from bumpstop.view.freed_memory import trim_freed_memory
+from bumpstop.view.latest import LatestWins
 from bumpstop.view.page.front import with_first_result
 from bumpstop.view.page.page import Page
 
@@ -36,6 +39,8 @@ _PORTS = 1000
 _WAIT_S = 20.0
 # How long a page waits for the first result, which most scenarios have in a tenth of it.
 _FIRST_S = 0.5
+# What is left of a closed page is given back so long after it: viser still tells of its end, and others may close, too.
+_REST_S, _LOOK_S = 1.0, 0.1
 _STARTING = threading.Lock()
 
 
@@ -52,7 +57,9 @@ class ViewServer:
         viser = viser_module()
         port = free_port(host, port)
         self.pages: dict[int, Page] = {}
+        # Closed pages, as long as something of them is computed.
         self._ended: list[Page] = []
+        self._freeing: LatestWins[None] = LatestWins(self._free, "bumpstop-view-free")
         self._lock = threading.Lock()
         self._opened = opened
         # While the browser starts: what its page is sent with, and what every page begins with.
@@ -80,6 +87,7 @@ class ViewServer:
         """Close every page, and the server."""
         with self._lock:
             pages, self.pages = [*self.pages.values(), *self._ended], {}
+        self._freeing.close()
         for page in pages:
             page.close()
         # A thread that still computes must not outlive the interpreter.
@@ -101,16 +109,31 @@ class ViewServer:
             if client.client_id in self._server.get_clients():
                 self.pages[client.client_id] = page
                 return
-            page.close()
-            self._ended.append(page)
+            self._end(page)
 
     def _disconnect(self, client: viser.ClientHandle) -> None:
         with self._lock:
             page = self.pages.pop(client.client_id, None)
-            self._ended = [each for each in self._ended if each.computing]
             if page is not None:
-                page.close()
-                self._ended.append(page)
+                self._end(page)
+
+    def _end(self, page: Page) -> None:
+        page.close()
+        self._ended.append(page)
+        self._freeing.submit(None)
+
+    def _free(self, _: None) -> None:
+        """Give back what closed pages have, when nothing of them is computed any more."""
+        computing, wait = True, _REST_S
+        while computing:
+            if self._freeing.newer_within(wait):
+                return
+            with self._lock:
+                self._ended = [page for page in self._ended if page.computing]
+                computing, wait = bool(self._ended), _LOOK_S
+        # Panels, viser and a page know each other. By itself Python looks for such circles after many more pages.
+        gc.collect()
+        trim_freed_memory()
 
 
 def _first_answer(opened: Opened) -> Answer | None:
