@@ -194,7 +194,7 @@ def _in_processes(
             )
 
             def submit(group: list[int], pool: ProcessPoolExecutor = pool) -> Future[list[Receipt]]:
-                with _ctrl_c_blocked():  # the pool begins its processes with the first group
+                with ctrl_c_blocked():  # the pool begins its processes with the first group
                     return pool.submit(_compute_here, group)
 
             try:
@@ -210,7 +210,7 @@ def _in_processes(
 
 
 @contextlib.contextmanager
-def _ctrl_c_blocked() -> Iterator[None]:
+def ctrl_c_blocked() -> Iterator[None]:
     """Processes that begin in this block leave Ctrl-C to their parent, while they import, too."""
     import signal
 

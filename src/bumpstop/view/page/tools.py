@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bumpstop.errors import BumpstopError
 from bumpstop.report.markup import Html, element
@@ -75,13 +74,12 @@ class Tools:
         try:
             if what == "Scenario":
                 ending, content = "toml", document.text.encode("utf-8")
-            elif what == "Picture":
-                assert answer is not None
-                from bumpstop.view.recorder import picture
-
-                ending, content = "png", picture(answer)
             else:
-                ending, content = "html", _report(answer)
+                assert answer is not None
+                from bumpstop.view.page.drawn_file import drawn_file
+
+                ending = "png" if what == "Picture" else "html"
+                content = drawn_file(what, document.scenario, answer)
             page.client.send_file_download(f"{name}.{ending}", content, save_immediately=True)
         except BumpstopError as error:
             page.client.add_notification(what, str(error), color="red")
@@ -97,13 +95,6 @@ def _why_not(what: str, answer: Answer | None) -> str:
         return ""
     # A report has a verdict, and that of the figures as they are given would be taken for it.
     return "The verdict is still being computed: press again when it stands." if answer.pending else answer.refusal
-
-
-def _report(answer: Any) -> bytes:
-    from bumpstop.report import write_report
-
-    with tempfile.TemporaryDirectory() as folder:
-        return write_report(answer.result, Path(folder), uncertain=answer.uncertain).read_bytes()
 
 
 def file_html(text: str) -> Html:
