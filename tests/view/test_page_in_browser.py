@@ -14,12 +14,17 @@ import pytest
 
 from browsers import CHROMIUM
 from bumpstop.cli.main import main
+from bumpstop.report.markup import Html
 from bumpstop.view.opened import open_source
+from bumpstop.view.page.result_panel import ResultPanel, details_html
 from bumpstop.view.page.server import ViewServer
 from view.cases import LOWER_ARM
 from view.screen import WAIT_MS, Screen
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: apt-get install chromium")
+
+
+show_tail = ResultPanel.show_tail
 
 
 @pytest.fixture(scope="module")
@@ -103,6 +108,29 @@ def test_the_verdict_is_in_sight_in_a_narrow_window(browser: Any, server: ViewSe
         )
     finally:
         page.close()
+
+
+def test_plots_of_the_scenario_before_are_pale(
+    browser: Any, server: ViewServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those that follow late stood below the new verdict as if they were of it."""
+
+    def slow(*given: Any) -> Html:
+        time.sleep(3.0)
+        return details_html(*given)
+
+    screen = Screen(browser, server)
+    screen.page.wait_for_selector("[data-details]", timeout=WAIT_MS)
+    for charts in ("[data-plots]:has([data-details])", "[data-plots]:has([data-chart=exceedance])"):
+        opacity = f"getComputedStyle(document.querySelector('{charts}')).opacity"
+        screen.page.wait_for_function(f"{opacity} === '1'", timeout=WAIT_MS)
+        with monkeypatch.context() as late:
+            late.setattr("bumpstop.view.page.page.details_html", slow)
+            late.setattr(ResultPanel, "show_tail", lambda panel, answer: (time.sleep(3.0), show_tail(panel, answer)))
+            screen.field("area, cm²").fill("3.5" if "details" in charts else "4.5")
+            screen.page.wait_for_function(f"{opacity} === '0.45'", timeout=WAIT_MS)
+            screen.page.wait_for_function(f"{opacity} === '1'", timeout=WAIT_MS)
+    screen.page.close()
 
 
 def test_the_text_of_the_scenario_is_copied_where_a_browser_has_no_clipboard(browser: Any, server: ViewServer) -> None:

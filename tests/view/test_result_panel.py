@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from contextlib import nullcontext
 from types import SimpleNamespace
@@ -19,6 +20,7 @@ from bumpstop.view.page.control_panel import ControlPanel
 from bumpstop.view.page.page import Page
 from bumpstop.view.page.result_panel import ResultPanel
 from bumpstop.view.page.scene_view import SceneView
+from bumpstop.view.plots.distribution import exceedance_plot
 from view.cases import HAND, LOWER_ARM
 from view.panels import Client, Place, Sent
 
@@ -31,7 +33,7 @@ def test_a_change_sends_the_pieces_that_differ() -> None:
     answer = Answer.of(HAND)
     panel.show(answer, serial=1)
     panel.show_tail(answer)
-    panel.show_details(Html("plots"))
+    panel.show_details(Html("plots"), answer)
     verdict, figures, tail, further = client.places
     assert [len(place.sent) for place in client.places] == [1, 1, 1, 1]
     assert client.flushed == 1
@@ -41,8 +43,8 @@ def test_a_change_sends_the_pieces_that_differ() -> None:
     other = Answer.of(with_keys(HAND, {"contact.area_cm2": 3.0}))
     panel.show(other, serial=3)
     panel.show_tail(other)
-    panel.show_details(Html("plots"))
-    assert [len(place.sent) for place in client.places] == [3, 2, 2, 1]
+    panel.show_details(Html("plots"), other)
+    assert [len(place.sent) for place in client.places] == [3, 2, 2, 2]
     # What a slider waits for is small.
     assert len(verdict.content) + len(figures.content) < 16_000
     assert tail.content
@@ -84,6 +86,22 @@ def test_a_line_on_warnings_stands_before_and_after_they_are_known() -> None:
         lines.append(client.places[0].content.count("<div"))
     assert "No warnings." in client.places[0].content
     assert lines[0] == lines[1]
+
+
+def test_all_plots_of_an_uncertain_scenario_are_of_its_central_case() -> None:
+    """The risk of higher peaks stayed that of the figures as they are given, with which the page began."""
+    client = Client()
+    panel = ResultPanel(client)  # type: ignore[arg-type]
+    key = "uncertainty.detector.threshold_scale"
+    scenario = with_keys(HAND, {key: {"distribution": "triangular", "low": 0.9, "mode": 1.0, "high": 3.0}})
+    given, central = Answer.of(scenario), Answer.of_uncertain(scenario, lambda: False)
+    panel.show_tail(given)
+    panel.show(central.with_warnings(), serial=1)
+    panel.show_details(Html("plots"), central)
+    assert exceedance_plot(given) != exceedance_plot(central)
+    assert exceedance_plot(central) in client.places[2].content
+    marks = [re.findall('data-plots="([^"]+)"', place.content) for place in client.places]
+    assert marks[0] == marks[2] == marks[3] != []
 
 
 @pytest.mark.parametrize("newer", [False, True])

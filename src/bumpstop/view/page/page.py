@@ -363,7 +363,7 @@ class Page:
                 self._judged = document, answer
             self._serial += 1
         self._draw(answer, document)
-        self._result.show_details(details)
+        self._result.show_details(details, answer)
 
     def _took_back(self, document: ViewDocument, error: InputError) -> bool:
         """Go back to what had a verdict and refuse what was changed; False where there is neither."""

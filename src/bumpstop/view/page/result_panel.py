@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import threading
 import time
+import zlib
 from typing import TYPE_CHECKING
 
 from bumpstop.collision.probability_text import percent
 from bumpstop.report.colours import EVENT, FAINT, INK, LIMIT
 from bumpstop.report.markup import Html, element
 from bumpstop.terminal import number
+from bumpstop.view.document import scenario_text
 from bumpstop.view.plots.distribution import distribution_plot, exceedance_plot
 from bumpstop.view.plots.force_over_time import force_over_time_plot
 from bumpstop.view.plots.risk import body_parts_plot, risk_plot, tornado_plot
@@ -30,6 +32,11 @@ _STICKY = Html("<style>div:has(> div > [data-verdict]){position:sticky;top:0;z-i
 # A verdict that is not of what the controls show is pale.
 _LATE = "The last change is being computed: what stands here is of the scenario before."
 _PALE = Html("<style>#root [data-serial]{opacity:0.45}</style>")
+# So are plots of another scenario than the verdict, if their own do not follow at once.
+_PALE_PLOTS = (
+    "<style>@keyframes pale{{to{{opacity:0.45}}}}"
+    '[data-plots]:not([data-plots="{mark}"]){{animation:pale 0s 0.5s forwards}}</style>'
+)
 PANEL_WIDTH = 420  # of a browser's pixels
 # A browser shows the first result before it is sent the controls and the picture, which keep it busy for seconds.
 _FIRST_S = 0.3
@@ -58,7 +65,13 @@ def verdict_box(answer: Answer, *, serial: int, before: Answer | None = None) ->
     rows += [element("div", f"⚠ {text}", style=look) for text in warnings] or [
         element("div", "No warnings.", style=look)
     ]
+    rows.append(Html(_PALE_PLOTS.format(mark=_mark(answer))))
     return _box(answer.tone, answer.word, answer.conclusion, rows, serial)
+
+
+def _mark(answer: Answer) -> str:
+    """By which what belongs to the same scenario is told."""
+    return f"{zlib.crc32(scenario_text(answer.scenario).encode()):08x}"
 
 
 def no_verdict_box(reason: str, *, serial: int) -> Html:
@@ -219,11 +232,19 @@ class ResultPanel:
 
     def show_tail(self, answer: Answer) -> None:
         """Show the risk of higher peaks."""
-        _fill(self._tail, element("div", exceedance_plot(answer), style=f"padding:0 6px;{_LAYER}"))
+        look = f"padding:0 6px;{_LAYER}"
+        _fill(self._tail, element("div", exceedance_plot(answer), style=look, data_plots=_mark(answer)))
 
-    def show_details(self, details: Html) -> None:
-        """Show the plots that need more than one evaluation."""
-        _fill(self._further, element("div", details, style=f"{_FONT};padding:0 6px 12px;{_LAYER}"))
+    def show_details(self, details: Html, answer: Answer) -> None:
+        """Show the plots that need more than one evaluation.
+
+        Args:
+            details: as of :func:`details_html`.
+            answer: that they are of. The central case of an uncertain one has other risks than its figures as given.
+        """
+        self.show_tail(answer)
+        look = f"{_FONT};padding:0 6px 12px;{_LAYER}"
+        _fill(self._further, element("div", details, style=look, data_plots=_mark(answer)))
 
 
 def _fill(place: viser.GuiHtmlHandle, html: Html) -> None:
