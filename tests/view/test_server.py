@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import http.client
 import signal
 import socket
 import subprocess
 import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -21,7 +23,7 @@ from bumpstop.study import WorkspaceStudy
 from bumpstop.view.document import scenario_text
 from bumpstop.view.opened import open_source
 from bumpstop.view.page import server as server_module
-from bumpstop.view.page.server import ViewServer, free_port, is_loopback, may_connect
+from bumpstop.view.page.server import ViewServer, free_port, is_loopback, may_connect, wake_in_its_loop
 from bumpstop.view.point_rows import point_rows
 from view.cases import LOWER_ARM, urdf_of_twelve_joints
 
@@ -306,6 +308,24 @@ def test_a_taken_port_has_another_in_its_place_but_for_the_last() -> None:
             ViewServer(open_source("ur10e"), port=65_535)
     assert free_port("127.0.0.1", 65_535) == 65_535
     assert free_port("localhost", 0) == 0
+
+
+def test_what_is_drawn_wakes_the_sender_in_its_own_thread() -> None:
+    """An event of asyncio that another thread sets may raise there: plots were lost."""
+    from viser._messages import RemoveSceneNodeMessage
+    from viser.infra._async_message_buffer import AsyncMessageBuffer
+
+    loop = asyncio.new_event_loop()
+    buffer = AsyncMessageBuffer(loop, persistent_messages=False)
+    wake_in_its_loop(SimpleNamespace(_websock_connection=SimpleNamespace(get_message_buffer=lambda: buffer)))
+    drawing = threading.Thread(target=buffer.push, args=(RemoveSceneNodeMessage("/way"),))
+    drawing.start()
+    drawing.join()
+    assert not buffer.message_event.is_set()
+    # In a thread of its own: that of the tests may have the loop of a browser.
+    with ThreadPoolExecutor(1) as sender:
+        sender.submit(loop.run_until_complete, asyncio.wait_for(buffer.message_event.wait(), 10.0)).result()
+    loop.close()
 
 
 def test_without_viser(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

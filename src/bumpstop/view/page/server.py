@@ -13,7 +13,7 @@ import threading
 import warnings
 from collections.abc import Awaitable, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
@@ -103,6 +103,7 @@ class ViewServer:
         return with_first_result(page, self._opened.title, self._first.result() if self._first.done() else None)
 
     def _connect(self, client: viser.ClientHandle) -> None:
+        wake_in_its_loop(client)
         page = Page(client, self._opened, self._first.result())
         with self._lock:
             # A browser may be gone before its page is built.
@@ -134,6 +135,24 @@ class ViewServer:
         # Panels, viser and a page know each other. By itself Python looks for such circles after many more pages.
         gc.collect()
         trim_freed_memory()
+
+
+def wake_in_its_loop(client: Any) -> None:
+    """Have what sends to a browser be woken in its own thread alone.
+
+    viser 1.1 wakes it in the thread that draws, too, and asyncio's events are not made for that: now and then one
+    raises there, and the rest of a drawing is lost.
+    """
+    with suppress(AttributeError):  # another viser, which need not do so
+        event = client._websock_connection.get_message_buffer().message_event
+        wake = event.set
+
+        def wake_here() -> None:
+            with suppress(RuntimeError):  # no loop runs in this thread
+                asyncio.get_running_loop()
+                wake()
+
+        event.set = wake_here
 
 
 def _first_answer(opened: Opened) -> Answer | None:
