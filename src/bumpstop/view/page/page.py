@@ -129,7 +129,7 @@ class Page:
 
     @property
     def _threads(self) -> tuple[Any, ...]:
-        return self._worker, self._further, self._hand, self._late, self._playback, self._points
+        return self._worker, self._further, self._hand, self._late, self._result, self._playback, self._points
 
     def refresh(self) -> None:
         """Compute and draw what is on screen."""

@@ -13,6 +13,7 @@ from bumpstop.report.colours import EVENT, FAINT, INK, LIMIT
 from bumpstop.report.markup import Html, element
 from bumpstop.terminal import number
 from bumpstop.view.document import scenario_text
+from bumpstop.view.page.late_notice import LateNotice
 from bumpstop.view.plots.distribution import distribution_plot, exceedance_plot
 from bumpstop.view.plots.force_over_time import force_over_time_plot
 from bumpstop.view.plots.risk import body_parts_plot, risk_plot, tornado_plot
@@ -32,11 +33,8 @@ _STICKY = Html("<style>div:has(> div > [data-verdict]){position:sticky;top:0;z-i
 # A verdict that is not of what the controls show is pale.
 _LATE = "The last change is being computed: what stands here is of the scenario before."
 _PALE = Html("<style>#root [data-serial]{opacity:0.45}</style>")
-# So are plots of another scenario than the verdict, if their own do not follow at once.
-_PALE_PLOTS = (
-    "<style>@keyframes pale{{to{{opacity:0.45}}}}"
-    '[data-plots]:not([data-plots="{mark}"]){{animation:pale 0s 0.5s forwards}}</style>'
-)
+# So are plots of another scenario than the verdict, if their own do not follow soon.
+_PALE_PLOTS = "<style>[data-plots]:not([data-plots='{mark}']){{opacity:0.45}}</style>"
 PANEL_WIDTH = 420  # of a browser's pixels
 # A browser shows the first result before it is sent the controls and the picture, which keep it busy for seconds.
 _FIRST_S = 0.3
@@ -65,7 +63,6 @@ def verdict_box(answer: Answer, *, serial: int, before: Answer | None = None) ->
     rows += [element("div", f"⚠ {text}", style=look) for text in warnings] or [
         element("div", "No warnings.", style=look)
     ]
-    rows.append(Html(_PALE_PLOTS.format(mark=_mark(answer))))
     return _box(answer.tone, answer.word, answer.conclusion, rows, serial)
 
 
@@ -175,6 +172,9 @@ class ResultPanel:
         self._lock = threading.Lock()
         # The verdict and what is said beside it, which are sent together.
         self._box, self._said, self._late = Html("computing ..."), Html(""), Html("")
+        # Of the verdict; and whether plots that are not of it are pale: a style for each key would cost a frame.
+        self._mark, self._pale = "", False
+        self._late_plots = LateNotice(self._pale_plots)
         panel = client.gui.add_panel()
         with panel.add_tab("Result"):
             self._verdict = client.gui.add_html(str(self._box))
@@ -193,6 +193,9 @@ class ResultPanel:
             before: an answer kept for comparison.
         """
         figures = figures_and_distribution(answer, before)
+        self._mark = _mark(answer)
+        if not answer.checked:
+            self._late_plots.begin()
         with self._client.atomic():
             self._beside(box=verdict_box(answer, serial=serial, before=before))
             _fill(self._figures, figures)
@@ -228,7 +231,21 @@ class ResultPanel:
             self._box = self._box if box is None else box
             self._said = self._said if said is None else said
             self._late = self._late if late is None else late
-            _fill(self._verdict, Html(f"{self._box}{self._late}{self._said}"))
+            pale = _PALE_PLOTS.format(mark=self._mark) if self._pale else ""
+            _fill(self._verdict, Html(f"{self._box}{self._late}{self._said}{pale}"))
+
+    def _pale_plots(self, late: bool) -> None:
+        self._pale = late
+        self._beside()
+
+    @property
+    def alive(self) -> bool:
+        """Its thread has not ended yet."""
+        return self._late_plots.alive
+
+    def close(self) -> None:
+        """Say nothing more of late plots."""
+        self._late_plots.close()
 
     def show_tail(self, answer: Answer) -> None:
         """Show the risk of higher peaks."""
@@ -245,6 +262,7 @@ class ResultPanel:
         self.show_tail(answer)
         look = f"{_FONT};padding:0 6px 12px;{_LAYER}"
         _fill(self._further, element("div", details, style=look, data_plots=_mark(answer)))
+        self._late_plots.end(more=False)
 
 
 def _fill(place: viser.GuiHtmlHandle, html: Html) -> None:
