@@ -119,6 +119,25 @@ def test_a_detector_notes_stamps_of_a_pc_or_refuses_them() -> None:
         Detector(UR5E, None, [50.0] * 6).run(log("bursts"))
 
 
+@pytest.mark.parametrize("apart", [1e-4, 1e-5])
+def test_bursts_are_not_taken_for_another_unit(apart: float, tmp_path: Path) -> None:
+    """Five rows at once every 40 ms, as a PC writes them, make speeds of degrees, or of times in seconds."""
+    whole = log()
+    rows = np.arange(whole.t.size)
+    stamps = 0.04 * (rows // 5) + apart * (rows % 5)
+    path = tmp_path / "log.csv"
+    names = ["t", *(f"q_{j}" for j in range(1, 7))]
+    np.savetxt(path, np.column_stack([stamps, 5 * whole.q]), delimiter=",", header=",".join(names), comments="")
+    with pytest.raises(bs.InputError, match=r"stamped by a PC\?; state the rate .* --rate 12[45] of tune, detect and"):
+        Recording.load(path, robot=UR5E)
+    assert Recording.load(path, robot=UR5E, rate_hz=125.0).t.size == rows.size
+    assert not any("seconds" in note for note in Recording.load(path).report.notes)
+    # Degrees are none at any times.
+    np.savetxt(path, np.column_stack([stamps, np.degrees(whole.q)]), delimiter=",", header=",".join(names), comments="")
+    with pytest.raises(bs.InputError, match="degrees taken for radians"):
+        Recording.load(path, robot=UR5E)
+
+
 def test_samples_that_are_uneven_themselves_are_left_as_they_are() -> None:
     """Taken when they say: a loop that is late, with rows that are lost."""
     rng = np.random.default_rng(4)

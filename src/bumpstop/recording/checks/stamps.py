@@ -114,6 +114,23 @@ def retimed(raw: RawRecording, rate_hz: float) -> RawRecording:
     return replace(raw, values={**raw.values, "t": even[:, None]}, notes=(*raw.notes, *notes))
 
 
+def in_bursts(t: FloatArray) -> bool:
+    """Whether many rows follow the one before sooner than any controller samples; times are (N,) [s]."""
+    return bool(t.size > 1 and np.mean(np.diff(t) < _SHORT * mean_period(t)) > _UNUSABLE)
+
+
+def uneven_stamps(t: FloatArray, where: str) -> InputError:
+    """What to say of times (N,) [s] that no controller sampled at; ``where`` names the recording."""
+    mean = mean_period(t)
+    low, high = (1e3 * float(x) for x in np.quantile(np.diff(t), [0.02, 0.98]))
+    return InputError(
+        where,
+        f"intervals are mostly {low:.3g} to {high:.3g} ms, {1e3 * mean:.4g} ms on average: stamped by a PC?",
+        f"state the rate that the controller samples at, for example --rate {1 / mean:.3g} of tune, detect and score "
+        f"(rate_hz in Python), or time = {{ rate_hz = {1 / mean:.3g} }} in a column file where no row was lost",
+    )
+
+
 def stamped_by_a_pc(recording: Signals) -> str:
     """A sentence where stamps are uneven but the samples are not; empty: there is no sign of it.
 
@@ -140,20 +157,13 @@ def stamped_by_a_pc(recording: Signals) -> str:
         given, even = by
         return float(given), float(even)
 
-    rate = f"{1 / mean:.3g}"
-    steps = np.diff(t)
     given, even = rough(np.ones(span.size, dtype=bool))
-    if np.mean(steps < _SHORT * mean) > _UNUSABLE and even * _SMOOTHER < given:
-        low, high = (1e3 * float(x) for x in np.quantile(steps, [0.02, 0.98]))
-        raise InputError(
-            recording.source or "recording",
-            f"intervals are mostly {low:.3g} to {high:.3g} ms, {1e3 * mean:.4g} ms on average: stamped by a PC?",
-            f"state the rate that the controller samples at, for example --rate {rate} (rate_hz in Python)",
-        )
+    if in_bursts(t) and even * _SMOOTHER < given:
+        raise uneven_stamps(t, recording.source or "recording")
     given, even = rough(np.abs(span - 2 * mean) < mean)  # nothing is lost between
     if not even * _SMOOTHER < given:
         return ""
     return (
         f"Times look stamped by a PC: positions are {given / even:.2g} times smoother if rows are taken as even. "
-        f"--rate {rate} does so, if the controller samples at that rate."
+        f"--rate {1 / mean:.3g} does so, if the controller samples at that rate."
     )

@@ -10,6 +10,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.model import Robot
 from bumpstop.recording.checks.rates import too_fast
+from bumpstop.recording.checks.stamps import in_bursts, mean_period, uneven_stamps
 
 IMPOSSIBLE = 1e6  # where no limit is known
 TIMES_LIMITS = 10.0
@@ -63,8 +64,17 @@ def suspect_units(q: FloatArray, robot: Robot | None, path: Path) -> list[str]:
 def reject_units(t: FloatArray, q: FloatArray, robot: Robot, path: Path) -> None:
     """Positions within the limits whose speeds are not, and would be with other times, in degrees or millimetres."""
     share = too_fast(t, q, robot)
+    if not (share > _TOO_FAST).any():
+        return
+    # Times come first: of positions that nothing is wrong with, uneven stamps make any speed.
+    known = np.isfinite(t)
+    if in_bursts(t[known]):
+        even = np.arange(np.count_nonzero(known), dtype=np.float64) * mean_period(t[known])
+        share = too_fast(even, q[known], robot)
+        if not (share > _TOO_FAST).any():
+            raise uneven_stamps(t[known], str(path))
     hint = short_period(t)
-    if hint and (share > _TOO_FAST).any():
+    if hint:
         j = int(np.argmax(share))
         problem = f"joint {j + 1} moves at {share[j]:.3g} times its speed limit or more in a tenth of the rows"
         raise InputError(str(path), problem, hint)
@@ -83,10 +93,10 @@ def reject_units(t: FloatArray, q: FloatArray, robot: Robot, path: Path) -> None
 
 def short_period(t: FloatArray) -> str:
     """What to say of times (N,) [s] that follow each other faster than controllers report; empty: they do not."""
-    steps = np.diff(t[np.isfinite(t)])
-    steps = steps[steps > 0]
-    step = float(np.median(steps)) if steps.size else _MIN_PERIOD_S
-    if step >= _MIN_PERIOD_S:
+    t = t[np.isfinite(t)]
+    # Of all rows of a burst together: a PC writes them down at once, whatever they are apart.
+    step = mean_period(t) if t.size > 1 else _MIN_PERIOD_S
+    if not 0 < step < _MIN_PERIOD_S:
         return ""
     return (
         f"rows are {step:.3g} s apart, and no controller reports at {1e-3 / step:.4g} kHz: are the times seconds, "
