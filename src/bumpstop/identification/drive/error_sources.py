@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.identification.dynamics.regressor import link_regressor
@@ -104,7 +105,12 @@ def _parameters(link: LinkInertia) -> FloatArray:
 
 
 def errors_of_inertia(
-    law: DriveModel, fit: RobustFit, motion: JointMotion, changes: FloatArray, rows: DriveSamples
+    law: DriveModel,
+    fit: RobustFit,
+    motion: JointMotion,
+    changes: FloatArray,
+    rows: DriveSamples,
+    fitted: npt.NDArray[np.bool_],
 ) -> FloatArray:
     """Standard errors (k,) of the free parameters that an uncertain inertia makes.
 
@@ -116,11 +122,12 @@ def errors_of_inertia(
         motion: of the joint, (N,).
         changes: (N, c) of its torque by one standard deviation of independent causes [Nm or N].
         rows: that filter like the fit.
+        fitted: (N,) rows that the fit is to.
     """
     step = _STEP * max(float(np.abs(motion.torque).max()), 1e-12)
     up, down = (law.current(fit.values, replace(motion, torque=motion.torque + side))[0] for side in (step, -step))
     slope = (up - down) / (2 * step)
-    currents = rows.filtered(slope[:, None] * changes)
+    currents = rows.filtered(slope[:, None] * changes)[fitted]
     weight = np.minimum(1.0, HUBER * fit.scale / np.maximum(np.abs(fit.residual), 1e-300))
     length = np.maximum(np.linalg.norm(fit.columns, axis=0), 1e-300)
     scaled = fit.columns / length

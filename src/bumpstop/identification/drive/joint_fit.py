@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
@@ -71,13 +73,14 @@ class JointFit:
         unobservable: parameters that the motion cannot show, with the reason and what was put in their place.
         warnings: the same as sentences, and what else is doubtful.
         candidates: maps and friction laws that were tried.
-        measured, predicted: (N,) motor currents, filtered alike, at the rows of the fit [A].
+        measured, predicted: (N,) motor currents, filtered alike, at all rows [A].
         torque: (N,) Newton-Euler torque at these rows [Nm or N].
         estimated: (N,) torque that the model makes of the measured current; NaN where B is unknown.
         qd, qdd: (N,) at these rows.
         r2: share of the filtered current's variance that is predicted; NaN: it does not vary.
         rmse: root mean square of measured less predicted, filtered [A].
         independent: number of residuals that count as independent.
+        near_reversals: rows that the fit leaves out: the joint turns round there, and friction with it in its own way.
         condition: condition number of the columns of the fit, each brought to length one.
         gain_errors: standard errors of B by what makes them: ``noise``, ``model`` (the choice of map and friction) and
             ``inertia``; that of B is their hypotenuse. Empty where the gain is not fitted.
@@ -99,6 +102,7 @@ class JointFit:
     r2: float
     rmse: float
     independent: float
+    near_reversals: int = 0
     condition: float = math.inf
     gain_errors: Mapping[str, float] = field(default_factory=dict)
     braking: float = 0.0
@@ -111,20 +115,31 @@ class JointFit:
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """The rows of one joint, and how predictions are filtered to be compared."""
+    """The rows of one joint, how predictions are filtered to be compared, and at which rows they are."""
 
     rows: DriveSamples
     motion: JointMotion
-    measured: FloatArray
+    current: FloatArray
+    fitted: npt.NDArray[np.bool_]
 
     @classmethod
-    def of(cls, rows: DriveSamples, j: int, rest_speed: float) -> _Task:
-        return cls(rows, rows.joint(j, rest_speed), rows.filtered(rows.current[:, j : j + 1])[:, 0])
+    def of(cls, rows: DriveSamples, j: int, observability: DriveObservability) -> _Task:
+        current = rows.filtered(rows.current[:, j : j + 1])[:, 0]
+        fitted = observability.fitted_rows(rows, j)
+        return cls(rows, rows.joint(j, observability.rest_speed), current, fitted)
+
+    @cached_property
+    def measured(self) -> FloatArray:
+        return self.current[self.fitted]
 
     def model(self, law: DriveModel, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         current, columns = law.current(values, self.motion)
-        both = self.rows.filtered(np.column_stack([current, columns]))
+        both = self.rows.filtered(np.column_stack([current, columns]))[self.fitted]
         return both[:, 0], both[:, 1:]
+
+    def predicted(self, law: DriveModel, values: FloatArray) -> FloatArray:
+        """Current at all rows."""
+        return self.rows.filtered(law.current(values, self.motion)[0][:, None])[:, 0]
 
     def fit(
         self, law: DriveModel, start: Mapping[str, float], observability: DriveObservability, **options: Any
@@ -172,8 +187,8 @@ def fit_joint(rows: DriveSamples, j: int, arm: Robot, settings: JointFitSettings
     ``changes``: (N, c) of the joint's torque by one standard deviation of the inertia, as :func:`inertia_changes`.
     """
     joint, rest_speed, known = arm.joints[j], settings.rest_speed, settings.known
-    task = _Task.of(rows, j, rest_speed)
     observability = assess(rows, j, arm, rest_speed, known)
+    task = _Task.of(rows, j, observability)
     unobservable = dict(observability.unobservable)
     fixed = {**observability.fixed, **known}
     if known.get("stribeck") == 0:  # then its speed counts for nothing: Coulomb and viscous friction alone
@@ -183,7 +198,7 @@ def fit_joint(rows: DriveSamples, j: int, arm: Robot, settings: JointFitSettings
     if observability.gain_unobservable:
         kind, friction = "unknown_gain", "power"
     else:
-        few = _Task.of(rows.spread(_ENOUGH_TO_CHOOSE), j, rest_speed)
+        few = _Task.of(rows.spread(_ENOUGH_TO_CHOOSE), j, observability)
         kind, friction, near = _choose(few, settings, observability, fixed, start, candidates)
         start |= near
     while True:
@@ -208,7 +223,7 @@ def fit_joint(rows: DriveSamples, j: int, arm: Robot, settings: JointFitSettings
                 more = {"A": (0.0, f"the {kind} map that fits best does not rise all the way, A is fixed at 0")}
         for name, (value, reason) in more.items():
             fixed[name], unobservable[name] = value, reason
-    predicted = task.measured - fit.residual
+    predicted = task.predicted(law, fit.values)
     estimated = _estimated(parameters, task)
     warnings = [f"{name} is not identifiable: {reason}" for name, reason in unobservable.items()]
     gain = parameters.parameters["B"]
@@ -226,14 +241,15 @@ def fit_joint(rows: DriveSamples, j: int, arm: Robot, settings: JointFitSettings
         unobservable=unobservable,
         warnings=tuple(warnings),
         candidates=tuple(candidates),
-        measured=task.measured,
+        measured=task.current,
         predicted=predicted,
         torque=task.motion.torque,
         estimated=estimated,
         qd=task.motion.qd,
         qdd=task.motion.qdd,
-        r2=share_predicted(task.measured, predicted),
-        rmse=float(np.sqrt((fit.residual**2).mean())),
+        r2=share_predicted(task.current, predicted),
+        rmse=float(np.sqrt(((task.current - predicted) ** 2).mean())),
+        near_reversals=int(np.count_nonzero(~task.fitted)),
         independent=fit.independent,
         condition=condition_of(fit.columns),
         gain_errors=gain_errors,
@@ -245,7 +261,7 @@ def _errors(
     law: DriveModel, fit: RobustFit, task: _Task, changes: FloatArray, candidates: list[Candidate]
 ) -> tuple[FloatArray, dict[str, float]]:
     """Standard errors (k,) of a fit by noise, inertia and choice of the model, and the parts of that of B."""
-    of_inertia = errors_of_inertia(law, fit, task.motion, changes, task.rows)
+    of_inertia = errors_of_inertia(law, fit, task.motion, changes, task.rows, task.fitted)
     errors = np.hypot(fit.standard_errors, of_inertia)
     if "B" not in law.names:
         return errors, {}
@@ -378,5 +394,5 @@ def _estimated(parameters: JointParameters, task: _Task) -> FloatArray:
     parts = []
     for rows in task.rows.segments:
         motion = task.motion.rows(rows)
-        parts.append(model.torque(task.measured[rows, None], motion.qd[:, None], motion.qdd[:, None])[:, 0])
+        parts.append(model.torque(task.current[rows, None], motion.qd[:, None], motion.qdd[:, None])[:, 0])
     return np.concatenate(parts)

@@ -96,6 +96,13 @@ class JointModelFit(Displayed):
         ]
         headings = ("joint", "R2", f"rmse, {unit}", "map", "friction")
         console.print(table(headings, rows, left=("joint", "map", "friction")))
+        left = [
+            f"{joint.name} {in_percent(joint.near_reversals / joint.measured.size)}"
+            for joint in self.joints
+            if joint.near_reversals
+        ]
+        if left:
+            console.print(f"rows near reversals, left out of the fit: {', '.join(left)}")
         console.print("parameters, with their standard errors:")
         for joint in self.joints:
             figures = (

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.identification.drive.drive_model import DriveModel
@@ -27,8 +28,12 @@ _SURE_EXPONENT = 0.5
 _SURE_INERTIA = 0.5
 # Hysteresis is seen when a joint rests this often, at least so long [s], and rests after motion both ways.
 _RESTS, _REST_S = 4, 0.25
+# Mean speed of such a rest, in speeds of rest, at most: a joint that turns round passes through it at one half.
+_RESTING = 0.35
 # A map's bend is seen when its effect at the largest torque is known to this share of that torque.
 _SURE_BEND = 0.1
+# Rows near reversals are left out of the fit where at least this share of all rows remains.
+_ENOUGH_AWAY = 0.4
 # Columns that the others make up to this share of their length say nothing.
 _DEPENDENT = 1e-3
 _TOO_LITTLE = "the torque varies too little against the noise of the current, its gain stays unknown"
@@ -48,6 +53,8 @@ class DriveObservability:
         gain_unobservable: the gain is not identifiable.
         single_speed, static: what it says.
         hysteresis: whether it can be seen.
+        leaves_reversals: whether rows near reversals are left out of the fit; where the joint rests often enough to
+            show hysteresis they say most, and where it hardly moves nearly all of them would go.
         unobservable: parameters that is not identifiable, with reasons.
         fixed: what is put in their place.
         speeds: (2,) quartiles of the speeds of moving rows.
@@ -66,6 +73,7 @@ class DriveObservability:
     single_speed: bool
     static: bool
     hysteresis: bool
+    leaves_reversals: bool
     unobservable: Mapping[str, str]
     fixed: Mapping[str, float]
     speeds: tuple[float, float]
@@ -73,6 +81,12 @@ class DriveObservability:
     link_inertia: float
     torque: float
     rest_speed: float
+
+    def fitted_rows(self, rows: DriveSamples, j: int) -> npt.NDArray[np.bool_]:
+        """Rows (N,) that joint ``j`` is fitted to."""
+        if self.leaves_reversals:
+            return rows.away_from_reversals(j, self.rest_speed)
+        return np.ones(rows.t.size, dtype=bool)
 
     def refused(self, law: DriveModel, fit: RobustFit) -> str:
         """Why the parameters of a law cannot be told apart in this motion; or empty."""
@@ -143,15 +157,20 @@ def assess(rows: DriveSamples, j: int, arm: Robot, rest_speed: float, known: Map
             f"all speeds lie about {np.median(moving):.3g} rad/s, F is fixed at 0: D is the friction at that speed"
         )
         fixed["F"] = 0.0
-    hysteresis = _rests(rows, raw[:, 4])
+    # A joint that rests shows hysteresis, and little else shows it. One that creeps through its reversals shows none.
+    away = rows.away_from_reversals(j, rest_speed)
+    stays = _rests(rows, raw[:, 4], speed, _RESTING * rest_speed)
+    leaves_reversals = not stays and not never and bool(away.mean() >= _ENOUGH_AWAY)
+    fitted = away if leaves_reversals else np.ones(away.size, dtype=bool)
+    hysteresis = not leaves_reversals and _rests(rows, raw[:, 4], speed, rest_speed)
     if not hysteresis and "hysteresis" not in known:
         unobservable["hysteresis"] = f"the joint does not rest {_RESTS} times after motion both ways"
-    values, errors = _linear_fit(rows, j, raw, hysteresis, known)
+    values, errors = _linear_fit(rows, j, raw, hysteresis, known, fitted)
     gain = float(values[0])
     # Friction at rest may carry any part of a torque that never changes, or changes by the noise of the encoders alone.
     held = never and "B" not in known
     if held and float(raw[:, 0].std()) >= _SAME * float(np.abs(raw[:, 0]).max()):
-        beside, unsure = _linear_fit(rows, j, raw, hysteresis, known, constant=True)
+        beside, unsure = _linear_fit(rows, j, raw, hysteresis, known, fitted, constant=True)
         held = not unsure[0] < SURE_GAIN * abs(float(beside[0]))
     gain_unobservable = "B" not in known and (held or not (gain > 0 and errors[0] < SURE_GAIN * gain))
     if gain_unobservable:
@@ -164,11 +183,12 @@ def assess(rows: DriveSamples, j: int, arm: Robot, rest_speed: float, known: Map
         acceleration=float(values[1]),
         coulomb=max(float(values[2]), 0.0),
         viscous=max(float(values[3]), 0.0),
-        braking=0.0 if never else _braking(rows, j, raw, hysteresis, known, float(np.median(moving))),
+        braking=0.0 if never else _braking(rows, j, raw, hysteresis, known, fitted, float(np.median(moving))),
         gain_unobservable=gain_unobservable,
         single_speed=single_speed,
         static=never,
         hysteresis=hysteresis,
+        leaves_reversals=leaves_reversals,
         unobservable={key: reason for key, reason in unobservable.items() if key not in known},
         fixed=fixed,
         speeds=(float(quantile[1]), float(quantile[2])),
@@ -180,7 +200,13 @@ def assess(rows: DriveSamples, j: int, arm: Robot, rest_speed: float, known: Map
 
 
 def _braking(
-    rows: DriveSamples, j: int, raw: FloatArray, hysteresis: bool, known: Mapping[str, float], usual: float
+    rows: DriveSamples,
+    j: int,
+    raw: FloatArray,
+    hysteresis: bool,
+    known: Mapping[str, float],
+    fitted: npt.NDArray[np.bool_],
+    usual: float,
 ) -> float:
     """Friction of a linear map at a usual speed, in its standard errors; 0: it is not seen.
 
@@ -188,7 +214,7 @@ def _braking(
     """
     there = raw.copy()
     there[:, 3] -= usual * there[:, 2]
-    values, errors = _linear_fit(rows, j, there, hysteresis, known)
+    values, errors = _linear_fit(rows, j, there, hysteresis, known, fitted)
     return float(values[2] / errors[2]) if np.isfinite(errors[2]) and errors[2] > 0 else 0.0
 
 
@@ -235,13 +261,14 @@ def bounds(names: Sequence[str], observability: DriveObservability) -> tuple[Flo
     return np.array([low for low, _ in pairs]), np.array([high for _, high in pairs])
 
 
-def _rests(rows: DriveSamples, held: FloatArray) -> bool:
-    """Whether the joint rests often enough, after motion both ways."""
+def _rests(rows: DriveSamples, held: FloatArray, speed: FloatArray, mean: float) -> bool:
+    """Whether the joint rests often enough, after motion both ways, at a mean speed of at most ``mean``."""
     after = {1.0: 0, -1.0: 0}
     for segment, rate in zip(rows.segments, rows.rate_hz, strict=True):
         own = held[segment]
-        for run in np.split(own, np.flatnonzero(np.diff(own)) + 1):
-            if abs(run[0]) == 1 and run.size >= max(2.0, _REST_S * rate):
+        edges = np.flatnonzero(np.diff(own)) + 1
+        for run, fast in zip(np.split(own, edges), np.split(speed[segment], edges), strict=True):
+            if abs(run[0]) == 1 and run.size >= max(2.0, _REST_S * rate) and fast.mean() <= mean:
                 after[float(run[0])] += 1
     return min(after.values()) > 0 and sum(after.values()) >= _RESTS
 
@@ -252,14 +279,15 @@ def _linear_fit(
     raw: FloatArray,
     hysteresis: bool,
     known: Mapping[str, float],
+    fitted: npt.NDArray[np.bool_],
     *,
     constant: bool = False,
 ) -> tuple[FloatArray, FloatArray]:
-    """Values and standard errors of a linear map's columns; an inertia that is known goes with the torque.
+    """Values and standard errors of a linear map's columns at ``fitted`` rows; a known inertia goes with the torque.
 
     With ``constant`` a current that never changes has a column of its own.
     """
-    both = rows.filtered(np.column_stack([raw, np.ones(raw.shape[0]), rows.current[:, j]]))
+    both = rows.filtered(np.column_stack([raw, np.ones(raw.shape[0]), rows.current[:, j]]))[fitted]
     columns, current = both[:, :6], both[:, 6]
     free = [0, 1, 2, 3, *([4] if hysteresis else []), *([5] if constant else [])]
     if "inertia" in known:

@@ -9,11 +9,13 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.drive.drive_model import JointMotion, stiction_share
 from bumpstop.identification.segments.motion import MIN_ROWS, UniformGrid, lowpass
+from bumpstop.joint.parameters import DEFAULT_REST_SPEED
 from bumpstop.model.dynamics import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -28,6 +30,8 @@ _MIN_TRIMS = 5
 RATE_PER_CUTOFF = 10.0
 # Share of a speed that the filter swings back by, and more.
 _SWING_BACK = 0.2
+# Speed up to which friction may still be turning over, in speeds of rest, of which the usual one is the least.
+_TURNS_OVER = 4.0
 # A recording with more rows than a fit takes is represented by so many blocks.
 _BLOCKS = 10
 
@@ -129,6 +133,23 @@ class DriveSamples:
             parts.append(stiction_share(own, rest_speed, np.abs(own) > _SWING_BACK * fastest))
         held = np.concatenate(parts)
         return JointMotion(self.torque[:, j], qd, self.qdd[:, j], held)
+
+    def away_from_reversals(self, j: int, rest_speed: float) -> npt.NDArray[np.bool_]:
+        """Rows (N,) at which joint ``j`` is faster than friction needs to turn over, a period of the cut-off about them.
+
+        How friction goes from one sign to the other nobody knows: its column is wrong near a reversal, where the
+        acceleration is largest, and a torque that is nearly all acceleration takes the error for its own.
+        """
+        from scipy.ndimage import maximum_filter1d
+
+        qd = self.qd[:, j]
+        away = np.empty(qd.size, dtype=bool)
+        for rows, rate in zip(self.segments, self.rate_hz, strict=True):
+            own = qd[rows]
+            near = np.abs(own) < _TURNS_OVER * max(rest_speed, DEFAULT_REST_SPEED)
+            near[1:] |= own[1:] * own[:-1] < 0
+            away[rows] = ~maximum_filter1d(near, 2 * math.ceil(rate / self.cutoff_hz) + 1)
+        return away
 
 
 def drive_samples(
