@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from bumpstop.model import Robot, effective_mass, robots
+from bumpstop.model.urdf.writer import write_urdf
 from cli.support import run, strict_json
-from model.urdf_cases import ARM
+from model.urdf_cases import ARM, scaled
 
 
 @pytest.fixture
@@ -125,3 +127,29 @@ def test_picture(name: str, begin: bytes, arm: Path) -> None:
     assert result.status == 0
     assert result.out.splitlines()[-1] == f"picture: {picture}"
     assert picture.read_bytes().startswith(begin)
+
+
+def test_an_arm_in_millimetres_is_shown_with_what_is_doubted(tmp_path: Path) -> None:
+    """No class of arms is as large, and its figures were refused as if somebody had written them."""
+    path = tmp_path / "mm.urdf"
+    write_urdf(scaled(Robot.load("ur10e"), 1e3), path)
+    text = path.read_text(encoding="utf-8")
+    path.write_text(re.sub(' effort="[^"]*"', "", text), encoding="utf-8")
+    shown = run("robots", "show", str(path))
+    assert (shown.status, shown.err) == (0, "")
+    assert "\ndrive train: not told. The lengths of ur10e do not look like metres: its links are " in shown.out
+    elastic = 'robot = "mm.urdf"\npose_deg = [0, -90, 90, -90, -90, 0]\narm.model = "elastic"\n'
+    file = tmp_path / "s.toml"
+    file.write_text(
+        elastic
+        + """motion.velocity_mm_s = [0, 0, -100]
+detector = { thresholds_Nm = [20, 20, 20, 20, 20, 20], noise_sd_Nm = 1 }
+reaction.joint_acceleration_rad_s2 = 5
+[contact]
+body = "chest"
+limits = "ts15066"
+"""
+    )
+    refused = run("evaluate", str(file))
+    assert refused.status == 2
+    assert "'elastic' needs a plausible inertia. The lengths of ur10e do not look like metres" in refused.err

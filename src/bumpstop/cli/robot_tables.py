@@ -53,8 +53,9 @@ def print_effective_masses(robot: Robot, pose: FloatArray, console: Console) -> 
 
     from bumpstop.model import effective_mass
 
-    if robot.inertia_objection:
-        console.print(f"effective mass: not told. {robot.inertia_objection}")
+    objection = robot.inertia_objection or " ".join(robot.length_doubts)
+    if objection:
+        console.print(f"effective mass: not told. {objection}")
         return
     shown = " ".join(
         f"{math.degrees(value):.4g}" if joint.kind == "revolute" else f"{value:.4g} m"
@@ -87,6 +88,9 @@ def print_drive_train(robot: Robot, console: Console) -> None:
     from bumpstop.model import unit_of
     from bumpstop.model.drive_train.entry import QUANTITIES
 
+    if robot.length_doubts:  # a class of arms goes by how large they are
+        console.print(f"drive train: not told. {robot.length_doubts[0]}")
+        return
     found = robot.drive_train
     for name, (turning, sliding) in QUANTITIES.items():
         unit = unit_of(*robot.joints, turning=turning, sliding=sliding) if turning != sliding else turning

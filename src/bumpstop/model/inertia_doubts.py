@@ -16,6 +16,8 @@ _PLACEHOLDER_KG = (0.0, 1.0, 2.0)
 # The lightest arms on sale, of plastic and carbon fibre, move some 5 kg per square metre of reach, industrial ones 15
 # and more. No arm is known below this.
 _MIN_KG_PER_M2 = 4.0
+# The heaviest industrial arms move less than 1000 kg per square metre, and toys of 5 kg in grams 5000 and more.
+_MAX_KG_PER_M2, _HEAVY_KG = 2500.0, 500.0
 
 
 def inertia_doubts(name: str, joints: Sequence[Joint], reach: float, turning_reach: float) -> tuple[str, ...]:
@@ -29,10 +31,9 @@ def inertia_doubts(name: str, joints: Sequence[Joint], reach: float, turning_rea
 
     Returns:
         One sentence that names what was found: equal masses or moments of inertia in three or more links (in all, of
-        two), masses of 0, 1 or 2 kg in half of the links or more, no mass at all in a link, or a sum below 4 kg per
-        square metre of reach, or a link whose centre lies farther from its frame than the arm reaches, or
-        that turns as if its mass did. Masses and
-        moments that agree to four digits are equal. Empty: none of that.
+        two), masses of 0, 1 or 2 kg in half of the links or more, no mass at all in a link, or a sum below 4 or
+        above 2500 kg per square metre of reach, or a link whose centre lies farther from its frame than the arm
+        reaches, or that turns as if its mass did. Masses and moments that agree to four digits are equal. Empty: none of that.
     """
     links = [(joint.link, joint.inertia) for joint in joints if joint.inertia is not None]
     if not links:
@@ -60,6 +61,11 @@ def inertia_doubts(name: str, joints: Sequence[Joint], reach: float, turning_rea
         found.append(
             f"all links together weigh {total:.3g} kg, less than any known arm that reaches {turning_reach:.3g} m "
             f"({_MIN_KG_PER_M2 * turning_reach**2:.3g} kg)"
+        )
+    if len(links) == len(joints) and total > max(_MAX_KG_PER_M2 * turning_reach**2, _HEAVY_KG):
+        found.append(
+            f"all links together weigh {total:.3g} kg, more than any known arm that reaches {turning_reach:.3g} m "
+            f"({max(_MAX_KG_PER_M2 * turning_reach**2, _HEAVY_KG):.3g} kg; are the masses grams?)"
         )
     for (link, inertia), principal in zip(links, moments_of, strict=True):
         off = float(np.linalg.norm(inertia.center))

@@ -33,6 +33,7 @@ class Robot(SerialChain):
         frames: further named frames fixed to the links.
         title, source, note: what it is, where its figures come from, what is uncertain about them.
         warnings: what its reader left out or doubted.
+        mass_warnings: which of them are about masses, rotors and torque limits alone.
         payload_kg: rated payload, or None.
         inertia_status: ``"published"``, ``"unverified"`` (as a URDF has it), ``"assumed"`` (say so wherever it is used)
             or ``"unknown"`` (of some link).

@@ -56,6 +56,7 @@ class SerialChain:
     source: str = ""
     note: str = ""
     warnings: tuple[str, ...] = ()
+    mass_warnings: tuple[str, ...] = ()
     payload_kg: float | None = None
     inertia_status: InertiaStatus = "unknown"
     inertia_source: str = ""
@@ -187,6 +188,12 @@ class SerialChain:
         return length_doubts(self.name, self.joints, self.tip_name, self.tip_origin)
 
     @property
+    def doubts(self) -> tuple[str, ...]:
+        """What is doubted of it, or left out, and counts wherever it moves: its warnings but for masses and drives."""
+        told = (warning for warning in self.warnings if warning not in self.mass_warnings)
+        return tuple(dict.fromkeys((*told, *self.length_doubts)))
+
+    @property
     def inertia_objection(self) -> str:
         """Why no verdict may rest on its masses, in a sentence; empty: nothing is against it.
 
@@ -197,7 +204,8 @@ class SerialChain:
         if without:
             names = ", ".join(repr(name) for name in without[:5])
             return f"The inertia of {self.name} is not known: no mass of {names}."
-        return " ".join(self.inertia_doubts)
+        # By lengths in another unit every mass is too small or too large.
+        return " ".join((*self.length_doubts, *self.inertia_doubts)) if self.inertia_doubts else ""
 
     @property
     def lower(self) -> FloatArray:

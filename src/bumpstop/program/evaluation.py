@@ -123,7 +123,7 @@ class ProgramResult:
     @property
     def assumptions(self) -> tuple[str, ...]:
         """What was assumed of the program, and what is doubted of the robot."""
-        return (*self.cell.robot.length_doubts, *self.source.notes)
+        return (*self.cell.robot.doubts, *self.source.notes)
 
     @property
     def beside(self) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -80,6 +81,49 @@ def test_lengths_of_a_robot_in_the_wrong_unit(tmp_path: Path) -> None:
     assert said in result.to_json()["verdict"]["warnings"]
     assert result.notes.count(said) == 1
     assert said in " ".join(str(result).split())
+
+
+@pytest.mark.parametrize(
+    ("found", "written", "said"),
+    [
+        (r'lower="[^"]*" upper="[^"]*"', 'lower="-170" upper="170"', "taken as radians; degrees? Joints 'shoulder_pan"),
+        (r'velocity="[^"]*"', 'velocity="180"', "Speed limits of more than 50 rad/s, taken as rad/s; degrees per sec"),
+    ],
+)
+def test_limits_of_a_robot_in_degrees(found: str, written: str, said: str, tmp_path: Path) -> None:
+    """They bound nothing: the terminal showed no word of what reading the robot had found."""
+    path = tmp_path / "arm.urdf"
+    write_urdf(Robot.load("ur10e"), path)
+    assert bs.evaluate(ur10e(robot=str(path))).warnings == ()
+    path.write_text(re.sub(found, written, path.read_text(encoding="utf-8")), encoding="utf-8")
+    result = bs.evaluate(ur10e(robot=str(path)))
+    (warning,) = result.warnings
+    assert said in warning
+    assert result.notes.count(warning) == 1
+    assert f"warning: {warning}" in " ".join(str(result).split())
+
+
+def test_masses_are_doubted_where_they_count(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    write_urdf(Robot.load("ur10e"), path)
+    grams = re.sub(r'mass value="([^"]*)"', lambda m: f'mass value="{1e3 * float(m[1])}"', path.read_text("utf-8"))
+    path.write_text(re.sub(' effort="[^"]*"', "", grams), encoding="utf-8")
+    said = "are the masses grams?"
+    rigid = bs.evaluate(ur10e(robot=str(path)))
+    assert rigid.warnings == ()
+    assert any(said in note for note in rigid.notes)
+    with pytest.raises(bs.InputError, match=r"needs a plausible inertia.*are the masses grams\?"):
+        bs.evaluate(ur10e(robot=str(path), arm__model="elastic"))
+
+
+def test_a_motion_that_is_over_as_it_begins(tmp_path: Path) -> None:
+    robot = Robot.load("ur10e")
+    path = tmp_path / "arm.urdf"
+    pose = [0.0, -90.0, 90.0, -90.0, -90.0, 0.0]
+    elbow = replace(robot.joints[2], upper=math.radians(90.0))
+    write_urdf(replace(robot, joints=(*robot.joints[:2], elbow, *robot.joints[3:])), path)
+    result = bs.evaluate(ur10e(robot=str(path), pose_deg=pose, motion__velocity_mm_s=[0, 0, -60]))
+    assert any("The motion is over as it begins: joint 3 is at its limit." in warning for warning in result.warnings)
 
 
 def test_a_frame_far_off_its_link(tmp_path: Path) -> None:

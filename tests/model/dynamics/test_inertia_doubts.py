@@ -56,6 +56,7 @@ def test_built_in_arms_are_believed(name: str) -> None:
             "link 'wrist_3_link' turns as if its 0.5 kg were 1.41 m off its centre",
         ),
         ([1.1, 1.2, 0.5, 0.3, 0.2, 0.1], None, "all links together weigh 3.4 kg, less than any known arm"),
+        ([9100.0, 7700.0, 5500.0, 3300.0, 2200.0, 1100.0], None, "(4.65e+03 kg; are the masses grams?)"),
     ],
 )
 def test_placeholders_are_named(mass: list[float], scale: list[float] | None, said: str) -> None:

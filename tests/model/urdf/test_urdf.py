@@ -66,7 +66,7 @@ def test_a_base_that_is_not_upright_is_told(rpy: str, said: bool, tmp_path: Path
 
 def test_limits_that_are_degrees_are_told(tmp_path: Path) -> None:
     text = changed(('lower="-2"', 'lower="-170"'))
-    assert "Joints 'turn' (-170 to" in "".join(read(text, tmp_path).warnings)
+    assert "Joint 'turn' (-170 to" in "".join(read(text, tmp_path).warnings)
     assert not any("degrees" in warning for warning in read(ARM, tmp_path).warnings)
 
 

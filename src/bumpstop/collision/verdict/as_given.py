@@ -9,13 +9,13 @@ if TYPE_CHECKING:
 
 
 def doubts_as_given(scenario: Scenario) -> list[str]:
-    """As :func:`as_given`, what is assumed, and why lengths of its robot are hardly in metres.
+    """As :func:`as_given`, what is assumed, and what is doubted of its robot.
 
     For results without a verdict's notes.
     """
     from bumpstop.collision.scenario.scenario_file import robot_of
 
-    return [*as_given(scenario), *assumed_values(scenario), *robot_of(scenario).length_doubts]
+    return [*as_given(scenario), *assumed_values(scenario), *robot_of(scenario).doubts]
 
 
 def assumed_values(scenario: Scenario) -> list[str]:

@@ -33,7 +33,7 @@ _LIGHTEST_KG = 0.1
 def unit_slips(result: CollisionOutcome) -> list[str]:
     """A sentence about each value that looks like one of another unit."""
     return [
-        *_lengths(result),
+        *_robot(result),
         *_point(result),
         *_stiffness(result),
         *_deformation(result),
@@ -47,9 +47,11 @@ def unit_slips(result: CollisionOutcome) -> list[str]:
     ]
 
 
-def _lengths(result: CollisionOutcome) -> list[str]:
-    """A lever a thousand times too long is felt at once, and every force looks small."""
-    return list(result.problem.robot.length_doubts)
+def _robot(result: CollisionOutcome) -> list[str]:
+    """A lever a thousand times too long is felt at once, and every force looks small; so are limits that bound nothing."""
+    robot = result.problem.robot
+    weighs = result.problem.elastic or result.scenario.contact.arm == "two_mass"
+    return list(dict.fromkeys((*robot.doubts, *(robot.mass_warnings if weighs else ()))))
 
 
 def _point(result: CollisionOutcome) -> list[str]:

@@ -53,6 +53,7 @@ def verdict_notes(
         *assumed_values(result.scenario),
         *sample_notes(result),
         *_nothing_hit_note(result, verdict),
+        *_over_at_once_note(result),
         *_head_note(result),
         *_pressure_note(result),
         *_normal_note(result),
@@ -83,6 +84,16 @@ def sample_notes(result: CollisionOutcome) -> list[str]:
         f"{result.samples} sampled collisions are too few to judge by: a probability of the accepted "
         f"{accepted_percent(risk)} is some {result.samples * risk:.2g} of them."
     ]
+
+
+def _over_at_once_note(result: CollisionOutcome) -> list[str]:
+    """A motion that ends before the first tick of the detector is none, and what is judged is an arm that brakes."""
+    problem, curve = result.problem, result.curve
+    if problem.trajectory is not None or not 0 <= curve.line.cut_step < problem.period_steps:
+        return []
+    joint = curve.end_joint
+    where = f"joint {joint} is at its limit" if curve.end == "joint_limit" else "the arm is near a singularity"
+    return [f"The motion is over as it begins: {where}. What is judged is an arm that only brakes."]
 
 
 def _assumed_arm_note(result: CollisionOutcome) -> list[str]:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
+from bumpstop.errors import InputError
 from bumpstop.model.drive_train.drive_train import DriveTrain
 from bumpstop.model.drive_train.entry import DriveTrainStatus, least_known
 from bumpstop.model.serial_chain import SerialChain
@@ -70,7 +71,19 @@ def assumed_drive_train(robot: SerialChain) -> DriveTrain:
 
     Returns:
         The drive train; the status of every quantity is ``"assumed"``.
+
+    Raises:
+        InputError: of an arm so large there is no such class: its lengths are in another unit.
     """
+    try:
+        return _of_class(robot)
+    except InputError:
+        if not robot.length_doubts:
+            raise
+        raise InputError("robot", robot.length_doubts[0], "wanted lengths in metres") from None
+
+
+def _of_class(robot: SerialChain) -> DriveTrain:
     known = {entry.quantity: np.asarray(entry.values) for entry in robot.drive_train_entries}
     limit = known.get("torque_limit", np.full(robot.dof, math.inf))
     if torque_limit_doubt(robot, limit):

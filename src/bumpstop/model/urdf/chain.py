@@ -16,13 +16,13 @@ from bumpstop.model.inertia import LinkInertia, matrix3, merged, vector3
 from bumpstop.model.joint import Frame, Joint
 from bumpstop.model.serial_chain import SerialChain
 from bumpstop.model.urdf.drives import with_drives
+from bumpstop.model.urdf.limit_doubts import limit_doubts
 from bumpstop.model.urdf.reader import OTHER_KINDS, UrdfJoint, UrdfTree, read_urdf
 
 Chain = TypeVar("Chain", bound=SerialChain)
 
 _GRIPPER_WORDS = ("finger", "gripper", "knuckle", "jaw")
 _UPRIGHT = 1e-6  # of the cosine between two directions that are both up
-_TURNS = 2  # beyond so many to a side, limits are more likely degrees
 _MAX_FINGER_TRAVEL = 0.15  # [m]: no axis of an arm is as short
 
 
@@ -67,12 +67,13 @@ def chain_from_urdf(
         raise InputError(str(path), f"{len(chain)} joints move {tip!r}", f"wanted at most {_native.max_joints}")
     bodies = [_body(tree, base), *(_body(tree, joint.child) for joint in chain)]
     warnings += _faults(tree, bodies, _path(tree, base, tip))
-    warnings += _doubts(tree, bodies, strict=strict_inertia)
+    of_masses = _doubts(tree, bodies, strict=strict_inertia)
+    warnings += of_masses
     base_joints = _base_joints(tree, base)
     if base_joints:
         named = ", ".join(map(repr, base_joints))
         warnings.append(f"Moves {base!r} itself and is taken to stand still: {named}.")
-    warnings += _limits_in_degrees(chain)
+    warnings += limit_doubts(chain)
     warnings += _left_out(tree, bodies, chain)
     warnings += _gripper_joints(tree, chain)
     warnings += _turned_base(tree, base)
@@ -101,7 +102,8 @@ def chain_from_urdf(
     place, turn = bodies[-1].placed[tip]
     without = [repr(joint.link) for joint in joints if joint.inertia is None]
     if without:
-        warnings.append(f"{path.name} has no inertia for {', '.join(without)}.")
+        of_masses.append(f"{path.name} has no inertia for {', '.join(without)}.")
+        warnings.append(of_masses[-1])
     robot = make(
         name=tree.name,
         joints=tuple(joints),
@@ -112,12 +114,17 @@ def chain_from_urdf(
         title=tree.name,
         source=f"the URDF file {path.name}",
         warnings=tuple(warnings),
+        mass_warnings=tuple(of_masses),
         inertia_status="unknown" if without else "unverified",
         inertia_source="" if without else f"the URDF file {path.name}",
         base_joints=base_joints,
         other_joints=tuple(joint.name for joint in _beside(bodies, chain)),
     )
-    robot = replace(robot, warnings=(*robot.warnings, *robot.length_doubts, *robot.inertia_doubts))
+    robot = replace(
+        robot,
+        warnings=(*robot.warnings, *robot.length_doubts, *robot.inertia_doubts),
+        mass_warnings=(*robot.mass_warnings, *robot.inertia_doubts),
+    )
     return with_drives(robot, [joint.effort for joint in chain], [joint.rotor_inertia for joint in chain], path.name)
 
 
@@ -300,18 +307,6 @@ def _turned_base(tree: UrdfTree, base: str) -> list[str]:
     if turn[2, 2] > 1 - _UPRIGHT:
         return []
     return [f"Gravity is taken along -z of {base!r}, which the file turns against {link!r}; base={link!r} keeps it."]
-
-
-def _limits_in_degrees(chain: list[UrdfJoint]) -> list[str]:
-    most = _TURNS * 2 * np.pi
-    wide = [
-        f"{joint.name!r} ({joint.lower:.4g} to {joint.upper:.4g})"
-        for joint in chain
-        if joint.kind == "revolute" and max(-joint.lower, joint.upper) > most
-    ]
-    if not wide:
-        return []
-    return [f"Limits of more than {_TURNS} turns to a side, taken as radians; degrees? Joints {', '.join(wide)}."]
 
 
 def _beside(bodies: list[_Body], chain: list[UrdfJoint]) -> list[UrdfJoint]:

@@ -86,17 +86,23 @@ def with_drives(robot: Chain, efforts: Sequence[float], rotors: Sequence[float],
         robot = replace(
             robot,
             drive_train_entries=(*robot.drive_train_entries, entry),
-            warnings=(*robot.warnings, doubt) if doubt else robot.warnings,
         )
+        robot = _doubted(robot, doubt)
     told = ~np.isnan(known)
     if told.any() and not _placeholder(known[told]):
         doubt = rotor_doubt(robot, known)
         if doubt:
-            return replace(robot, warnings=(*robot.warnings, doubt))
+            return _doubted(robot, doubt)
         assumed = drive_train_of(robot)
         entry = entry_of_some("rotor_inertia", known, assumed.rotor_inertia, source, assumed.source["rotor_inertia"])
         robot = replace(robot, drive_train_entries=(*robot.drive_train_entries, entry))
     return robot
+
+
+def _doubted(robot: Chain, doubt: str) -> Chain:
+    if not doubt:
+        return robot
+    return replace(robot, warnings=(*robot.warnings, doubt), mass_warnings=(*robot.mass_warnings, doubt))
 
 
 def _placeholder(values: np.ndarray) -> bool:
