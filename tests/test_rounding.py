@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from bumpstop.identification.comparison import JointScore, mean_told
 from bumpstop.rounding import on_its_side, rounded, to_decimals
-from bumpstop.terminal import in_percent
+from bumpstop.terminal import counted, in_percent
 
 
 @pytest.mark.parametrize(
@@ -88,3 +89,19 @@ def test_what_no_text_tells_is_told_by_the_first() -> None:
 )  # fmt: skip
 def test_shares_in_percent_have_no_powers_of_ten(value: float, digits: int, text: str) -> None:
     assert in_percent(value, digits) == text
+
+
+def test_one_of_them_is_one() -> None:
+    assert [counted(count, "row") for count in (0, 1, 2)] == ["0 rows", "1 row", "2 rows"]
+    assert [counted(count, "row", "was") for count in (1, 2)] == ["1 row was", "2 rows were"]
+    assert [counted(count, "sample", "stands") for count in (1, 2)] == ["1 sample stands", "2 samples stand"]
+
+
+def test_a_mean_error_has_no_digits_of_rounding() -> None:
+    def told(mean: float, rmse: float) -> float:
+        return mean_told(JointScore(name="elbow", r2=0.9, r2_raw=0.9, mean=mean, sd=rmse, rmse=rmse))
+
+    assert told(-1.216e-6, 0.3) == 0.0
+    assert told(-0.02625, 0.1124) == -0.02625
+    assert math.isnan(told(math.nan, 0.1))
+    assert told(0.1, 0.0) == 0.1

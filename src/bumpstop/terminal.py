@@ -61,6 +61,13 @@ def as_written(value: float) -> str:
     return f"{value:.15g}"
 
 
+def counted(count: int, noun: str, verb: str = "") -> str:
+    """How many there are: ``"1 row"``, ``"2 rows"``; with a verb, as ``"is"``, ``"was"`` or ``"lies"``, that too."""
+    plural = {"is": "are", "was": "were", "has": "have"}.get(verb, verb.removesuffix("s"))
+    words = f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+    return f"{words} {verb if count == 1 else plural}" if verb else words
+
+
 def correlation(value: float) -> str:
     """A rank correlation; ``"none"`` where there is none, as with a quantity that is everywhere the same."""
     return NONE if math.isnan(value) else f"{value:.3f}"

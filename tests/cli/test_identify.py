@@ -360,3 +360,15 @@ def test_the_file_of_a_joint_model_says_what_its_fit_was_worth(tmp_path: Path) -
         result = run(*fit)
         assert (f"not usable: {said}" in result.out) == told
         assert result.status == (3 if told else 0)
+
+
+def test_a_refused_fit_says_what_the_times_look_like(tmp_path: Path) -> None:
+    """Milliseconds for seconds: "0.125 rows a second" alone sent nobody to the column of the times."""
+    log = arm_and_logs()[2]
+    path, model = tmp_path / "ms.parquet", tmp_path / "model.toml"
+    replace(log, t=1e3 * log.t).save(path)
+    arm_and_logs()[1].save(model)
+    for command in (["identify", path, "--robot", ROBOT], ["validate", model, path]):
+        refused = run(*command)
+        assert refused.status == 2, command
+        assert 'if these are no seconds, say so in a column file (time = { ..., unit = "ms" })' in refused.err, command

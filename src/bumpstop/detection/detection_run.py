@@ -14,7 +14,7 @@ from bumpstop.detection.events import Event
 from bumpstop.detection.settings import settings_text
 from bumpstop.display import EVENT, LIMIT, Displayed
 from bumpstop.errors import InputError
-from bumpstop.terminal import table, text_of
+from bumpstop.terminal import counted, table, text_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -125,9 +125,9 @@ class DetectionRun(Displayed):
         console.print(f"settings: {settings_text(self.settings)}")
         if self.arming_s:
             masked = int(self.masked_while_arming.sum())
-            console.print(f"arming: {self.arming_s:.4g} s; over a threshold meanwhile: {masked} rows")
+            console.print(f"arming: {self.arming_s:.4g} s; over a threshold meanwhile: {counted(masked, 'row')}")
         if self.late.any():
-            console.print(f"late: {int(self.late.sum())} rows came after lost ones")
+            console.print(f"late: {counted(int(self.late.sum()), 'row')} came after lost ones")
         if self.payload_changed.any():
             first = float(self.t[int(self.payload_changed.argmax())])
             console.print(f"payload changed: recognised from {first:.4f} s on")
@@ -138,7 +138,7 @@ class DetectionRun(Displayed):
     def conclusion(self) -> str:
         """One sentence: alarms, or that the detector could not have detected anything."""
         seconds, count = float(self.t[-1] - self.t[0]), len(self.events)
-        alarms = f"{count} alarm{'' if count == 1 else 's'} in {seconds:.4g} s, {self.t.size} rows"
+        alarms = f"{counted(count, 'alarm')} in {seconds:.4g} s, {counted(self.t.size, 'row')}"
         if self.inactive:
             return f"INACTIVE all the time ({self.inactive}): nothing could be detected. {alarms}"
         idle = self.no_data_s + self.arming_s
@@ -163,7 +163,7 @@ class DetectionRun(Displayed):
         if self.judged.any():
             return ""
         reasons = {**self.no_data_rows(), "arming": int(np.count_nonzero(self.state == STATES.index("arming")))}
-        return ", ".join(f"{name} {rows} rows" for name, rows in reasons.items() if rows)
+        return ", ".join(f"{name} {counted(rows, 'row')}" for name, rows in reasons.items() if rows)
 
     @property
     def no_data(self) -> npt.NDArray[np.bool_]:
@@ -253,7 +253,7 @@ def frozen_notes(t: FloatArray, frozen: npt.NDArray[np.bool_]) -> list[str]:
         return []
     first, rows = float(t[int(frozen.argmax())]), int(np.count_nonzero(frozen))
     return [
-        f"Frozen feedback in {rows} rows, the first at {first:.4f} s: time goes on, but positions and signals of all "
-        "joints are those of the row before. Nothing can be detected there. A simulated arm without noise does the "
-        "same at rest: frozen_s = inf permits it."
+        f"Frozen feedback in {counted(rows, 'row')}, the first at {first:.4f} s: time goes on, but positions and "
+        "signals of all joints are those of the row before. Nothing can be detected there. A simulated arm without "
+        "noise does the same at rest: frozen_s = inf permits it."
     ]

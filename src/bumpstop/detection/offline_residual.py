@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.detection.detection_run import FAULTS
+from bumpstop.terminal import counted
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -87,9 +88,10 @@ class OfflineResidual:
         ]
         if self.at_end.any():
             notes.append(
-                f"The recording begins or ends in motion: {np.count_nonzero(self.at_end)} rows within "
-                f"{self.beside_s:.3g} s of an end are not judged, as the filters know one side of the motion only "
-                "there."
+                "The recording begins or ends in motion: "
+                f"{counted(int(np.count_nonzero(self.at_end)), 'row')} within {self.beside_s:.3g} s of an end "
+                f"{'is' if self.at_end.sum() == 1 else 'are'} not judged, as the filters know one side of the motion "
+                "only there."
             )
         return notes
 

@@ -176,6 +176,13 @@ def joint_score(
     )
 
 
+def mean_told(score: JointScore) -> float:
+    """Its mean error without the digits that are those of rounding: below the fifth digit of the rmse."""
+    if not (math.isfinite(score.mean) and 0 < score.rmse < math.inf):
+        return score.mean
+    return round(score.mean, 4 - math.floor(math.log10(score.rmse)))
+
+
 def rest_words(scores: Sequence[JointScore]) -> str:
     """Which joints rest, and in how many rows, that R2 leaves out; empty: none does."""
     shares = [f"{score.name} {100 * score.rest_share:.3g} %" for score in scores if score.rest_share > 0]

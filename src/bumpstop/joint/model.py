@@ -20,6 +20,7 @@ from bumpstop.errors import InputError, near_matches
 from bumpstop.joint.parameters import COMMON, JointParameters, fields_of, remake
 from bumpstop.model.dynamics import STANDARD_GRAVITY
 from bumpstop.model.inertia import vector3
+from bumpstop.terminal import counted
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -202,7 +203,7 @@ class JointTorqueModel:
                 (state.outside_speed, "faster than the fitted range of speed"),
             ):
                 notes += [
-                    f"{joint.name}: {int(count)} samples {words}"
+                    f"{joint.name}: {counted(int(count), 'sample')} {words}"
                     for joint, count in zip(self.joints, counts, strict=True)
                     if count
                 ]

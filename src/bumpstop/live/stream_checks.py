@@ -10,6 +10,7 @@ import numpy as np
 
 from bumpstop.live.rate_check import RateCheck
 from bumpstop.live.source import SourceEventKind
+from bumpstop.terminal import counted
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -136,7 +137,7 @@ class StreamChecks:
         if number > before:
             missing = number - before - 1
             if missing:
-                findings.append((SourceEventKind.LOST, f"{missing} samples are missing", missing))
+                findings.append((SourceEventKind.LOST, f"{counted(missing, 'sample', 'is')} missing", missing))
             return True, False
         if before - number < _RESTART_COUNT and number != 0:
             self._sequence = before

@@ -33,7 +33,8 @@ def inertia_doubts(name: str, joints: Sequence[Joint], reach: float, turning_rea
         One sentence that names what was found: equal masses or moments of inertia in three or more links (in all, of
         two), masses of 0, 1 or 2 kg in half of the links or more, no mass at all in a link, or a sum below 4 or
         above 2500 kg per square metre of reach, or a link whose centre lies farther from its frame than the arm
-        reaches, or that turns as if its mass did. Masses and moments that agree to four digits are equal. Empty: none of that.
+        reaches, or that turns as if its mass did. Masses and moments that agree to four digits are equal. Empty: none
+        of that.
     """
     links = [(joint.link, joint.inertia) for joint in joints if joint.inertia is not None]
     if not links:

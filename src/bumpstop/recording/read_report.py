@@ -16,6 +16,7 @@ class ReadReport:
         counts: number of dropped rows by reason.
         gaps: (start [s], length [s]) of every interval longer than three times the median one.
         notes: what is unusual about the recording, one sentence each.
+        time_doubts: those of the notes that say why its times are hardly seconds.
         faults: what contradicts itself, one sentence each; a fit to it is not usable.
         base_motion: from when to when joints moved that carry the base of the robot [s], by their names.
         repaired: rows whose angles were turned back by whole turns.
@@ -29,6 +30,7 @@ class ReadReport:
     counts: Mapping[str, int] = field(default_factory=dict)
     gaps: tuple[tuple[float, float], ...] = ()
     notes: tuple[str, ...] = ()
+    time_doubts: tuple[str, ...] = ()
     faults: tuple[str, ...] = ()
     base_motion: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     repaired: int = 0

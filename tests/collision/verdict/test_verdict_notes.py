@@ -47,6 +47,10 @@ SAID: list[tuple[dict[str, Any], str]] = [
         {"contact__stiffness_N_m": 900.0, "motion__velocity_mm_s": [0, 0, -10]},
         "contact.stiffness_N_m = 900 N/m is softer",
     ),
+    (
+        {"contact__stiffness_N_mm": 0.9, "motion__velocity_mm_s": [0, 0, -10]},
+        "contact.stiffness_N_mm = 0.9 N/mm is softer than any body.",
+    ),
     ({"contact__padding_N_m": 900.0, "motion__velocity_mm_s": [0, 0, -10]}, "contact.padding_N_m = 900 N/m is softer"),
     ({"contact__stiffness_N_m": 2000.0, "motion__velocity_mm_s": [0, 0, -900]}, "The body is deformed by"),
     ({"motion__velocity_mm_s": [0, 0, -0.25]}, "The tip moves at 0.25 mm/s"),
@@ -68,6 +72,13 @@ def test_is_said_alone_and_everywhere(changes: dict[str, Any], said: str) -> Non
     assert found[0] in result.notes
     assert found[0] in result.to_json()["verdict"]["warnings"]
     assert bs.evaluate(control_group()).warnings == ()
+
+
+def test_no_force_is_told_that_steps_raise_where_half_touch_nothing() -> None:
+    """Half of the cases are undetected, without a bound, and half touch nothing: finer steps were said to make 44 N."""
+    short = bs.evaluate(control_group(motion__duration_s=0.002, contact__offset_law="uniform"))
+    assert short.undetected_probability == pytest.approx(0.5, abs=1e-3)
+    assert not any("coarse" in warning for warning in short.warnings)
 
 
 def test_lengths_of_a_robot_in_the_wrong_unit(tmp_path: Path) -> None:

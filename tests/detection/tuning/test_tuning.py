@@ -145,7 +145,7 @@ def test_several_recordings_and_gaps() -> None:
     gapped = tune(late, 20.0)
     np.testing.assert_allclose(gapped.thresholds(), split.thresholds(), rtol=1e-3)
     assert gapped.tail.hours == pytest.approx(0.2, rel=1e-6)
-    assert any("1 gaps" in note for note in gapped.notes)
+    assert any("1 gap in time" in note for note in gapped.notes)
 
 
 def test_samples_lost_one_by_one_part_no_alarms() -> None:

@@ -11,6 +11,7 @@ import typer
 from bumpstop.cli.collision.evaluate import INCONCLUSIVE, NOT_ACCEPTABLE
 from bumpstop.cli.collision.study import AsJson, Changes, ScenarioFile, load
 from bumpstop.cli.completion import complete_requirement
+from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ def require(
         raise InputError("--vary", f"is given {len(vary)} times", "wanted one variable, or two for a trade curve")
     name, low, high = _ends(vary[0], checked)
     if len(vary) == 1:
-        with progress("searching"):
+        with as_options({"vary": "--vary", "risk": "--risk"}), progress("searching"):
             found = solve_requirement(checked, name, risk=risk, low=low, high=high)
         judged = _judged(checked, found)
         if as_json:

@@ -20,6 +20,7 @@ from bumpstop.cli.detection.residual_source import (
     thresholds_of,
 )
 from bumpstop.cli.folders import check_folder, check_inputs, writing
+from bumpstop.cli.identification.fit_verdict import with_faults
 from bumpstop.cli.option_names import as_options
 from bumpstop.cli.progress import progress
 from bumpstop.errors import InputError
@@ -91,7 +92,7 @@ def detect(
     if stiction is not None:
         settings = replace(settings, stiction=stiction_of(stiction, arm.dof))
     log = residual_source.recording(recording)
-    with as_options(DETECTOR_OPTIONS), progress("running the detector"):
+    with with_faults([log]), as_options(DETECTOR_OPTIONS), progress("running the detector"):
         run = run_detector(log, arm, given, law, settings, rearm_s=rearm)
     run = replace(run, notes=(*run.notes, *as_sentences(reading_faults([log]))))
     stretches = None

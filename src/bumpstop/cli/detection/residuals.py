@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from bumpstop.cli.detection.residual_source import DETECTOR_OPTIONS, ResidualSource
 from bumpstop.cli.identification.arm_recordings import fit_notes, span_of
+from bumpstop.cli.identification.fit_verdict import with_faults
 from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
 from bumpstop.text_files import list_items, shown
@@ -44,7 +45,7 @@ def load_series(
         return residuals_of(path, residual_source), []
     model, arm = residual_source.parts
     log = residual_source.recording(path)
-    with as_options(DETECTOR_OPTIONS):
+    with with_faults([log]), as_options(DETECTOR_OPTIONS):
         record = residual_record(log, arm, model, settings=residual_source.settings)
     assert record.t is not None
     notes = [note for note in record.notes if "blocks of" not in note]

@@ -29,13 +29,16 @@ def exit_status(verdict: FitVerdict) -> int:
 
 @contextmanager
 def with_faults(logs: Sequence[Recording]) -> Iterator[None]:
-    """Where a fit is refused, say what its recordings contradict themselves in: that may be why."""
+    """Where a fit is refused, say what its recordings contradict themselves in, or what their times look like.
+
+    That may be why.
+    """
     from bumpstop.identification.fit_verdict import reading_faults
 
     try:
         yield
     except InputError as error:
-        faults = reading_faults(logs)
+        faults = [*reading_faults(logs), *(note.rstrip(".") for log in logs for note in log.report.time_doubts)]
         if not faults:
             raise
         raise InputError(error.field, f"{error.problem} ({'; '.join(faults)})", error.valid) from None

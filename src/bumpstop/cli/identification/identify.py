@@ -281,9 +281,10 @@ def validate(
         logs = load_parts(recordings, columns, arm, begin, until, topic, max_bad, payload)
         arms = payloads_of(payload, arm, len(logs))
         notes = fit_notes(model, logs)
-        return validate_joint(
-            drives, logs, arms, filter_hz=filter_hz, gravity=falls, notes=notes, out=out, as_json=as_json
-        )
+        with with_faults(logs):
+            return validate_joint(
+                drives, logs, arms, filter_hz=filter_hz, gravity=falls, notes=notes, out=out, as_json=as_json
+            )
     from bumpstop.cli.identification.identify_dynamics import validate_dynamics
 
     if contact_joint is not None and out is None:
@@ -293,12 +294,16 @@ def validate(
         if given:
             raise InputError(option, "is for joint models", "dynamics know their robot and how it was mounted")
 
-    def load(arm: Robot) -> list[Recording]:
-        return load_parts(recordings, columns, arm, begin, until, topic, max_bad, payload)
+    loaded: list[Recording] = []
 
-    return validate_dynamics(
-        model, load, payload=payload, contact_joint=contact_joint, filter_hz=filter_hz, out=out, as_json=as_json
-    )
+    def load(arm: Robot) -> list[Recording]:
+        loaded.extend(load_parts(recordings, columns, arm, begin, until, topic, max_bad, payload))
+        return loaded
+
+    with with_faults(loaded):
+        return validate_dynamics(
+            model, load, payload=payload, contact_joint=contact_joint, filter_hz=filter_hz, out=out, as_json=as_json
+        )
 
 
 def _check_out(out: Path | None, read: Sequence[str | Path | None], fit: str | None, consistent: bool) -> None:

@@ -131,11 +131,12 @@ def validate_joint(
 
 
 def _print_left(rows: DriveSamples) -> None:
+    from bumpstop.terminal import counted
+
     if rows.rows_left:
-        typer.echo(f"note: {rows.rows_left} rows lie in segments between gaps too short to use")
-    typer.echo(
-        f"note: {rows.rows_at_ends} rows within {1 / rows.cutoff_hz:.2g} s of the ends of segments are left away"
-    )
+        typer.echo(f"note: {counted(rows.rows_left, 'row', 'lies')} in segments between gaps too short to use")
+    ends = counted(rows.rows_at_ends, "row")
+    typer.echo(f"note: left away within {1 / rows.cutoff_hz:.2g} s of the ends of segments: {ends}")
 
 
 def _identified(fit: JointModelFit, logs: Sequence[Recording]) -> dict[str, Any]:

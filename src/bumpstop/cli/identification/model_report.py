@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from bumpstop.cli.identification.fit_verdict import reading_lines
 from bumpstop.errors import InputError
+from bumpstop.terminal import counted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -100,8 +101,8 @@ def dynamics_report(
     error, joint = contact.error[contact.judged], fit.model.robot.joints[contact.joint]
     most = f"{abs(error).mean():.3g} N on average, {abs(error).max():.3g} N at most" if error.size else "none judged"
     return (
-        f"contact force by {joint.name}: error {most}; {contact.not_judged} rows not judged, their torque is below "
-        f"{contact.min_torque:.3g} {unit_of(joint)}"
+        f"contact force by {joint.name}: error {most}; {counted(contact.not_judged, 'row')} not judged, torque there "
+        f"below {contact.min_torque:.3g} {unit_of(joint)}"
     )
 
 

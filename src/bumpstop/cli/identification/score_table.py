@@ -22,7 +22,7 @@ def print_scores(title: str, joints: Sequence[str], scores: Sequence[JointScore 
         joints: their names.
         scores: of each; None: its gain is unknown.
     """
-    from bumpstop.identification.comparison import rest_words
+    from bumpstop.identification.comparison import mean_told, rest_words
     from bumpstop.model.units import one_unit
     from bumpstop.terminal import number, share, table, terminal
 
@@ -35,7 +35,7 @@ def print_scores(title: str, joints: Sequence[str], scores: Sequence[JointScore 
             continue
         unit = "" if score.unit in usual else f" {score.unit}"
         shares = (share(x, rests=score.rests) for x in (score.r2, score.r2_raw))
-        rows.append((name, *shares, *(f"{number(error)}{unit}" for error in (score.mean, score.sd, score.rmse))))
+        rows.append((name, *shares, *(f"{number(error)}{unit}" for error in (mean_told(score), score.sd, score.rmse))))
     headings = [f"{what}, {one_unit(usual)}" if usual else what for what in ("mean error", "sd", "rmse")]
     console = terminal()
     console.print(title)

@@ -67,6 +67,8 @@ def finer_steps(result: CollisionOutcome, verdict: Verdict, evaluate: Callable[[
     if not math.isfinite(before):
         p = 0.5
         before, after = coarse.quantile(p), fine.peak_force.quantile(p)
+        if before == 0:  # half touch nothing, and the rest is unbounded: no force is told that steps could raise
+            return []
     if not after > (1 + _RISE) * before:
         return []
     rise = f"{after:.4g} N, not {before:.4g} N" if math.isfinite(after) else f"without a bound, not {before:.4g} N"

@@ -48,7 +48,7 @@ def unit_slips(result: CollisionOutcome) -> list[str]:
 
 
 def _robot(result: CollisionOutcome) -> list[str]:
-    """A lever a thousand times too long is felt at once, and every force looks small; so are limits that bound nothing."""
+    """A lever a thousand times too long is felt at once, and every force looks small; limits may bound nothing."""
     robot = result.problem.robot
     weighs = result.problem.elastic or result.scenario.contact.arm == "two_mass"
     return list(dict.fromkeys((*robot.doubts, *(robot.mass_warnings if weighs else ()))))
@@ -76,15 +76,22 @@ def _point(result: CollisionOutcome) -> list[str]:
 
 
 def _stiffness(result: CollisionOutcome) -> list[str]:
-    contact = result.scenario.contact
-    soft = {"contact.stiffness_N_m": contact.stiffness_N_m, "contact.padding_N_m": contact.padding_N_m}
-    return [
-        f"{key} = {value:g} N/m is softer than any body: N/mm are 1000 times as much (contact.stiffness_N_mm)."
-        if "stiffness" in key
-        else f"{key} = {value:g} N/m is softer than any padding: N/mm are 1000 times as much."
-        for key, value in soft.items()
-        if value is not None and value < _SOFTEST_N_M
-    ]
+    contact, told = result.scenario.contact, []
+    if contact.stiffness_N_m is not None and contact.stiffness_N_m < _SOFTEST_N_M:
+        # What was written of the two spellings.
+        if contact.stiffness_N_mm is not None:
+            told = [f"contact.stiffness_N_mm = {contact.stiffness_N_mm:g} N/mm is softer than any body."]
+        else:
+            told = [
+                f"contact.stiffness_N_m = {contact.stiffness_N_m:g} N/m is softer than any body: N/mm are 1000 times "
+                "as much (contact.stiffness_N_mm)."
+            ]
+    if contact.padding_N_m is not None and contact.padding_N_m < _SOFTEST_N_M:
+        told.append(
+            f"contact.padding_N_m = {contact.padding_N_m:g} N/m is softer than any padding: N/mm are 1000 times as "
+            "much."
+        )
+    return told
 
 
 def _deformation(result: CollisionOutcome) -> list[str]:

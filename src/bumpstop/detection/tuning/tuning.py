@@ -21,6 +21,7 @@ from bumpstop.detection.tuning.residual_file import ResidualSeries
 from bumpstop.detection.tuning.result import MAX_EXTRAPOLATION, Term, Tuning
 from bumpstop.detection.tuning.run_spread import RunSpread
 from bumpstop.errors import InputError, near_matches
+from bumpstop.terminal import counted
 
 # What is asked for where no rate is given: so many an hour, or one alarm in so many times the recordings' length.
 _DEFAULT_PER_HOUR, _DEFAULT_REACH = 1.0, 10.0
@@ -256,7 +257,9 @@ def _notes(
             )
     gaps = sum(len(part.segments()) - 1 for part in parts)
     if gaps:
-        notes.append(f"{gaps} gaps in time: peaks on either side count as separate, and the gaps not as hours.")
+        notes.append(
+            f"{counted(gaps, 'gap')} in time: peaks on either side count as separate, and the gaps not as hours."
+        )
     unmonitored = [str(j + 1) for j in np.flatnonzero(np.isinf(tuning.shares))]
     if unmonitored:
         notes.append(f"Not monitored: joint {', '.join(unmonitored)}.")

@@ -21,7 +21,7 @@ from bumpstop.identification.segments.seen_motion import SeenMotion
 from bumpstop.identification.segments.torque_samples import TorqueSamples, as_list, joints_at_rest
 from bumpstop.model import unit_of
 from bumpstop.model.dynamics import STANDARD_GRAVITY
-from bumpstop.terminal import in_percent
+from bumpstop.terminal import counted, in_percent
 
 if TYPE_CHECKING:
     import os
@@ -109,7 +109,7 @@ class DynamicsFit(DynamicsEstimate, Displayed):
             lines.append(f"  {value:12.4g} +- {error:.2g} {unit}  {name}{weak}")
         lines += self._friction_lines()
         if self.rows_at_ends:
-            lines.append(f"note: {self.rows_at_ends} rows at the ends of recordings are left away")
+            lines.append(f"note: left away at the ends of recordings: {counted(self.rows_at_ends, 'row')}")
         at_rest = () if self.rows_at_rest is None else self.rows_at_rest
         for joint, rows in zip(self.model.robot.joints, at_rest, strict=False):
             if rows:
@@ -227,9 +227,9 @@ def left_out_notes(rows_left: int, rows_beside_gaps: int, cutoff_hz: float) -> l
     """What gaps cost a fit or a comparison, a line each."""
     lines = []
     if rows_left:
-        lines.append(f"note: {rows_left} rows lie in segments between gaps too short to use")
+        lines.append(f"note: {counted(rows_left, 'row', 'lies')} in segments between gaps too short to use")
     if rows_beside_gaps:
-        lines.append(f"note: {rows_beside_gaps} rows within {1 / cutoff_hz:.2g} s of gaps are left away")
+        lines.append(f"note: left away within {1 / cutoff_hz:.2g} s of gaps: {counted(rows_beside_gaps, 'row')}")
     return lines
 
 

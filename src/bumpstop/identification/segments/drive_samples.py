@@ -135,7 +135,7 @@ class DriveSamples:
         return JointMotion(self.torque[:, j], qd, self.qdd[:, j], held)
 
     def away_from_reversals(self, j: int, rest_speed: float) -> npt.NDArray[np.bool_]:
-        """Rows (N,) at which joint ``j`` is faster than friction needs to turn over, a period of the cut-off about them.
+        """Rows (N,) at which joint ``j`` is fast enough for friction to have turned over, and a period about.
 
         How friction goes from one sign to the other nobody knows: its column is wrong near a reversal, where the
         acceleration is largest, and a torque that is nearly all acceleration takes the error for its own.

@@ -29,6 +29,7 @@ from bumpstop.identification.segments.padded_segments import PaddedSegments
 from bumpstop.identification.segments.rest import resting, used_rows
 from bumpstop.model.dynamics import STANDARD_GRAVITY
 from bumpstop.recording.checks.checks import gaps_of
+from bumpstop.terminal import counted
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -159,7 +160,9 @@ class TorqueSamples:
                 beside_gaps += lost
                 at_ends += cut
         if not usable:
-            problem = f"{left} rows" if seams == 1 else f"{left} rows in {seams} segments too short to use"
+            problem = (
+                counted(left, "row") if seams == 1 else f"{counted(left, 'row')} in {seams} segments too short to use"
+            )
             raise InputError(
                 "recording",
                 problem,

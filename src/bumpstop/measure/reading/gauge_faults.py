@@ -11,6 +11,7 @@ from bumpstop.collision.verdict.two_phase import FIRST_PHASE_S
 from bumpstop.measure.reading.gauge_curve import MAX_BACKWARD_SHARE
 from bumpstop.measure.reading.gauge_fault import GaugeFault
 from bumpstop.measure.reading.gauge_gaps import hidden_peak, step_faults
+from bumpstop.terminal import counted
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -50,17 +51,17 @@ def sampling_faults(curve: GaugeCurve) -> list[GaugeFault]:
         return [GaugeFault("wrong_column", curve.backward, text, spoils=True)]
     found = []
     if curve.unreadable:
-        text = f"{curve.unreadable} rows hold no number, or more than there are columns: they were dropped."
+        text = f"{counted(curve.unreadable, 'row', 'holds')} no number, or more than there are columns: dropped."
         found.append(GaugeFault("unreadable", curve.unreadable, text, repaired=True))
     missing = 0 if curve.pressure is None else int(np.isnan(curve.pressure).sum())
     if missing:
-        text = f"{missing} pressures are no number: the highest pressure is at least what is told."
+        text = f"{counted(missing, 'pressure', 'is')} no number: the highest pressure is at least what is told."
         found.append(GaugeFault("unreadable", missing, text))
     if curve.repeated:
-        text = f"{curve.repeated} rows have the time of an earlier one: they were dropped."
+        text = f"{counted(curve.repeated, 'row', 'has')} the time of an earlier one: dropped."
         found.append(GaugeFault("repeated", curve.repeated, text, repaired=True))
     if curve.backward:
-        text = f"Time goes back {curve.backward} times: the rows were sorted."
+        text = f"Time goes back {counted(curve.backward, 'time')}: the rows were sorted."
         found.append(GaugeFault("backward", curve.backward, text, repaired=True))
     found += step_faults(curve)
     step = curve.step
@@ -156,12 +157,13 @@ def _flat(curve: GaugeCurve, raw: FloatArray, at: int, held: int) -> list[GaugeF
     if top:
         name = "clipped" if known and level < 0.98 * scale else "saturated"
         where = f"the device's range of {scale:.4g} N" if name == "saturated" and known else f"{level:.4g} N"
-        text = f"{top} samples stand at {where}: the peak is higher than what is recorded."
+        text = f"{counted(top, 'sample', 'stands')} at {where}: the peak is higher than what is recorded."
         found.append(GaugeFault(name, top, text, spoils=True))
     lowest = curve.force == curve.force.min()
     count = int(lowest.sum())
     if count > _MIN_CUT_SHARE * raw.size and np.unique(raw).size > 10 and _one_sided(curve.force, lowest):
-        text = f"{count} samples stand at the lowest value while others scatter above: what lies below was cut off."
+        low = counted(count, "sample", "stands")
+        text = f"{low} at the lowest value while others scatter above: what lies below was cut off."
         found.append(GaugeFault("clipped", count, text))
     return found
 

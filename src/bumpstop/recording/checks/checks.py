@@ -21,11 +21,13 @@ from bumpstop.recording.checks.units import (
     TIMES_LIMITS,
     reject_units,
     short_period,
-    suspect_time_and_current,
+    suspect_current,
+    suspect_time,
     suspect_units,
 )
 from bumpstop.recording.formats.table import RawRecording
 from bumpstop.recording.read_report import ReadReport
+from bumpstop.terminal import counted
 from bumpstop.text_files import other_robot
 
 _LATEST = 1e12  # [s]; no clock of a controller counts so far
@@ -110,12 +112,14 @@ def checked(
     counts: dict[str, int] = {}
     for _, reason, _ in reasons:
         counts[reason] = counts.get(reason, 0) + 1
+    doubts = suspect_time(kept)
     report = ReadReport(
         rows_read=raw.rows_read,
         dropped=_as_list(reasons),
         counts=counts,
         gaps=gaps_of(kept["t"][:, 0]),
-        notes=(*notes, *suspect_time_and_current(kept)),
+        notes=(*notes, *doubts, *suspect_current(kept)),
+        time_doubts=tuple(doubts),
         numbered=raw.numbered,
         faults=tuple(faults),
         base_motion=raw.base_motion,
@@ -176,7 +180,8 @@ def _implausible(
     joints = ", ".join(str(j + 1) for j in np.flatnonzero(count.any(axis=0)))
     turned = int(back.any(axis=1).sum())
     wraps = int(np.abs(count).sum())
-    note = f"Angles of joint {joints} wrap {wraps} times; {turned} rows were turned back by whole turns."
+    how = f"{counted(turned, 'row', 'was')} turned back by whole turns"
+    note = f"Angles of joint {joints} wrap {counted(wraps, 'time')}; {how}."
     changed = {"position": position}
     if "reference" in values:
         # Taken along by whole turns, to the one next to where the joint is.

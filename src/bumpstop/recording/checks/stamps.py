@@ -10,6 +10,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray, as_number
 from bumpstop.errors import InputError
+from bumpstop.terminal import counted
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -84,7 +85,7 @@ def even_times(t: FloatArray, rate_hz: float) -> tuple[FloatArray, list[str]]:
     delays = 1e3 * (stamps - even)[trusted]
     notes = [
         f"Rows are taken as even, at {rate_hz:g} Hz as stated: their stamps came up to "
-        f"{np.quantile(delays, 0.999):.3g} ms later, {int(lost[-1])} rows were lost."
+        f"{np.quantile(delays, 0.999):.3g} ms later, {counted(int(lost[-1]), 'row', 'was')} lost."
     ]
     return even, notes
 

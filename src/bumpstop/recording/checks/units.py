@@ -104,8 +104,8 @@ def short_period(t: FloatArray) -> str:
     )
 
 
-def suspect_time_and_current(values: dict[str, FloatArray]) -> list[str]:
-    """Suspect milliseconds for seconds and seconds for milliseconds, and milliamperes for amperes."""
+def suspect_time(values: dict[str, FloatArray]) -> list[str]:
+    """Suspect milliseconds for seconds and seconds for milliseconds."""
     short = short_period(values["t"][:, 0])
     notes = [f"{short[0].upper()}{short[1:]}"] if short else []
     step = float(np.median(np.diff(values["t"][:, 0])))
@@ -114,6 +114,12 @@ def suspect_time_and_current(values: dict[str, FloatArray]) -> list[str]:
             f"Rows are {step:.4g} s apart: if these are no seconds, say so in a column file "
             '(time = { ..., unit = "ms" }).'
         )
+    return notes
+
+
+def suspect_current(values: dict[str, FloatArray]) -> list[str]:
+    """Suspect milliamperes for amperes."""
+    notes = []
     if "current" in values:
         largest = float(np.quantile(np.abs(values["current"][:: max(1, values["t"].size // _ENOUGH)]), 0.99))
         if largest > _MAX_CURRENT:

@@ -9,7 +9,7 @@ from bumpstop.report.detection.settings import SettingsPart
 from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, bullets, paragraph, table
 from bumpstop.report.section import Part
-from bumpstop.terminal import number
+from bumpstop.terminal import counted, number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -86,8 +86,8 @@ class AlarmsPart(Part):
             reasons = [(name, str(rows), _REMEDIES.get(name, "")) for name, rows in run.no_data_rows().items()]
             text.append(table(("fault", "rows", "meaning"), reasons, caption=f"No data for {run.no_data_s:.4g} s"))
         if run.arming_s:
-            masked = int(run.masked_while_arming.sum())
-            text.append(paragraph(f"Arming for {run.arming_s:.4g} s; {masked} rows were over a threshold meanwhile."))
+            over = counted(int(run.masked_while_arming.sum()), "row", "was")
+            text.append(paragraph(f"Arming for {run.arming_s:.4g} s; {over} over a threshold meanwhile."))
         return [*text, bullets(run.notes)] if run.notes else text
 
     def _row(self, place: int) -> tuple[str, ...]:

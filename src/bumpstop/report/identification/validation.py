@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.identification.comparison import rest_words
+from bumpstop.identification.comparison import mean_told, rest_words
 from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, paragraph, table
 from bumpstop.report.picture import AREA, EVENT, FAINT, LAW, LIMIT, Picture, axes, stack
 from bumpstop.report.section import Part
-from bumpstop.terminal import number
+from bumpstop.terminal import counted, number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -46,7 +46,7 @@ class ScoresPart(Part):
                     "rests" if score.rests else f"{x:.4f}" if np.isfinite(x) else "none"
                     for x in (score.r2, score.r2_raw)
                 ),
-                *(number(x) for x in (score.mean, score.sd, score.rmse)),
+                *(number(x) for x in (mean_told(score), score.sd, score.rmse)),
                 unit,
             )
             for score, unit in zip(self._comparison.scores(), self._comparison.units, strict=True)
@@ -232,7 +232,7 @@ class ContactPart(Part):
                 f"The force that the torque of {self._names[found.joint]} says, if it has the direction of the "
                 f"measured one (eqs 3.3 to 3.8). {size} The formula divides by the torque that the measured force has "
                 f"at that joint: where this is below {number(found.min_torque)} {self._units[found.joint]} it is "
-                f"noise, and {found.not_judged} rows are not judged."
+                f"noise, and {counted(found.not_judged, 'row', 'is')} not judged."
             )
         ]
 

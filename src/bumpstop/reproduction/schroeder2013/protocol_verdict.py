@@ -50,7 +50,9 @@ def judge_protocol(fit: ProtocolFit, beside: FitComparison, recordings: Sequence
             )
         if joint.hardly_seen:
             lost = "B" in joint.hardly_seen
-            text = f"{named(joint.hardly_seen)} of {name} is hardly seen: its standard error is above a quarter of it"
+            one = len(joint.hardly_seen) == 1
+            seen = "is hardly seen: its standard error is" if one else "are hardly seen: their standard errors are"
+            text = f"{named(joint.hardly_seen)} of {name} {seen} above a quarter of {'it' if one else 'them'}"
             (faults if lost and len(fit.joints) == 1 else warnings).append(text)
         exponent = joint.parameters.get("F")
         if exponent is not None and exponent.value >= _MAX_EXPONENT:

@@ -119,6 +119,15 @@ def solve_requirement(
     Raises:
         InputError: it cannot be varied, the range is empty, or the body has no limit for such a contact.
     """
+    try:
+        return _solve(scenario, vary, risk, low, high)
+    except InputError as error:  # an argument is called as it is here
+        raise InputError(error.field.removeprefix("--"), error.problem, error.valid) from None
+
+
+def _solve(
+    scenario: Scenario, vary: str, risk: float | None = None, low: float | None = None, high: float | None = None
+) -> Requirement:
     vary = Variable(vary).name
     check_name(vary)
     _check_braking(scenario, vary)
@@ -171,7 +180,7 @@ def require_curve(
         raise InputError("--risk", "would replace the risk that is varied", "leave one of the two out")
     return [
         {"against": {"variable": against.variable.name, "value": value, "unit": against.variable.unit(scenario)}}
-        | solve_requirement(against.variable.apply(scenario, value), vary, risk=risk, low=low, high=high).to_json()
+        | _solve(against.variable.apply(scenario, value), vary, risk, low, high).to_json()
         for value in against.values
     ]
 
