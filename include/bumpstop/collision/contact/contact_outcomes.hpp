@@ -265,10 +265,12 @@ class ContactOutcomes {
             touch.push_back(advance > 0 ? (offset - at_tick) / advance : 0.0);
             if (collisions.size() == g) collisions.emplace_back(reactions_, tick, offset);
         }
-        // The swing of an arm takes longer than this [s]. Of bodies that meet a rigid arm every detection is simulated.
-        constexpr double widest = 0.02;
+        // The swing of an arm takes longer than this [s].
+        constexpr double swing = 0.02;
+        // Bodies that are touched in other ticks may be met at other speeds. With a rigid arm little is gained.
+        const bool alike = reactions_.elastic() && advance > 0 && high - low <= (1 + 1e-9) * advance;
         DetectionOutcomes detections(probability.detected, share_.data(),
-                                     reactions_.elastic() ? widest / (reactions_.paths().step * period) : 0.0);
+                                     alike ? swing / (reactions_.paths().step * period) : 0.0);
         detections(collisions, touch, [&](const DetectionOutcomes::Detection& at, const auto& outcome) {
             for (std::size_t q = 0; q < DetectionOutcomes::quantities; ++q)
                 set(q * slots_ + at.slot, at.node, outcome[q]);
