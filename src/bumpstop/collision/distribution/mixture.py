@@ -12,6 +12,21 @@ from bumpstop.arrays import FloatArray
 from bumpstop.collision.distribution.distribution import Distribution, as_factor, check_probability, check_value
 
 
+def moments_of(node: FloatArray, node_mass: FloatArray) -> tuple[float, float]:
+    """Mean and standard deviation of values at the nodes of a quadrature (nodes,), with their probabilities (nodes,).
+
+    NaN where there is no probability; the standard deviation is NaN where the mean is infinite, too.
+    """
+    counts = node_mass > 0
+    if not counts.any():
+        return math.nan, math.nan
+    node, weight = node[counts], node_mass[counts] / node_mass.sum()
+    mean = float(weight @ node)
+    if not math.isfinite(mean):
+        return mean, math.nan
+    return mean, math.sqrt(max(0.0, float(weight @ (node - mean) ** 2)))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class MixtureDistribution(Distribution):
     """Probability spread evenly over cells, and in single values; some may lie at infinity.
@@ -19,7 +34,7 @@ class MixtureDistribution(Distribution):
     Attributes:
         low, high, mass: ends of the cells and their probabilities (cells,).
         atom, atom_mass: single values and their probabilities (atoms,).
-        node, node_mass: values and probabilities (nodes,) of a quadrature for the moments; all there is.
+        moments: mean and standard deviation of all there is, as :func:`moments_of` tells them.
         undetected: probability of never detecting; it counts as beyond every value.
     """
 
@@ -28,41 +43,30 @@ class MixtureDistribution(Distribution):
     mass: FloatArray
     atom: FloatArray
     atom_mass: FloatArray
-    node: FloatArray
-    node_mass: FloatArray
+    moments: tuple[float, float]
     undetected: float = 0.0
 
     @classmethod
     def of_cells(
         cls, low: FloatArray, high: FloatArray, mass: FloatArray, node: FloatArray, node_mass: FloatArray
     ) -> MixtureDistribution:
-        """Of cells alone (cells,), some of them so narrow that their probability is at a point; nodes as above."""
+        """Of cells alone (cells,), some of them so narrow that their probability is at a point; nodes of the moments."""
         point = high - low <= 1e-9 * np.maximum(1e-9, np.abs(high))
-        return cls(low[~point], high[~point], mass[~point], low[point], mass[point], node, node_mass)
+        moments = moments_of(node, node_mass)
+        return cls(low[~point], high[~point], mass[~point], low[point], mass[point], moments)
 
     @cached_property
     def total(self) -> float:
         """Probability of all there is; what is asked of the distribution is given that."""
         return float(self.mass.sum() + self.atom_mass.sum()) + self.undetected
 
-    @cached_property
-    def _moments(self) -> tuple[float, float]:
-        if not self.total > 0:
-            return math.nan, math.nan
-        counts = self.node_mass > 0
-        node, weight = self.node[counts], self.node_mass[counts] / self.node_mass.sum()
-        mean = float(weight @ node)
-        if not math.isfinite(mean):
-            return mean, math.nan
-        return mean, math.sqrt(max(0.0, float(weight @ (node - mean) ** 2)))
-
     @property
     def mean(self) -> float:  # noqa: D102
-        return self._moments[0]
+        return self.moments[0]
 
     @property
     def sd(self) -> float:  # noqa: D102
-        return self._moments[1]
+        return self.moments[1]
 
     @cached_property
     def _tail(self) -> tuple[FloatArray, FloatArray]:
@@ -124,10 +128,11 @@ class MixtureDistribution(Distribution):
 
     def scaled(self, factor: float) -> MixtureDistribution:  # noqa: D102
         factor = as_factor(factor)
+        mean, sd = self.moments
         return replace(
             self,
             low=self.low * factor,
             high=self.high * factor,
             atom=self.atom * factor,
-            node=self.node * factor,
+            moments=(mean * factor, sd * factor),
         )

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.distribution.distribution import Distribution, SampledDistribution
-from bumpstop.collision.distribution.mixture import MixtureDistribution
+from bumpstop.collision.distribution.mixture import MixtureDistribution, moments_of
 from bumpstop.collision.trajectory.onset import OnsetQuadrature
 
 
@@ -70,8 +70,9 @@ class OnsetMixture:
             mass=masses[wide],
             atom=np.append(values[single], 0.0),
             atom_mass=np.append(masses[single], zero),
-            node=np.concatenate([values[known], never, [0.0]]),
-            node_mass=np.concatenate([masses[known], never_mass, [zero]]),
+            moments=moments_of(
+                np.concatenate([values[known], never, [0.0]]), np.concatenate([masses[known], never_mass, [zero]])
+            ),
             undetected=float(never_mass.sum()),
         )
 
@@ -82,13 +83,15 @@ class DetectedCollisions:
 
     Attributes:
         tick: of detection (detections,).
-        begin: of contact (detections,) [s].
-        normal: (detections, 3), base frame.
+        onset: numbers of the onsets (detections,) that they belong to.
+        begin: of contact (onsets,) [s].
+        normal: (onsets, 3), base frame.
         mass: probabilities (detections,), None for runs.
         mixer: of the nodes; None for runs.
     """
 
     tick: npt.NDArray[np.int64]
+    onset: npt.NDArray[np.int64]
     begin: FloatArray
     normal: FloatArray
     mass: FloatArray | None = None

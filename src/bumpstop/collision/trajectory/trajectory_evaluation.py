@@ -114,7 +114,7 @@ def integrate_trajectory(
         times=times,
         onset=worst_onset,
         contact_durations=contact_durations,
-        detections=DetectedCollisions(tick, begin[contact], np.ascontiguousarray(normal[contact]), mass, mixer),
+        detections=DetectedCollisions(tick, contact, begin, normal, mass, mixer),
         max_undetected_force=float(undetected_peak.max(where=never > 0, initial=0.0)),
         undetected_force=undetected_force,
         pressing=undetected.limit,
@@ -231,9 +231,7 @@ def monte_carlo_trajectory(
         times=times,
         onset=worst_onset,
         contact_durations=contact_durations,
-        detections=DetectedCollisions(
-            tick[detected].astype(np.int64), begin[detected], np.ascontiguousarray(normal[detected])
-        ),
+        detections=DetectedCollisions(tick[detected].astype(np.int64), np.flatnonzero(detected), begin, normal),
         max_undetected_force=float(peak.max(where=undetected, initial=0.0)),
         pressing=missed.limit,
         shares=shares if free else None,

@@ -91,7 +91,8 @@ class TrajectoryCollisionResult(CollisionResult):
         if self.shares is not None:
             return self.shares(first, later), 1.0
         own = self.detections
-        max_compression = self.kernel.phases(own.tick.tolist(), own.begin, own.normal, FIRST_PHASE_S)
+        begin, normal = own.begin[own.onset], np.ascontiguousarray(own.normal[own.onset])
+        max_compression = self.kernel.phases(own.tick.tolist(), begin, normal, FIRST_PHASE_S)
         share = self.problem.stiffness * np.maximum(max_compression[:, 0] * first, max_compression[:, 1] * later)
         found, weight = own.distribution(share)
         if self.samples is not None:
