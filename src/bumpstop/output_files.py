@@ -6,7 +6,6 @@ import contextlib
 import errno
 import os
 import re
-import secrets
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -42,7 +41,7 @@ def replacing(path: str | os.PathLike[str], *, durable: bool = False) -> Iterato
     if mode is not None and not os.access(place, os.W_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
     # Short, as the name may already be as long as a file system allows.
-    waiting = place.with_name(f".{place.name[:40]}.{secrets.token_hex(6)}")
+    waiting = place.with_name(f".{place.name[:40]}.{os.urandom(6).hex()}")
     try:
         yield waiting
         if mode is not None:

@@ -6,7 +6,6 @@ import math
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -201,6 +200,9 @@ def evaluate_register(
             return InputError(f"{where} ({situation.name!r}), {error.field}", error.problem, error.valid)
 
     found: list[SituationResult | InputError] = []
+    # Not for a single scenario, of which it is asked whether it is a register.
+    from concurrent.futures import ThreadPoolExecutor
+
     with ThreadPoolExecutor(min(threads, len(register.situations), os.cpu_count() or 1)) as pool:
         for result in pool.map(one, register.situations):
             found.append(result)

@@ -123,7 +123,9 @@ class MixtureDistribution(Distribution):
     @cached_property
     def _levels(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """All places where the tail bends or jumps, descending, with P(> x) and P(>= x)."""
-        x = np.unique(np.concatenate([self._tail[0], self.atom]))[::-1]
+        # Not np.unique, which imports numpy.ma, a thirtieth of the time of a command.
+        x = np.sort(np.concatenate([self._tail[0], self.atom]))[::-1]
+        x = x[np.append(x[1:] != x[:-1], True)]
         return x, self._above(x, at=False), self._above(x, at=True)
 
     def scaled(self, factor: float) -> MixtureDistribution:  # noqa: D102
