@@ -10,6 +10,7 @@ import pytest
 import bumpstop as bs
 from bumpstop import _native
 from bumpstop.collision import problem as problem_module
+from bumpstop.collision.contact_course import arm_in_contact
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.model import DriveTrain
 from collision.contact.elastic_cases import CASES, differences, scenario
@@ -58,6 +59,16 @@ def test_an_elastic_arm_hits_softer_than_a_rigid_one_and_says_on_what_that_rests
         "acceleration_feedforward": 1.0,
     }
     assert not any("ASSUMED" in warning for warning in bs.evaluate(scenario(arm=given)).warnings)
+
+
+def test_the_pose_of_contact_does_not_move_with_the_latency() -> None:
+    found = []
+    for latency_s in (0.0, 0.001, 0.003, 0.004, 0.006):
+        problem = CollisionProblem.from_scenario(scenario(reaction={"latency_s": latency_s}))
+        arm = arm_in_contact(problem, bs.stopping_curve(problem), 0.003)
+        found.append(np.array(arm.matrix(problem.contact.body, in_contact=True)))
+    for matrix in found[1:]:
+        assert np.abs(matrix - found[0]).max() < 1e-7 * np.abs(found[0]).max()
 
 
 @pytest.mark.parametrize(

@@ -55,16 +55,21 @@ inline ElasticArm elastic_arm_on_line(const CollisionSetup& setup, const LinePat
     double position[max_joints], qd[max_joints] = {}, torque_per_N[max_joints] = {};
     std::copy_n(path.q.begin(), setup.chain.dof, position);
     std::array<double, max_joints> rate{};
-    // The pose is that in which the reaction to an earlier tick begins; after a start from rest, the first that moves.
+    // States are known where reactions to earlier ticks begin, between which the tick lies. After a start from rest the
+    // pose is the first that moves.
     const int earliest = -LinePath::early_ticks(timing), last = path.last_with_reaction(path.ticks, timing);
     int early = path.last_with_reaction(std::max(earliest, tick - timing.latency / timing.period), timing);
     for (; early >= earliest && early <= last && std::all_of(rate.begin(), rate.end(), [](double r) { return r == 0; });
          ++early) {
-        const double* state = path.state_at(early, timing);
+        const int before = std::max(earliest, early - 1), from = LinePath::reaction_step(before, timing),
+                  to = LinePath::reaction_step(early, timing), at = std::max(from, tick * timing.period + 1);
+        const double part = at < to ? double(at - from) / (to - from) : 1.0;
+        const double *state = path.state_at(before, timing), *next = path.state_at(early, timing);
+        const auto between = [&](int i) { return state[i] + part * (next[i] - state[i]); };
         for (int f = 0; f < motion.free_count; ++f) {
             const int j = motion.free_joint[std::size_t(f)];
-            position[j] = state[f];
-            qd[j] = state[motion.free_count + f];
+            position[j] = between(f);
+            qd[j] = between(motion.free_count + f);
         }
         JointAngles<double> angle;
         Posture<double> posture;
