@@ -54,48 +54,107 @@ struct JointTorqueState {
     T outside_speed = 0.0;    ///< samples
 };
 
-/// Friction current at the rate qd under the measured current; positive for motion along +q.
+/// The model in the form that samples go through. T: a joint; or lanes, of a joint each, or of samples of one joint.
 template <class T>
-T friction_current(const JointTorqueParameters& p, T current, T qd) noexcept {
-    const T speed = abs(qd);
-    const T sign = max(T(-1.0), min(T(1.0), qd * (1.0 / p.rest_speed)));
-    T magnitude;
-    if (p.friction == FrictionLaw::power) {
-        // D |qd|^F as D top^F exp(-F ln(top / |qd|)) with an exponent <= 0, as no joint is as fast as `top`.
-        constexpr double top = 1e4;
-        const T ratio = min(T(1.0), max(speed, T(p.rest_speed)) * (1 / top));
-        magnitude = exp_minus(-(log(ratio) * p.F), T(0.0)) * (p.D * std::pow(top, p.F));
-    } else {
-        const T u = min(T(26.0), speed * (1.0 / p.stribeck_speed));
-        magnitude = exp_minus(u * u, T(0.0)) * p.stribeck + p.coulomb;
-    }
-    return sign * (magnitude + abs(current) * p.load) + qd * p.viscous;
-}
+struct JointTorqueModel {
+    static constexpr double top = 1e4;  ///< no joint is as fast [rad/s]
 
-/// Torque of the current map for the current i_j, measured minus friction.
-template <class T>
-T mapped_torque(const JointTorqueParameters& p, T joint_current, T qd) noexcept {
-    const T inside = max(T(p.current_low), min(T(p.current_high), joint_current));
-    const T bend = p.map == CurrentMap::odd ? abs(inside) * p.A
-                                            : -(max(T(-1.0), min(T(1.0), qd * (1.0 / p.rest_speed))) * inside * p.A);
-    return inside * (bend + p.B) + (joint_current - inside) * (2.0 * bend + p.B);
-}
+    T odd = 1.0, power = 0.0;  ///< 1: that map, that friction law; 0: the other
+    T A = 0.0, B = 0.0, F = 0.0, coulomb = 0.0, viscous = 0.0, stribeck = 0.0, load = 0.0, hysteresis = 0.0;
+    T inertia = 0.0, rest_speed = 1.0, inverse_rest_speed = 1.0, inverse_stribeck_speed = 1.0;
+    T scale = 0.0, unit_scale = 0.0;  ///< D top^F and top^F
+    T low = -std::numeric_limits<double>::infinity(), high = std::numeric_limits<double>::infinity();
+    T speed_high = std::numeric_limits<double>::infinity();
+    bool any_power = false, any_stribeck = false;  ///< some joint has that friction law
+
+    JointTorqueModel() = default;
+    explicit JointTorqueModel(const JointTorqueParameters& p) noexcept {
+        for (int lane = 0; lane < Scalar<T>::lanes; ++lane) set(lane, p);
+    }
+    void set(int lane, const JointTorqueParameters& p) noexcept {
+        const bool by_power = p.friction == FrictionLaw::power;
+        const double to_top = by_power ? std::pow(top, p.F) : 0;
+        any_power = any_power || by_power;
+        any_stribeck = any_stribeck || !by_power;
+        set_lane(odd, lane, p.map == CurrentMap::odd ? 1 : 0);
+        set_lane(power, lane, by_power ? 1 : 0);
+        set_lane(A, lane, p.A);
+        set_lane(B, lane, p.B);
+        set_lane(F, lane, by_power ? p.F : 0);
+        set_lane(coulomb, lane, p.coulomb);
+        set_lane(viscous, lane, p.viscous);
+        set_lane(stribeck, lane, p.stribeck);
+        set_lane(load, lane, p.load);
+        set_lane(hysteresis, lane, p.hysteresis);
+        set_lane(inertia, lane, p.inertia);
+        set_lane(rest_speed, lane, p.rest_speed);
+        set_lane(inverse_rest_speed, lane, 1 / p.rest_speed);
+        set_lane(inverse_stribeck_speed, lane, 1 / p.stribeck_speed);
+        set_lane(scale, lane, by_power ? p.D * to_top : 0);
+        set_lane(unit_scale, lane, to_top);
+        set_lane(low, lane, p.current_low);
+        set_lane(high, lane, p.current_high);
+        set_lane(speed_high, lane, p.speed_high);
+    }
+
+    struct Sample {
+        T current, qd;
+        T sign;       ///< of qd, from -1 to 1
+        T at_rest;    ///< share of the hysteresis that shows, from 0 to 1
+        T log_speed;  ///< ln(|qd| / top), zero without a power law
+        T power;      ///< (|qd| / top)^F, zero without a power law
+        T width;      ///< |qd| / stribeck_speed
+        T bell;       ///< exp(-width^2), zero without a Stribeck law
+        T magnitude;  ///< of friction but for load and viscous friction [current]
+        T friction;   ///< positive for motion along +q [current]
+        T joint_current;
+        T inside;  ///< joint_current, or where the fitted range ends that it is beyond
+        T bend;    ///< of the map: torque is inside (bend + B), with the slope 2 bend + B
+    };
+    Sample sample(T current, T qd) const noexcept {
+        Sample s{};
+        s.current = current;
+        s.qd = qd;
+        const T speed = abs(qd);
+        s.sign = max(T(-1.0), min(T(1.0), qd * inverse_rest_speed));
+        s.at_rest = max(T(0.0), min(T(1.0), 2.0 - speed * inverse_rest_speed));
+        s.log_speed = s.power = s.bell = 0.0;
+        s.width = min(T(26.0), speed * inverse_stribeck_speed);
+        if (any_power) {
+            // D |qd|^F as D top^F exp(-F ln(top / |qd|)), with an exponent <= 0.
+            s.log_speed = log(min(T(1.0), max(speed, rest_speed) * (1 / top)));
+            s.power = exp_minus(-(s.log_speed * F), T(0.0));
+        }
+        if (any_stribeck) s.bell = exp_minus(s.width * s.width, T(0.0));
+        s.magnitude = select(power > T(0.0), s.power * scale, s.bell * stribeck + coulomb);
+        s.friction = s.sign * (s.magnitude + abs(current) * load) + qd * viscous;
+        s.joint_current = current - s.friction;
+        s.inside = max(low, min(high, s.joint_current));
+        s.bend = select(odd > T(0.0), abs(s.inside) * A, -(s.sign * s.inside * A));
+        return s;
+    }
+    /// Torque of the joint [Nm]; brings the direction of the last motion forward.
+    ///
+    /// In eq 2.23 the hysteresis jumps at rest_speed. Here it fades linearly from there to twice that speed, and the
+    /// direction is stored only above, where it has no effect: so the torque is continuous in time for any motion.
+    T torque(const Sample& s, T qdd, T& direction) const noexcept {
+        direction = select(s.at_rest > T(0.0), direction, select(s.qd > T(0.0), T(1.0), T(-1.0)));
+        return s.inside * (s.bend + B) + (s.joint_current - s.inside) * (2.0 * s.bend + B) - qdd * inertia -
+               direction * s.at_rest * hysteresis;
+    }
+};
 
 /// Torque of the joint [Nm]; updates the state by this sample.
-///
-/// In eq 2.23 the hysteresis jumps at rest_speed. Here it fades linearly from there to twice that speed, and the
-/// direction is stored only above, where it has no effect: so the torque is continuous in time for any motion.
+template <class T>
+T joint_torque(const JointTorqueModel<T>& model, T current, T qd, T qdd, JointTorqueState<T>& state) noexcept {
+    const auto s = model.sample(current, qd);
+    state.outside_current += select((s.joint_current < model.low) | (s.joint_current > model.high), T(1.0), T(0.0));
+    state.outside_speed += select(abs(qd) > model.speed_high, T(1.0), T(0.0));
+    return model.torque(s, qdd, state.direction);
+}
 template <class T>
 T joint_torque(const JointTorqueParameters& p, T current, T qd, T qdd, JointTorqueState<T>& state) noexcept {
-    const T speed = abs(qd);
-    const T joint_current = current - friction_current(p, current, qd);
-    const T torque = mapped_torque(p, joint_current, qd);
-    const T rest = max(T(0.0), min(T(1.0), 2.0 - speed * (1.0 / p.rest_speed)));
-    state.direction = select(rest > T(0.0), state.direction, select(qd > T(0.0), T(1.0), T(-1.0)));
-    state.outside_current +=
-        select((joint_current < T(p.current_low)) | (joint_current > T(p.current_high)), T(1.0), T(0.0));
-    state.outside_speed += select(speed > T(p.speed_high), T(1.0), T(0.0));
-    return torque - qdd * p.inertia - state.direction * rest * p.hysteresis;
+    return joint_torque(JointTorqueModel<T>(p), current, qd, qdd, state);
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET
