@@ -119,7 +119,8 @@ class ElasticCollision:
         time: (T,).
         force: between arm and body (T,).
         measured_force: what a gauge shows, else the force (T,).
-        residual: gear torque minus that which the links need at the rotors' acceleration (T, n).
+        residual: gear torque minus that which the links need at the rotors' acceleration (T, n); outside a reaction as
+            if the path's speed changed evenly within steps, not in jumps at their begins.
         link, link_rate, rotor, rotor_rate: deviations from the reference path (T, n).
         face, face_rate: of the body (T,).
         compression: of the body, or of a gauge's pad; 0 without contact (T,).
@@ -203,13 +204,16 @@ class _Steps:
         self.M, self.B, self.a = M, each(arm.rotor_inertia), each(arm.lever)
         self.Kg, self.Dg = each(arm.gear_stiffness), each(arm.gear_damping)
         self.P, self.D = each(arm.servo_stiffness), each(arm.servo_damping)
-        self.body = body
+        self.body, self.reacts = body, arm.feeds_motors
         inverse = np.linalg.inv(M)
         # What a unit change of the path's speed adds to the rates of the deviations.
-        self.link_jump, self.rotor_jump = np.zeros((2, n))
+        self.link_jump, self.rotor_jump, self.unlike = np.zeros((3, n))
         if arm.feeds_motors or np.any(each(arm.feedforward) < 1):
             lacking, rates = 1 - each(arm.feedforward), each(arm.rates)
             self.link_jump, self.rotor_jump = -inverse @ (lacking * (M @ rates)), -lacking * rates
+            # What joints that are fed other shares than their neighbours see of the acceleration.
+            if not arm.feeds_motors:
+                self.unlike = M @ (lacking * rates) - lacking * (M @ rates)
             if arm.feeds_motors:
                 self.link_jump = -rates
                 self.rotor_jump = self.rotor_jump + (1 - lacking) * (M @ rates) / self.B
@@ -268,13 +272,17 @@ class _Steps:
         y = np.zeros(self.size)
         y[-2], y[-1] = path[0] - offset, speeds[0]
         touching = self.touches(y)
-        in_contact = np.zeros(count, dtype=bool)
+        in_contact, ahead, change = np.zeros(count, dtype=bool), np.zeros(count), np.zeros(count)
         rows[0], in_contact[0] = y, touching
         contacts: list[tuple[float, float]] = [(0.0, math.nan)] if touching else []
         at = 0
         for i, speed in enumerate(speeds):
             y[2 * n : 3 * n] += self.link_jump * (speed - y[-1])
             y[3 * n : 4 * n] += self.rotor_jump * (speed - y[-1])
+            # How far the path's speed is ahead of one that changes evenly.
+            own = slice(at + 1, at + 1 + parts)
+            change[own] = (speed - y[-1]) / step
+            ahead[own] = (speed - y[-1]) * (0.5 - np.arange(1, parts + 1) / parts)
             y[-2], y[-1] = path[i] - offset, speed
             for _ in range(parts):
                 after = whole[touching] @ y
@@ -283,7 +291,13 @@ class _Steps:
                 at += 1
                 y = rows[at] = after
                 in_contact[at] = touching
-        return self._told(rows, in_contact, h, tuple(contacts))
+        even = rows.copy()
+        residual = np.outer(change, self.unlike)
+        if not self.reacts:
+            even[:, 2 * n : 3 * n] -= np.outer(ahead, self.link_jump)
+            even[:, 3 * n : 4 * n] -= np.outer(ahead, self.rotor_jump)
+        residual += even @ self.gear.T - (even @ self.rotors.T) @ self.M
+        return self._told(rows, residual, in_contact, h, tuple(contacts))
 
     def _cut(
         self, y: Array, h: float, touching: bool, begin: float, contacts: list[tuple[float, float]]
@@ -310,7 +324,12 @@ class _Steps:
         raise ArithmeticError("contact begins and ends without end within one step")
 
     def _told(
-        self, y: Array, touching: npt.NDArray[np.bool_], h: float, contacts: tuple[tuple[float, float], ...]
+        self,
+        y: Array,
+        residual: Array,
+        touching: npt.NDArray[np.bool_],
+        h: float,
+        contacts: tuple[tuple[float, float], ...],
     ) -> ElasticCollision:
         n, body = self.n, self.body
         q, th, qd, thd = (y[:, i * n : (i + 1) * n] for i in range(4))
@@ -326,7 +345,7 @@ class _Steps:
             time=h * np.arange(len(y)),
             force=force,
             measured_force=force if body.spring is None else body.spring * x,
-            residual=y @ self.gear.T - (y @ self.rotors.T) @ self.M,
+            residual=residual,
             link=q,
             link_rate=qd,
             rotor=th,

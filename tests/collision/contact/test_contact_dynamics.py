@@ -128,6 +128,18 @@ def test_force_and_residual(simulate: Simulate, kind: str, seed: int) -> None:
     )
 
 
+def test_an_even_acceleration_shows_no_residual(simulate: Simulate) -> None:
+    """Steps of the reference's speed made it a tenth of the torque that the acceleration takes."""
+    rng = np.random.default_rng(8)
+    arm = random_arm(rng)
+    assert np.unique(arm.feedforward).size > 1
+    arm = replace(arm, servo_stiffness=20 * np.asarray(arm.servo_damping))
+    path = 0.5 * (STEP * np.arange(1501)) ** 2
+    found = simulate(arm, Body(stiffness=1e-3), path, 0.0)
+    taken = np.abs(np.asarray(arm.mass_matrix) @ np.asarray(arm.rates)).max()
+    assert np.abs(found.residual[-1]).max() < 0.02 * taken
+
+
 def test_time_in_contact(simulate: Simulate) -> None:
     rng = np.random.default_rng(5)
     arm = random_arm(rng)

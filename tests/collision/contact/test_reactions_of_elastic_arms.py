@@ -29,11 +29,10 @@ def simulated(result: bs.CollisionResult, share: float) -> float:
     return follow(np.concatenate([curve.distance[:begins], reaction]), OFFSET, share)
 
 
-def follow(path: np.ndarray, offset: float, share: float) -> float:
-    """Peak force along a path at whose end the arm stands, and swings on."""
+def reference_arm(share: float, *, reacts: bool) -> ElasticArm:
     robot, q = bs.Robot.load("ur10e"), POSE
     jacobian, train = robot.jacobian(q), robot.drive_train
-    arm = ElasticArm.of_servo(
+    return ElasticArm.of_servo(
         mass_matrix(with_rotors(robot, 0.0), q),
         train.rotor_inertia,
         train.gear_stiffness,
@@ -43,9 +42,14 @@ def follow(path: np.ndarray, offset: float, share: float) -> float:
         position_gain=train.servo_position_gain,
         rates=np.linalg.solve(jacobian, [*DOWN, 0, 0, 0]),
         feedforward=share,
-        feeds_motors=True,
+        feeds_motors=reacts,
     )
+
+
+def follow(path: np.ndarray, offset: float, share: float) -> float:
+    """Peak force along a path at whose end the arm stands, and swings on."""
     path = np.append(path, np.full(300, path[-1]))
+    arm = reference_arm(share, reacts=True)
     return collide(arm, Body(stiffness=STIFFNESS), path, STEP, offset=offset, tiny=5e-5).peak_force
 
 
@@ -85,6 +89,33 @@ def test_an_arm_that_speeds_up_lags_before_it_touches(samples: int | None) -> No
     tick = int(np.argmin(np.abs(curve.tick_time - touch - result.detection_delay.mean)))
     (reaction,) = curve.kernel.reaction_paths([tick], [0.0])  # type: ignore[union-attr]
     path = np.concatenate([[0.0] * 3, curve.distance[: round((curve.tick_time[tick] + 0.004) / STEP)], reaction])
+    assert result.peak_force.mean == pytest.approx(follow(path, offset, 0.0), rel=5e-3)
+
+
+@pytest.mark.parametrize("samples", [None, 1])
+def test_an_arm_that_lags_is_not_detected_before_it_touches(samples: int | None) -> None:
+    """Its gears swing while it speeds up: past the place of the body that counted as contact, at no force at all."""
+    offset, thresholds = 2e-3, np.array([40.0, 40.0, 30.0, 12.0, 12.0, 12.0])
+    result = bs.evaluate(
+        scenario(
+            motion={"velocity_mm_s": [0, 0, -250], "start": "rest"},
+            contact={"stiffness_N_m": STIFFNESS, "offset_law": "fixed", "offset_mm": 1e3 * offset},
+            arm={"acceleration_feedforward": 0.0},
+            detector={"thresholds_Nm": thresholds.tolist(), "noise_sd_Nm": 1e-6, "feedback_period_s": 2 * STEP},
+            reaction={"kind": "stop", "joint_acceleration_rad_s2": 20, "latency_s": 6 * STEP},
+        ),
+        samples=samples,
+    )
+    curve = bs.stopping_curve(result.problem, whole=True)
+    path = np.concatenate([[0.0] * 3, curve.distance])
+    found = collide(reference_arm(0.0, reacts=False), Body(stiffness=STIFFNESS), path, STEP, offset=offset, tiny=5e-5)
+    tick = np.array([round(t / STEP) for t in curve.tick_time])
+    rows = (tick + 3) * round(STEP / (found.time[1] - found.time[0]))
+    touch = found.contacts[0][0] - 3 * STEP
+    detected = int(np.argmax((curve.tick_time > touch) & (np.abs(found.residual[rows]) > thresholds).any(axis=1)))
+    assert result.force_at_detection.mean == pytest.approx(found.force[rows[detected]], rel=1e-2)
+    (reaction,) = curve.kernel.reaction_paths([detected], [0.0])  # type: ignore[union-attr]
+    path = np.concatenate([path[: tick[detected] + 9], reaction])
     assert result.peak_force.mean == pytest.approx(follow(path, offset, 0.0), rel=5e-3)
 
 

@@ -24,7 +24,7 @@ struct ContactState {
     double elapsed = 0;                  ///< since the first touch [s]
     double duration = 0;                 ///< time in contact so far [s]
     double speed = 0;                    ///< of the reference in the step before [m/s]
-    /// Change of its speed in a step before the reaction, for which the gears already carry the torque [m/s].
+    /// Change of its speed from step to step before the reaction, for which the gears already carry the torque [m/s].
     double ramp = 0;
     std::array<double, Transitions::padded> z{};  ///< as of ContactSystem, then zeros
 
@@ -55,7 +55,9 @@ class ContactDynamics {
         if (at.separated) return;
         const double speed = (to - from) * (1 / by_->step);
         if (by_->elastic() && at.begun) {
-            const double change = speed - at.speed, sudden = at.reacts ? change - at.ramp : 0.0;
+            const double change = speed - at.speed;
+            if (!at.reacts) at.ramp = change;
+            const double sudden = change - at.ramp;
             for (std::size_t i = 0; i < states_; ++i)
                 at.z[i] += by_->jump[i] * (change - sudden) + by_->reaction_jump[i] * sudden;
         }
@@ -104,15 +106,17 @@ class ContactDynamics {
         return count;
     }
 
-    /// Residuals at a tick without noise, by joint [Nm]. `torque_per_N`: of the path at that tick, for a rigid arm.
+    /// Residuals at a tick without noise, by joint [Nm]; zero until the first touch, however an elastic arm lags behind
+    /// its reference. `torque_per_N`: of the path at that tick, for a rigid arm.
     void residuals(const ContactState& at, const double* torque_per_N, int dof, double* residual) const {
         if (!by_->elastic()) {
             for (int j = 0; j < dof; ++j) residual[j] = at.force * torque_per_N[j];
             return;
         }
         alignas(64) std::array<double, max_joints> seen{};
-        by_->residual.add(at.z.data(), seen.data());
-        std::copy_n(seen.begin(), dof, residual);
+        if (at.touched) by_->residual.add(at.z.data(), seen.data());
+        const double ramp = at.touched && !at.reacts ? at.ramp : 0.0;
+        for (int j = 0; j < dof; ++j) residual[j] = seen[std::size_t(j)] + ramp * by_->residual_by_ramp[std::size_t(j)];
     }
     /// The arm stands still for good, its reference `beyond` the place of the body. A body that is held stays pressed.
     void rest(ContactState& at, double beyond) const {

@@ -232,6 +232,11 @@ struct ContactPropagator {
         for (int i = 0; i < dof; ++i) {
             const Row row = system.residual(i);
             for (int j = 0; j < states; ++j) residual(i, j) = row[std::size_t(j)];
+            // The speed changes in jumps, one at the begin of each step: midway through a jump the rates are those of an
+            // acceleration that is even.
+            residual_by_ramp[std::size_t(i)] =
+                system.residual_by_acceleration(i) / step +
+                0.5 * std::inner_product(row.begin(), row.begin() + states, jump.begin(), 0.0);
         }
     }
 
@@ -262,6 +267,8 @@ struct ContactPropagator {
     ContactBlock block_apart;       ///< output: penetration
     detail::PaddedMatrix outputs;   ///< rows of force and penetration with their rates, by state, r and speed
     detail::PaddedMatrix residual;  ///< [joint][state], of an elastic arm
+    /// Residual at the end of a step by the change of the reference's speed from step to step [Nm s/m].
+    std::array<double, max_joints> residual_by_ramp{};
 
   private:
     /// Blocks need a power of two.

@@ -169,7 +169,8 @@ class ContactSystem {
         return out;
     }
     /// The residual of joint j in a detector that takes the rotors' rates for those of the links: the gear torque minus
-    /// what it takes to accelerate the links, tau_g - (M dth'')_j.
+    /// what it takes to accelerate the links, (f M q_r'' + tau_g - M (q_r'' + dth''))_j. Here is what the state makes of
+    /// it.
     Row residual(int joint) const {
         const int n = arm_.dof, m = coordinates();
         Row row{};
@@ -183,13 +184,21 @@ class ContactSystem {
         };
         gear(joint, 1.0);
         for (int k = 0; k < n; ++k) {
-            // -M dth'' = M B^-1 (tau_g + P dth + D dth')
+            // -M dth'' = M (B^-1 (tau_g + P dth + D dth') + (1 - f) q_r'')
             const double share = arm_.mass[std::size_t(joint * n + k)] / arm_.rotor_inertia[std::size_t(k)];
             gear(k, share);
             row[std::size_t(n + k)] += share * arm_.position_gain[std::size_t(k)];
             row[std::size_t(m + n + k)] += share * arm_.velocity_gain[std::size_t(k)] * rate_unit_;
         }
         return row;
+    }
+    /// What s'' adds to it, (f M g - M f g)_j: nothing, where all joints are fed the same share [Nm s2/m].
+    double residual_by_acceleration(int joint) const {
+        double sum = 0;
+        for (int k = 0; k < arm_.dof; ++k)
+            sum += arm_.mass[std::size_t(joint * arm_.dof + k)] * arm_.rate_per_speed[std::size_t(k)] *
+                   (arm_.feedforward[std::size_t(joint)] - arm_.feedforward[std::size_t(k)]);
+        return sum;
     }
     /// Jump of the rates when the reference's speed changes by 1 m/s and the gears already carry the torque for it.
     Row jump() const {
