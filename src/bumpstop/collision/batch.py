@@ -13,6 +13,7 @@ from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.collision.arm.pressing_limit import knows_torque_limits, undetected_force
 from bumpstop.collision.curve import stopping_curve
 from bumpstop.collision.problem import CollisionProblem
+from bumpstop.collision.retreats import retreats_in_memory
 from bumpstop.collision.scenario.scenario import Scenario, as_scenario
 from bumpstop.errors import InputError
 
@@ -120,9 +121,10 @@ def evaluate_batch(
     settings.probability, settings.limit, settings.threads = quantiles.tolist(), limits.tolist(), threads
 
     def evaluated(rows: slice | npt.NDArray[np.int64], pressed_with: FloatArray | None = None) -> _native.BatchResult:
-        return _native.evaluate_batch(
-            problem.setup, problem.detector, met, poses[rows], velocities[rows], settings, pressed_with
-        )
+        with retreats_in_memory():
+            return _native.evaluate_batch(
+                problem.setup, problem.detector, met, poses[rows], velocities[rows], settings, pressed_with
+            )
 
     out = evaluated(slice(None))
     mean, sd, quantile, above = (np.array(each) for each in (out.mean, out.sd, out.quantile, out.exceedance))

@@ -18,6 +18,7 @@ from bumpstop.collision.distribution.distribution import Distribution, ExactDist
 from bumpstop.collision.distribution.monte_carlo_blocks import Progress, block_seed, in_blocks
 from bumpstop.collision.problem import CollisionProblem
 from bumpstop.collision.result import CollisionResult
+from bumpstop.collision.retreats import retreats_in_memory
 from bumpstop.collision.sampled_figures import kept_runs, sampled_figures
 from bumpstop.collision.scenario.scenario import as_scenario
 from bumpstop.collision.trajectory.trajectory_evaluation import integrate_trajectory, monte_carlo_trajectory
@@ -97,7 +98,8 @@ def integrate(problem: CollisionProblem, curve: StoppingCurve, *, refinement: in
         raise InputError(
             "detector.residuals", "measured residuals have no integrated distribution", "draw it: give samples"
         )
-    law = curve.line.integrate(problem.detector, problem.contact, refinement)
+    with retreats_in_memory():
+        law = curve.line.integrate(problem.detector, problem.contact, refinement)
     undetected = min(1.0, max(0.0, law.undetected))
     after_contact = law.total("force_at_detection")
     detected = after_contact + law.false_alarm
@@ -158,7 +160,8 @@ def monte_carlo(
     _check_sample(samples, seed, threads)
     settings = _native.MonteCarloSettings()
     settings.seed, settings.first, settings.count, settings.threads = seed, first, samples, threads
-    runs = curve.line.monte_carlo(problem.detector, problem.contact, settings, problem.residual_record)
+    with retreats_in_memory():
+        runs = curve.line.monte_carlo(problem.detector, problem.contact, settings, problem.residual_record)
     offset, tick = runs.offset, runs.tick
     detected = tick >= 0
     at = np.where(detected, tick, 0)

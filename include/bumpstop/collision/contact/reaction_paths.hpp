@@ -104,10 +104,14 @@ class ReactionRange {
     std::vector<int> node_, check_;  // ticks; empty: all are simulated
 };
 
+/// All retreats are kept, and go back as far as bodies are in contact: distances, at most, of 16 bytes each.
+inline constexpr double max_retreat_points = 1e8;
+
 }  // namespace detail
 
 /// The paths of a line motion. A retreat is followed until it has left every body behind that may be in contact then:
 /// one held at up to `largest_offset` [m] has been detected by the end of a path whose end is `all_detected`.
+/// Throws std::bad_alloc where bodies stay in contact for so long that the retreats would take gigabytes.
 template <class T>
 ContactPaths contact_paths(const CollisionSetup& setup, const StoppingCurve& curve, const ContactPropagator& by,
                            double largest_offset) {
@@ -116,6 +120,11 @@ ContactPaths contact_paths(const CollisionSetup& setup, const StoppingCurve& cur
     int certain = path.ticks;  // ticks of contact after which a detection is certain
     for (int k = 0; path.end == PathEnd::all_detected && k < path.ticks; ++k)
         certain -= path.at_tick(k, timing.period) <= largest_offset;
+    // A retreat takes as long as the motion since the touch; of bodies that are never detected, half of that in the mean.
+    const double share = certain < path.ticks ? 1.0 : 0.5;
+    if (setup.reaction == ReactionKind::reverse && !by.gets_away &&
+        share * path.ticks * certain * timing.period > detail::max_retreat_points)
+        throw std::bad_alloc();
     ContactPaths paths(setup, path);
     paths.follow_approach(by);
     const std::vector<double> min_offset = setup.reaction == ReactionKind::reverse

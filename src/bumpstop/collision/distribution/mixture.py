@@ -50,7 +50,7 @@ class MixtureDistribution(Distribution):
     def of_cells(
         cls, low: FloatArray, high: FloatArray, mass: FloatArray, node: FloatArray, node_mass: FloatArray
     ) -> MixtureDistribution:
-        """Of cells alone (cells,), some of them so narrow that their probability is at a point; nodes of the moments."""
+        """Of cells alone (cells,), some so narrow that their probability is at a point; nodes of the moments."""
         point = high - low <= 1e-9 * np.maximum(1e-9, np.abs(high))
         moments = moments_of(node, node_mass)
         return cls(low[~point], high[~point], mass[~point], low[point], mass[point], moments)
