@@ -43,12 +43,18 @@ struct PeakFitOf {
 };
 using PeakFit = PeakFitOf<double>;
 
+/// What rounding may add to the travel of an arm that stands [m].
+inline constexpr double rounding_of_rest = 1e-12;
+
 /// Fits the peak of a reaction from four consecutive steps around it; NaN where the travel has no interior maximum.
 inline PeakFit peak_fit(const ReactionJob& job) {
     const std::vector<double>& distance = job.distance;
     const double nan = std::numeric_limits<double>::quiet_NaN();
     const int n = int(distance.size());
-    const int peak = int(std::max_element(distance.begin(), distance.end()) - distance.begin());
+    // Where the arm comes to rest at its peak, rounding decides whether it takes another sub-step to stand: by nothing.
+    const double top = *std::max_element(distance.begin(), distance.end()) - rounding_of_rest;
+    const int peak =
+        int(std::find_if(distance.begin(), distance.end(), [&](double s) { return s >= top; }) - distance.begin());
     if (peak == 0 || peak + 1 >= n || n < 4) return {nan, nan, nan, nan};
     int first = -1;
     for (int before : {1, 2, 0, 3}) {
