@@ -91,7 +91,7 @@ class JointTorqueModel:
         for name in names:
             if names.count(name) > 1:
                 raise InputError(f"joint {name} name", "appears twice", "wanted a name for each joint")
-        object.__setattr__(self, "_kernel", [_kernel(joint) for joint in self.joints])
+        object.__setattr__(self, "_kernel", [kernel_of(joint) for joint in self.joints])
 
     def __reduce__(self) -> tuple[Any, ...]:
         """To be pickled or copied: without what the kernels keep of it."""
@@ -210,7 +210,8 @@ class JointTorqueModel:
         return tuple(notes)
 
 
-def _kernel(joint: JointParameters) -> _native.JointTorqueParameters:
+def kernel_of(joint: JointParameters) -> _native.JointTorqueParameters:
+    """A joint in the kernels' form."""
     out = _native.JointTorqueParameters()
     # Without A both maps are the linear one, and without the Stribeck part that law is Coulomb and viscous friction.
     out.map = _native.CurrentMap.load_dependent if joint.map == "load_dependent" else _native.CurrentMap.odd

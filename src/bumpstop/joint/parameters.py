@@ -25,6 +25,8 @@ BOUNDS = {
     "inertia": (0.0, math.inf),
 }
 DEFAULT_REST_SPEED = 0.01
+# Speed up to which friction may still be turning over, in speeds of rest, of which the usual one is the least.
+_TURNS_OVER = 4.0
 MAX_FIGURE = 1e12
 """Of a model's file: no arm has a parameter beyond it, and torques made of such ones need not be finite."""
 
@@ -109,6 +111,12 @@ class JointParameters:
         """To be pickled or copied: a read-only view of a dictionary cannot be."""
         return remake, (type(self), fields_of(self) | {"parameters": dict(self.parameters)})
 
+    @property
+    def slowest_known(self) -> float:
+        """Slowest speed that the friction of the fit is known at [rad/s or m/s]."""
+        low = 0.0 if self.speed_range is None else self.speed_range[0]
+        return max(low, turned_over(self.rest_speed))
+
     def value(self, name: str) -> float:
         """The value of a parameter; 0 where it is unknown or this joint has none of that name."""
         parameter = self.parameters.get(name)
@@ -156,6 +164,15 @@ class JointParameters:
             f"{self.map!r} with A = {A:g}, B = {B:g} is not monotone over joint currents {extent}{peak}",
             "wanted torque that rises with current over the fitted range",
         )
+
+
+def turned_over(rest_speed: float) -> float:
+    """Speed from which on friction has turned over after a reversal: fits leave slower rows out [rad/s or m/s].
+
+    Args:
+        rest_speed: of the joint [rad/s or m/s].
+    """
+    return _TURNS_OVER * max(rest_speed, DEFAULT_REST_SPEED)
 
 
 def fields_of(made: Any) -> dict[str, Any]:

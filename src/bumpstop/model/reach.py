@@ -1,4 +1,4 @@
-"""How far an arm reaches, by a search over its poses."""
+"""How far an arm reaches, and the search over its poses that tells it."""
 
 from __future__ import annotations
 
@@ -27,25 +27,41 @@ def reach(joints: Sequence[Joint], tip: Callable[[FloatArray], FloatArray], *, s
     def distance_at(q: FloatArray) -> FloatArray:
         return distance_from_axis(joints[0], tip(q))
 
-    dof = len(joints)
+    lower, upper = pose_range(joints)
+    if not slides:
+        turns = np.array([joint.kind == "revolute" for joint in joints])
+        held = np.clip(0.0, lower, upper)
+        lower, upper = np.where(turns, lower, held), np.where(turns, upper, held)
+    return greatest(distance_at, lower, upper)
+
+
+def pose_range(joints: Sequence[Joint]) -> tuple[FloatArray, FloatArray]:
+    """Lowest and highest positions (dof,) that make all poses: the limits, of joints that turn one turn at most."""
     turns = np.array([joint.kind == "revolute" for joint in joints])
     lower, upper = np.array([joint.lower for joint in joints]), np.array([joint.upper for joint in joints])
     lower = np.where(turns, np.maximum(lower, -math.pi), lower)
-    upper = np.where(turns, np.minimum(upper, lower + 2 * math.pi), upper)
-    if not slides:
-        held = np.clip(0.0, lower, upper)
-        lower, upper = np.where(turns, lower, held), np.where(turns, upper, held)
+    return lower, np.where(turns, np.minimum(upper, lower + 2 * math.pi), upper)
+
+
+def greatest(value_at: Callable[[FloatArray], FloatArray], lower: FloatArray, upper: FloatArray) -> float:
+    """Greatest value that poses between two have, by a search; infinite where one of them is.
+
+    Args:
+        value_at: of poses (N, dof), (N,).
+        lower: positions (dof,) [rad or m].
+        upper: likewise.
+    """
     if not np.isfinite(upper - lower).all():
         return math.inf
-    rng = np.random.default_rng(1)
+    dof, rng = lower.size, np.random.default_rng(1)
     q = rng.uniform(lower, upper, size=(_POSES, dof))
-    best = q[np.argsort(distance_at(q))[-_BEST:]]
+    best = q[np.argsort(value_at(q))[-_BEST:]]
     for step in np.geomspace(0.3, 1e-4, _ROUNDS):
         tried = best[:, None] + step * (upper - lower) * rng.normal(size=(_BEST, _TRIALS, dof))
         tried = np.concatenate([best[:, None], np.clip(tried, lower, upper)], axis=1)
-        distance = distance_at(tried.reshape(-1, dof)).reshape(_BEST, -1)
-        best = tried[np.arange(_BEST), distance.argmax(axis=1)]
-    return float(distance_at(best).max())
+        values = value_at(tried.reshape(-1, dof)).reshape(_BEST, -1)
+        best = tried[np.arange(_BEST), values.argmax(axis=1)]
+    return float(value_at(best).max())
 
 
 def distance_from_axis(first: Joint, points: FloatArray) -> FloatArray:

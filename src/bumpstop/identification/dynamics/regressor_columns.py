@@ -29,6 +29,8 @@ _UNITS = {
     "bend": ("Nm", "N"),
     "load": ("1", "1"),
 }
+BEND_AT_REST = -4 / 15
+"""Value of the column of a bend at speed 0."""
 # Rows whose columns are held at once.
 _AT_ONCE = 10_000
 
@@ -76,7 +78,7 @@ def regressor_columns(
         blocks.append(_acting_on(group, shapes, n))
         if top_speed is not None and np.isfinite(top_speed[number]):
             share_of_top = np.minimum(np.abs(speed) / top_speed[number], 1.0)
-            bend = sign * (np.sqrt(share_of_top) - 4 / 15 - 0.8 * share_of_top)
+            bend = sign * (np.sqrt(share_of_top) + BEND_AT_REST - 0.8 * share_of_top)
             bends.append(_acting_on(group, [bend], n))
     for j, load in sorted((loads or {}).items()):
         bends.append(_acting_on(groups[j], [signs[:, j] * np.abs(load)], n))

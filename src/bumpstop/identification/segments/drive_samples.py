@@ -15,7 +15,7 @@ from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.identification.drive.drive_model import JointMotion, stiction_share
 from bumpstop.identification.segments.motion import MIN_ROWS, UniformGrid, lowpass
-from bumpstop.joint.parameters import DEFAULT_REST_SPEED
+from bumpstop.joint.parameters import turned_over
 from bumpstop.model.dynamics import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -30,8 +30,6 @@ _MIN_TRIMS = 5
 RATE_PER_CUTOFF = 10.0
 # Share of a speed that the filter swings back by, and more.
 _SWING_BACK = 0.2
-# Speed up to which friction may still be turning over, in speeds of rest, of which the usual one is the least.
-_TURNS_OVER = 4.0
 # A recording with more rows than a fit takes is represented by so many blocks.
 _BLOCKS = 10
 
@@ -146,7 +144,7 @@ class DriveSamples:
         away = np.empty(qd.size, dtype=bool)
         for rows, rate in zip(self.segments, self.rate_hz, strict=True):
             own = qd[rows]
-            near = np.abs(own) < _TURNS_OVER * max(rest_speed, DEFAULT_REST_SPEED)
+            near = np.abs(own) < turned_over(rest_speed)
             near[1:] |= own[1:] * own[:-1] < 0
             away[rows] = ~maximum_filter1d(near, 2 * math.ceil(rate / self.cutoff_hz) + 1)
         return away
