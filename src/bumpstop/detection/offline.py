@@ -71,7 +71,7 @@ def detect(
 
     if not isinstance(model, DynamicsModel) or (settings is not None and settings.causal):
         return Detector(robot, model, thresholds, settings).run(recording, rearm_s=rearm_s)
-    given = _checked_settings(settings or DetectorSettings(), model, robot)
+    given = _checked_settings(settings or DetectorSettings(), model, robot, recording.q)
     check_rearm(rearm_s)
     law = Thresholds.of(thresholds, robot.dof, [joint.name for joint in robot.joints])
     if law.model_errors > 0:
@@ -124,8 +124,8 @@ def detect(
     )
 
 
-def _checked_settings(given: DetectorSettings, model: DynamicsModel, robot: Robot) -> DetectorSettings:
-    """The settings, with what friction hides of standing joints where they leave it out.
+def _checked_settings(given: DetectorSettings, model: DynamicsModel, robot: Robot, q: FloatArray) -> DetectorSettings:
+    """The settings, with what friction hides of joints that stand in poses (N, dof) where they leave it out.
 
     Raises:
         InputError: some are not for residuals that look ahead, or the model is of another robot.
@@ -145,8 +145,8 @@ def _checked_settings(given: DetectorSettings, model: DynamicsModel, robot: Robo
         raise InputError("model", f"is for {model.robot.dof} joints", f"{robot.name} has {robot.dof}")
     if given.stiction is not None:
         return given
-    # A standing joint's motor shows nothing of what its Coulomb friction holds.
-    return replace(given, stiction=tuple(hidden_torques(robot, model).tolist()))
+    # A standing joint's motor shows nothing of what its friction holds.
+    return replace(given, stiction=tuple(hidden_torques(robot, model, given, q).tolist()))
 
 
 class _Judged(NamedTuple):

@@ -44,7 +44,8 @@ class DetectorSettings:
         rest_speed: below it a joint rests where no joint model says so [rad/s or m/s].
         low_hz, high_hz: band of the band-pass channel.
         noise_sd: (n,) of the residual, for forces and links [Nm]; None: a third of the threshold.
-        stiction: (n,) torque that friction can hide of a standing joint [Nm or N]; None: what the model says.
+        stiction: (n,) torque that friction can hide of a standing joint [Nm or N], NaN: not known; None: what the
+            model says.
         link, point: where the force of an event is given; a link's name (None: the tip), and in its frame [m].
         direction: unit vector of the arm's force on the body, base frame.
         gravity: acceleration of free fall, base frame [m/s2]; None: that of the joint model, without one along -z. That

@@ -13,7 +13,7 @@ import bumpstop as bs
 from bumpstop.detection import Detector, DetectorSettings, Thresholds, residual_record
 from bumpstop.detection.tuning.residual_record import ResidualRecord, write_residuals
 from bumpstop.joint import JointTorqueModel
-from bumpstop.model import Joint, LinkInertia, Robot, inverse_dynamics
+from bumpstop.model import Joint, LinkInertia, Robot, gravity_torque, inverse_dynamics
 from bumpstop.recording import Recording
 from detection.moving_arms import DT, FILLING, UR5E, live, moving, parabola
 
@@ -249,17 +249,23 @@ def test_rows_of_noise_have_the_stated_spread() -> None:
 SIA5D = Robot.load("sia5d")
 
 
+def heaviest(j: int) -> float:
+    """Greatest torque with which the arm weighs on a joint, of many poses [Nm]."""
+    q = np.random.default_rng(0).uniform(SIA5D.lower, SIA5D.upper, (300_000, SIA5D.dof))
+    return float(np.abs(gravity_torque(SIA5D, q)[:, j]).max())
+
+
 def test_friction_hides_contacts_at_standstill() -> None:
     """A stuck joint's current may stay what it was, up to the dead zone: only what is beyond counts."""
     model = JointTorqueModel.load("sia5d")
     detector = Detector(SIA5D, model, [20, 10, 20, 20, 20, 20, math.inf])
     zone = detector.dead_zone
     for j, joint in enumerate(model.joints):
-        # Friction at rest_speed times the slope of the map, and hysteresis.
-        stuck = joint.value("B") * joint.value("D") * joint.rest_speed ** joint.value("F") + abs(
-            joint.value("hysteresis")
-        )
-        assert zone[j] == pytest.approx(stuck, rel=1e-12)
+        # Friction at four speeds of rest times the slope of the map under the load of the arm, and hysteresis.
+        slope = (zone[j] - joint.value("hysteresis")) / (joint.value("D") * (4 * joint.rest_speed) ** joint.value("F"))
+        A, B, weight = joint.value("A"), joint.value("B"), heaviest(j)
+        current = 2 * weight / (B + math.sqrt(B**2 + 4 * A * weight))
+        assert slope == pytest.approx(B + 2 * A * current, rel=1e-3)
     assert math.isnan(zone[6])  # no drive of the last joint is known
     q, down = np.deg2rad([0, 30, 0, -20, 0, -40, 0]), [0, 0, -1]
     moving_N, resting_N = (detector.smallest_force(q, down, resting=resting) for resting in (False, True))

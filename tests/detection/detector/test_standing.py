@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import curve_fit
 
 import bumpstop as bs
 from bumpstop.detection import Detector, DetectorSettings, detect, undetectable_forces, undetectable_stretches
 from bumpstop.detection.standing import checked_stiction, hidden_torques, standing_share
-from bumpstop.joint import JointTorqueModel
-from bumpstop.model import inverse_dynamics
+from bumpstop.identification.segments.motion import UniformMotion
+from bumpstop.joint import JointParameters, JointTorqueModel, Parameter
+from bumpstop.model import gravity_torque, inverse_dynamics
 from bumpstop.recording import Recording
 from cli.support import run, strict_json
+from detection.detector.test_fitted_dynamics import planted
 from detection.moving_arms import UR5E
 
 THETA = [20.0, 20, 20, 6, 6, 6]
@@ -93,7 +97,7 @@ def test_what_friction_holds_is_known_from_models_or_stated() -> None:
     assert detector.smallest_torque(resting=True)[6] == math.inf
     assert detector.hidden(np.zeros(7))[6] == 0
     assert detector.kernel_settings(0.004).dead_zone[6] == 0
-    np.testing.assert_array_equal(hidden_torques(robot, model, 3.0), np.full(7, 3.0))
+    np.testing.assert_array_equal(hidden_torques(robot, model, DetectorSettings(stiction=(3.0,) * 7)), np.full(7, 3.0))
     np.testing.assert_array_equal(hidden_torques(robot, None), np.zeros(7))
     for given, message in (
         (-1.0, "stiction of joint 1: is -1"),
@@ -186,3 +190,63 @@ def test_detect_states_what_standing_joints_hide(tmp_path: Path) -> None:
     found = strict_json(run(*given, "--json").out)
     assert found["events"][0]["standing_joints"] == [4, 5, 6]
     assert "joints stood still, and friction may hide of joint 4 up to 8 Nm" in run(*given).out
+
+
+def driven(friction: str, parameters: dict[str, float], **more: object) -> JointTorqueModel:
+    """A UR5e whose joints all have one drive."""
+    made = {name: Parameter(value) for name, value in parameters.items()} | {"hysteresis": Parameter(0.5)}
+    joint = JointParameters(
+        name="", map="linear", friction=friction, parameters={**made, "inertia": None}, **more  # type: ignore[arg-type]
+    )  # fmt: skip
+    joints = tuple(replace(joint, name=each.name) for each in UR5E.joints)
+    return JointTorqueModel(robot="ur5e", created_from="a test", unit="A", joints=joints)
+
+
+@pytest.mark.parametrize("top", [0.3, 1.0, 3.0])
+@pytest.mark.parametrize("viscous", [0.2, 1.0, 5.0])
+def test_a_power_law_does_not_take_friction_away_at_rest(viscous: float, top: float) -> None:
+    """Fitted to Coulomb and viscous friction from 0.04 rad/s on, it falls to a half of it towards rest and below."""
+    speed = np.linspace(0.04, top, 500)
+    (D, F), _ = curve_fit(lambda v, d, f: d * v**f, speed, 1 + viscous * speed, (1, 0.3))
+    model = driven("power", {"B": 10.0, "D": D, "F": F}, speed_range=(0.006, top))
+    told = (hidden_torques(UR5E, model) - 0.5) / 10
+    assert (told > 1).all()
+    assert (told < 1.6).all()
+    # Without a range it is that of the slowest rows that fits use.
+    unknown = (hidden_torques(UR5E, driven("power", {"B": 10.0, "D": D, "F": F})) - 0.5) / 10
+    np.testing.assert_allclose(unknown, D * 0.04**F, rtol=1e-12)
+
+
+def test_friction_that_grows_with_the_load_hides_more_under_a_load() -> None:
+    coulomb, load, B = 0.5, 0.2, 10.0
+    model = driven("load_dependent", {"B": B, "coulomb": coulomb, "viscous": 0.0, "load": load})
+    weight = np.abs(gravity_torque(UR5E, POSE))
+    # The motor may hold the weight against its friction.
+    current = (weight / B + coulomb) / (1 - load)
+    np.testing.assert_allclose(hidden_torques(UR5E, model, q=POSE), B * (coulomb + load * current) + 0.5, rtol=1e-9)
+    # Without a pose it is that of the pose in which a joint holds most: about a vertical axis there is nothing to hold.
+    q = np.random.default_rng(5).uniform(-np.pi, np.pi, (20_000, 6))
+    seen, every = hidden_torques(UR5E, model, q=q), hidden_torques(UR5E, model)
+    assert (every >= seen - 1e-9).all()
+    np.testing.assert_allclose(every, seen, rtol=0.02)
+    assert every[0] == pytest.approx(B * coulomb / (1 - load) + 0.5, abs=1e-6)
+    np.testing.assert_array_equal(Detector(UR5E, model, THETA).dead_zone, every)
+    # A payload is held, too, and lies on the joints as it hangs.
+    carried = hidden_torques(UR5E, model, DetectorSettings(payload_kg=3.0), POSE)
+    torque = np.abs(gravity_torque(UR5E, POSE) + UR5E.jacobian(POSE)[2] * 3.0 * 9.80665)
+    np.testing.assert_allclose(carried, B * (coulomb + load * (torque / B + coulomb) / (1 - load)) + 0.5, rtol=1e-9)
+
+
+def test_friction_of_fitted_dynamics_counts_load_and_bend() -> None:
+    model = planted(1, essential=False)
+    of = dict(zip(model.column_names, model.values, strict=True))
+    hidden = hidden_torques(UR5E, model, q=POSE)
+    motion = UniformMotion(np.zeros(1), POSE[None], np.zeros((1, 6)), np.zeros((1, 6)), 1.0, model.gravity)
+    weight = model.loads(motion)[1][0]
+    # What gives way is Coulomb friction and a share of all that is on the gear then, of which it holds a part itself.
+    assert hidden[1] == pytest.approx(abs(of["coulomb_2"]) + of["load_2"] * (abs(weight) + hidden[1]), rel=1e-9)
+    bend = max(-4 / 15 * of["bend_1"], 0.0)
+    assert hidden[0] == pytest.approx(abs(of["coulomb_1"]) + bend, rel=1e-9)
+    every = hidden_torques(UR5E, model)
+    assert every[1] >= hidden[1]
+    np.testing.assert_allclose(np.delete(every, [1, 4]), np.delete(hidden, [1, 4]))

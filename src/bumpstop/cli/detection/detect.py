@@ -101,7 +101,7 @@ def detect(
             raise InputError("--undetectable-force", f"is {undetectable_force}", "wanted more than zero")
         assert law.rest is not None
         # Where it is not known the joint is not monitored.
-        hidden = np.nan_to_num(hidden_torques(arm, given, settings.stiction)) + law.rest
+        hidden = np.nan_to_num(hidden_torques(arm, given, settings, log.q)) + law.rest
         if law.motion_note:
             run = replace(run, notes=(*run.notes, law.motion_note))
         stretches = undetectable_stretches(

@@ -16,6 +16,7 @@ from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
+    from bumpstop.detection import Thresholds
     from bumpstop.model import Robot
 
     Vector = tuple[float, float, float]
@@ -74,7 +75,7 @@ def command(
     q = [math.radians(x) if joint.kind == "revolute" else x for x, joint in zip(pose, arm.joints, strict=True)]
     check_pose(arm, np.array(q), "--pose-deg", in_degrees=True)
     law, along = thresholds_of(thresholds, arm), unit(direction, "--direction")
-    limits, rest, (hidden, told) = law.constant, law.rest, _hidden(arm, model, stiction)
+    limits, rest, (hidden, told) = law.constant, law.rest, _hidden(arm, model, stiction, law, q)
     assert rest is not None
     if hidden is None and rest.any():
         hidden = np.zeros(arm.dof)
@@ -111,14 +112,17 @@ def stiction_of(text: str, dof: int) -> tuple[float, ...]:
     return tuple(values)
 
 
-def _hidden(arm: Robot, model: str | None, stiction: str | None) -> tuple[FloatArray | None, list[str]]:
-    """(dof,) torque that friction holds of standing joints, and notes on the model.
+def _hidden(
+    arm: Robot, model: str | None, stiction: str | None, law: Thresholds, q: list[float]
+) -> tuple[FloatArray | None, list[str]]:
+    """(dof,) torque that friction holds of joints that stand at a pose, and notes on the model.
 
     NaN of a joint that the model knows no drive of; None: nothing says how much of any.
     """
     import numpy as np
 
     from bumpstop.cli.identification.arm_recordings import is_dynamics
+    from bumpstop.detection import DetectorSettings
     from bumpstop.detection.standing import hidden_torques
     from bumpstop.identification import DynamicsFit, DynamicsModel
     from bumpstop.identification.arm_of_fit import check_arm_of_fit
@@ -142,7 +146,8 @@ def _hidden(arm: Robot, model: str | None, stiction: str | None) -> tuple[FloatA
     known = DynamicsFit.load(model).model if is_dynamics(model) else JointTorqueModel.load(model)
     if isinstance(known, DynamicsModel):
         check_arm_of_fit(known, arm, "robot")
-    hidden, told = share * hidden_torques(arm, known), as_sentences(fit_faults(known))
+    settings = DetectorSettings(**law.settings)
+    hidden, told = share * hidden_torques(arm, known, settings, q), as_sentences(fit_faults(known))
     unknown = [joint.name for joint, held in zip(arm.joints, hidden, strict=True) if math.isnan(held)]
     if unknown:
         told.append(f"{', '.join(unknown)}: what friction holds is not known: standing still it counts for nothing.")

@@ -80,10 +80,20 @@ class MatchedDrives:
         """Standard errors in the kernels' form, (dof,); empty without a model."""
         return [] if self.model is None else [_errors(drive) for drive in self.joints]
 
-    def dead_zone(self) -> FloatArray:
-        """(dof,) torque that friction can hide at standstill [Nm or N]; NaN where the model lacks a drive."""
+    @property
+    def load_dependent(self) -> list[int]:
+        """Numbers from 0 of the joints whose dead zone grows with the torque that they hold."""
+        return [j for j, drive in enumerate(self.joints) if drive is not None and _grows(drive)]
+
+    def dead_zone(self, held: FloatArray) -> FloatArray:
+        """(dof,) torque that friction can hide at standstill [Nm or N]; NaN where the model lacks a drive.
+
+        Args:
+            held: (dof,) absolute torque that the joints hold meanwhile [Nm or N]; NaN: not known.
+        """
         nothing = 0.0 if self.model is None else math.nan
-        return np.array([nothing if drive is None else _native.dead_zone(drive, 0.0) for drive in self._kernels])
+        drives = zip(self.joints, held.tolist(), strict=True)
+        return np.array([nothing if drive is None else _dead_zone(drive, torque) for drive, torque in drives])
 
     def rest_speed(self, otherwise: float) -> FloatArray:
         """(dof,) speed below which a joint rests, or what holds where no drive is known [rad/s or m/s]."""
@@ -107,6 +117,45 @@ class MatchedDrives:
         if twice:
             notes.append(f"{', '.join(twice)}: the joint model's inertia stands in place of the robot's rotor.")
         return notes
+
+
+def _grows(drive: JointParameters) -> bool:
+    return drive.value("load") > 0 or (drive.map == "odd" and drive.value("A") > 0)
+
+
+def _dead_zone(drive: JointParameters, held: float) -> float:
+    """Of one joint: friction under the current that holds a torque, through the map's slope, and hysteresis."""
+    from bumpstop.identification.drive.drive_model import inverse_map
+    from bumpstop.joint.model import kernel_of
+
+    if not _grows(drive):
+        held = 0.0
+    if math.isnan(held):
+        return math.nan
+    A, load = drive.value("A"), drive.value("load")
+    # Positive, with the sign of A, that is the most current that the map may need for it.
+    current = float(inverse_map(drive.map, A, drive.value("B"), np.array([held]), math.copysign(1.0, A))[0][0])
+    if load > 0:  # of the motor, which may hold against its friction as well
+        current = (current + drive.value("coulomb")) / (1 - load)
+    kernel = kernel_of(drive)
+    if drive.friction == "power":
+        kernel.D, kernel.F = _power_at_rest(drive), 0.0
+    kernel.A = max(kernel.A, 0.0)  # a map that bends down is steepest without current
+    kernel.current_high = max(abs(kernel.current_low), abs(kernel.current_high))
+    return _native.dead_zone(kernel, current)
+
+
+def _power_at_rest(drive: JointParameters) -> float:
+    """Friction at rest where a power law stands for it, which falls to nothing there and friction does not [current].
+
+    The larger of two: its value at the slowest speed that the fit knows; and that at rest of the straight line that
+    touches it at half the fastest speed. The law is fitted to friction that is such a line, and is below it where slow.
+    """
+    D, F = drive.value("D"), drive.value("F")
+    found = D * drive.slowest_known**F
+    if drive.speed_range is not None:
+        found = max(found, D * (1 - F) * (0.5 * drive.speed_range[1]) ** F)
+    return float(found)
 
 
 def _errors(drive: JointParameters | None) -> _native.JointTorqueErrors:

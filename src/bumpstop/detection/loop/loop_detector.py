@@ -14,7 +14,7 @@ from bumpstop.detection.loop.drive_matching import MatchedDrives
 from bumpstop.detection.loop.fitted_dynamics import FittedDynamics
 from bumpstop.detection.rate import check_rates
 from bumpstop.detection.settings import DetectorSettings
-from bumpstop.detection.standing import checked_stiction, fitted_model, hidden_text, hidden_torques
+from bumpstop.detection.standing import fitted_model, hidden_text, hidden_torques
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.errors import InputError
 from bumpstop.model import unit_of, with_some_inertia
@@ -97,15 +97,13 @@ class LoopDetector:
     def dead_zone(self) -> FloatArray:
         """(n,) torque that friction can hide at standstill, each way [Nm or N].
 
-        While a joint sticks, its motor need not answer a torque below static friction and hysteresis: friction at
-        rest_speed through the map's slope without current, plus T_H. What the settings state as stiction stands in its
-        place; of fitted dynamics it is their Coulomb friction. Zero without either. NaN of joints that the joint model
-        knows no drive of: they are not monitored.
+        While a joint sticks, its motor need not answer a torque below static friction and hysteresis: friction towards
+        rest through the map's slope, plus T_H. A power law falls to nothing there, and counts as what it is where the
+        fit knows it. Of fitted dynamics it is their friction without speed. Where it grows with the load it is that of
+        the pose in which the joint holds most. What the settings state as stiction stands in its place. Zero without
+        either. NaN of joints whose torque the model does not know, and where a load has no end.
         """
-        stated = self.settings.stiction
-        if stated is None and self.fitted is not None:
-            return hidden_torques(self.robot, self.fitted.model)
-        return self._drives.dead_zone() if stated is None else checked_stiction(stated, self.robot.dof)
+        return hidden_torques(self.robot, self.model, self.settings)
 
     def kernel(self, period_s: float | None = None, *, latched: bool = False) -> _native.LoopDetector:
         """The detector in the kernels' form, for one sample after another.
@@ -248,6 +246,7 @@ class LoopDetector:
         if self.fitted is not None:
             # What is no torque in Nm says nothing of a force.
             monitored &= ~np.isin(np.arange(self.robot.dof), self.fitted.model.unscaled)
+        monitored &= ~np.isnan(self.dead_zone)
         return np.where(monitored, noise, np.inf)
 
     @property

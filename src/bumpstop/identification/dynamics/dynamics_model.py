@@ -12,7 +12,7 @@ from bumpstop.identification.comparison import Comparison, joint_score, one_afte
 from bumpstop.identification.dynamics.coulomb_sign import coulomb_signs
 from bumpstop.identification.dynamics.dynamics_system import FIT_PER_CUTOFF
 from bumpstop.identification.dynamics.regressor import inertial_torque
-from bumpstop.identification.dynamics.regressor_columns import column_names, torque_of
+from bumpstop.identification.dynamics.regressor_columns import BEND_AT_REST, column_names, torque_of
 from bumpstop.identification.segments.torque_samples import TorqueSamples, as_list, recorded_motion
 from bumpstop.model import unit_of
 from bumpstop.model.dynamics import STANDARD_GRAVITY
@@ -74,15 +74,39 @@ class DynamicsModel:
         """Names of all columns, those without a value too."""
         return column_names(self.robot, self.couplings, self.top_speed, self.loaded)
 
-    @property
-    def coulomb(self) -> FloatArray:
-        """(n,) Coulomb friction of the joints, with that of shared motors [Nm or N]."""
-        of = dict(zip(self.column_names, self._every(self._used), strict=True))
-        found = np.array([abs(of[f"coulomb_{j + 1}"]) for j in range(self.robot.dof)])
-        for number, group in enumerate(self.couplings, start=1):
-            for j, share in group:
-                found[j] += abs(share * of[f"coulomb_shared_{number}"])
+    def weight(self, q: FloatArray) -> FloatArray:
+        """Torques (N, n) that hold the links in poses (N, n) against gravity [Nm or N]."""
+        inertial = self._every(self.values)[: 10 * self.robot.dof]
+        still = np.zeros_like(q)
+        return inertial_torque(self.robot, q, still, still, self.gravity, inertial)
+
+    def friction_at_rest(self, held: FloatArray) -> FloatArray:
+        """Friction (n,) of the joints towards speed 0, with that of shared motors [Nm or N].
+
+        Coulomb friction, what the bend adds there, and its share of the torque on the gear: of the held one and of what
+        it hides itself.
+
+        Args:
+            held: (n,) absolute torque that the joints hold [Nm or N].
+        """
+        n = self.robot.dof
+        by_all = dict(zip(self.column_names, self._every(self.values), strict=True))
+        essential = dict(zip(self.column_names, self._every(self._used), strict=True))
+        found = np.zeros(n)
+        for j in range(n):
+            of = by_all if j in self.predicted_by_all else essential
+            for owner, share in self._motors(j):
+                found[j] += abs(share) * (
+                    abs(of[f"coulomb_{owner}"]) + max(BEND_AT_REST * of.get(f"bend_{owner}", 0.0), 0.0)
+                )
+            load = max(of.get(f"load_{j + 1}", 0.0), 0.0)
+            found[j] = (found[j] + load * held[j]) / (1 - load) if load < 1 else np.nan
         return found
+
+    def _motors(self, j: int) -> list[tuple[str, float]]:
+        """Names and shares of what turns joint ``j``: its own motor, then those that it shares."""
+        shared = enumerate(self.couplings, start=1)
+        return [(str(j + 1), 1.0), *((f"shared_{k}", share) for k, group in shared for i, share in group if i == j)]
 
     @property
     def _used(self) -> FloatArray:
