@@ -14,6 +14,7 @@ from bumpstop.detection.contact_place import contact_place
 from bumpstop.detection.detection_run import FAULTS, DetectionRun, frozen_notes
 from bumpstop.detection.events import Event
 from bumpstop.detection.loop.loop_detector import LoopDetector
+from bumpstop.detection.loop.unknown_gains import force_thresholds
 from bumpstop.detection.rate import period_of
 from bumpstop.detection.settings import DetectorSettings, check_rearm
 from bumpstop.errors import InputError
@@ -52,17 +53,19 @@ class Detector(LoopDetector):
     """
 
     def smallest_torque(self, *, resting: bool = False) -> FloatArray:
-        """(n,) external torque that passes the threshold for sure, without noise [Nm or N]; infinite: not monitored.
+        """(n,) external torque that passes the threshold for sure, without noise [Nm or N].
 
-        Moving: the constant threshold. Resting: the threshold at rest and the dead zone that may hide as much of the
-        torque; below it no contact with a resting arm shows. What speed, acceleration and ``model_errors`` add
-        to the threshold differs from tick to tick and is not counted.
+        Infinite of joints that are not monitored or of unknown gain. Moving: the constant threshold. Resting: the
+        threshold at rest and the dead zone that may hide as much of the torque; below it no contact with a resting arm
+        shows. What speed, acceleration and ``model_errors`` add to the threshold differs from tick to tick and is not
+        counted.
         """
         assert self.thresholds.rest is not None
+        counted, _ = force_thresholds(self.robot, self.model, self.thresholds.constant)
         if not resting:
-            return self.thresholds.constant.copy()
-        hidden = np.nan_to_num(self.dead_zone, nan=math.inf)  # never of a joint that is monitored
-        smallest: FloatArray = self.thresholds.constant + self.thresholds.rest + hidden
+            return counted
+        hidden = np.nan_to_num(self.dead_zone, nan=math.inf)
+        smallest: FloatArray = counted + self.thresholds.rest + hidden
         return smallest
 
     def smallest_force(

@@ -12,6 +12,7 @@ from bumpstop import _native
 from bumpstop.detection.detection_run import NO_DATA, STATES, DetectionRun, frozen_notes
 from bumpstop.detection.detector import Detector
 from bumpstop.detection.events import Event
+from bumpstop.detection.loop.unknown_gains import force_thresholds, unknown_gains
 from bumpstop.detection.offline_residual import OfflineResidual
 from bumpstop.detection.rate import period_of
 from bumpstop.detection.settings import DetectorSettings, check_rearm
@@ -19,7 +20,7 @@ from bumpstop.detection.standing import hidden_torques
 from bumpstop.detection.thresholds import Thresholds
 from bumpstop.detection.tuning.residual_record import ResidualRecord
 from bumpstop.errors import InputError
-from bumpstop.model import unit_of, with_some_inertia
+from bumpstop.model import with_some_inertia
 from bumpstop.recording.checks.stamps import stamped_by_a_pc
 
 if TYPE_CHECKING:
@@ -80,17 +81,12 @@ def detect(
     found = OfflineResidual.of(recording, model, given.frozen_s)
     detector = Detector(with_some_inertia(robot), None, law, given)
     period = period_of(found.motion.t, given, law)
-    unscaled_notes = []
-    if model.unscaled:
+    unknown = unknown_gains(robot, model)
+    if unknown:
         # What is no torque in Nm says nothing of a force.
         noise = detector.noise_sd.copy()
-        noise[list(model.unscaled)] = math.inf
+        noise[unknown] = math.inf
         detector = Detector(detector.robot, None, law, replace(given, noise_sd=tuple(noise.tolist())))
-        unknown = [robot.joints[j] for j in sorted(model.unscaled)]
-        names, unit = ", ".join(joint.name for joint in unknown), unit_of(*unknown)
-        unscaled_notes.append(
-            f"{names}: of unknown gain: residuals and thresholds are no {unit}, and forces do not count them."
-        )
     judged = _judge(detector, found, rearm_s)
     no_data, nothing = found.no_data, np.zeros(found.motion.t.size, dtype=bool)
     judged.fast[no_data] = math.nan
@@ -112,7 +108,7 @@ def detect(
             *as_sentences(fit_faults(model)),
             *([doubt] if doubt else []),
             *found.notes,
-            *unscaled_notes,
+            *force_thresholds(robot, model, law.constant)[1],
             *detector.notes,
             *frozen_notes(found.motion.t, found.frozen),
         ),

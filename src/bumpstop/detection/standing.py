@@ -9,6 +9,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray, as_float_array, as_number, as_rows
 from bumpstop.detection.loop.drive_matching import MatchedDrives
+from bumpstop.detection.loop.unknown_gains import unknown_gains
 from bumpstop.errors import InputError
 from bumpstop.model.dynamics import gravity_torque
 from bumpstop.model.reach import greatest, pose_range
@@ -59,8 +60,11 @@ def hidden_torques(
     gravity = model.gravity
     dynamics = fitted_model(model)
     if dynamics is not None:
-        held = _greatest(robot, dynamics.loaded, _weight(robot, dynamics.weight, gravity, settings), q)
-        return dynamics.friction_at_rest(held)
+        found = dynamics.friction_at_rest(
+            _greatest(robot, dynamics.loaded, _weight(robot, dynamics.weight, gravity, settings), q)
+        )
+        found[unknown_gains(robot, model)] = math.nan
+        return found
     if settings is not None and settings.gravity is not None:
         gravity = settings.gravity
     drives = MatchedDrives(robot, model, [False] * robot.dof)  # type: ignore[arg-type]

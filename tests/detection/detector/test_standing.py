@@ -155,7 +155,7 @@ def test_sensitivity_of_a_standing_arm(tmp_path: Path) -> None:
     np.testing.assert_allclose(half[:6], 0.5 * np.array(whole[:6]))
     assert half[6] is whole[6] is None
     found = strict_json(run(*sia, "--model", "sia5d", "--json").out)
-    assert any("joint_t: what friction holds is not known" in note for note in found["notes"])
+    assert any("joint_t: of unknown gain" in note for note in found["notes"])
     unmonitored = (*sia[:-1], "20,10,20,20,20,20,inf")
     other = strict_json(run(*unmonitored, "--model", "sia5d", "--json").out)
     assert found["standing"] == other["standing"]

@@ -80,6 +80,7 @@ def detect(
     from bumpstop.cli.detection.sensitivity import stiction_of
     from bumpstop.detection import detect as run_detector
     from bumpstop.detection import undetectable_stretches
+    from bumpstop.detection.loop.unknown_gains import force_thresholds
     from bumpstop.detection.standing import hidden_torques
     from bumpstop.identification.fit_verdict import as_sentences, reading_faults
 
@@ -100,12 +101,14 @@ def detect(
         if not 0 < undetectable_force < math.inf:
             raise InputError("--undetectable-force", f"is {undetectable_force}", "wanted more than zero")
         assert law.rest is not None
-        # Where it is not known the joint is not monitored.
-        hidden = np.nan_to_num(hidden_torques(arm, given, settings, log.q)) + law.rest
+        counted, _ = force_thresholds(arm, given, law.constant)
+        hidden = hidden_torques(arm, given, settings, log.q)
+        counted[np.isnan(hidden)] = math.inf
+        hidden = np.nan_to_num(hidden) + law.rest
         if law.motion_note:
             run = replace(run, notes=(*run.notes, law.motion_note))
         stretches = undetectable_stretches(
-            arm, log.t, log.q, law.constant, undetectable_force, link=link, point=settings.point, dead_zone=hidden
+            arm, log.t, log.q, counted, undetectable_force, link=link, point=settings.point, dead_zone=hidden
         )
     more = {
         "rows_dropped": log.report.rows_dropped,

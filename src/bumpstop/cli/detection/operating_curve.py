@@ -15,6 +15,11 @@ if TYPE_CHECKING:
     from bumpstop.cli.detection.scenario_noise import ScenarioNoise
     from bumpstop.collision import Scenario
     from bumpstop.detection import Tuning
+    from bumpstop.identification import DynamicsModel
+    from bumpstop.joint import JointTorqueModel
+    from bumpstop.model import Robot
+
+    ResidualsOf = tuple[Robot, JointTorqueModel | DynamicsModel | None]
 
 # Of the wanted rate.
 _TIMES = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)
@@ -75,13 +80,22 @@ def check_joints(scenarios: Mapping[str, Scenario], dof: int) -> None:
             raise InputError(name, f"has thresholds for {count} joints", f"the residuals have {dof}")
 
 
-def operating_curve(tuning: Tuning, scenarios: Mapping[str, Scenario], noise: ScenarioNoise) -> list[OperatingPoint]:
+def operating_curve(
+    tuning: Tuning, scenarios: Mapping[str, Scenario], noise: ScenarioNoise, residuals_of: ResidualsOf | None = None
+) -> list[OperatingPoint]:
     """Force laws of scenarios at the thresholds of several rates around the wanted one.
 
     Everything but the constant thresholds and the noise stays as the scenario says. The noise is what was tuned on,
-    where that fits the scenario.
+    where that fits the scenario. Joints of unknown gain count as not monitored: their thresholds are no torques.
+
+    Args:
+        tuning: what gives the thresholds.
+        scenarios: by their files.
+        noise: what was tuned on.
+        residuals_of: the arm and the model whose residuals were tuned on; default: not known, or no model.
     """
     from bumpstop.detection import MAX_EXTRAPOLATION
+    from bumpstop.detection.loop.unknown_gains import force_thresholds
 
     points = []
     noisy = {name: noise.of(scenario) for name, scenario in scenarios.items()}
@@ -90,7 +104,8 @@ def operating_curve(tuning: Tuning, scenarios: Mapping[str, Scenario], noise: Sc
         if rate >= tuning.tail.rate:
             continue
         thresholds = tuning.thresholds(rate)
-        forces = {name: _forces(scenario, thresholds) for name, scenario in noisy.items()}
+        counted = thresholds if residuals_of is None else force_thresholds(*residuals_of, thresholds)[0]
+        forces = {name: _forces(scenario, counted) for name, scenario in noisy.items()}
         points.append(OperatingPoint(rate, thresholds, tuning.extrapolation(rate) > MAX_EXTRAPOLATION, forces))
     return points
 

@@ -16,7 +16,9 @@ from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
-    from bumpstop.detection import Thresholds
+    from bumpstop.detection import DetectorSettings
+    from bumpstop.identification import DynamicsModel
+    from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
 
     Vector = tuple[float, float, float]
@@ -62,6 +64,8 @@ def command(
     """Compute the undetectable forces at a pose: the largest, along a direction, and directions that load no joint."""
     import numpy as np
 
+    from bumpstop.detection import DetectorSettings
+    from bumpstop.detection.loop.unknown_gains import force_thresholds
     from bumpstop.model.pose_limits import check_pose
     from bumpstop.model.serial_chain import checked_point
     from bumpstop.study import to_jsonable
@@ -75,7 +79,9 @@ def command(
     q = [math.radians(x) if joint.kind == "revolute" else x for x, joint in zip(pose, arm.joints, strict=True)]
     check_pose(arm, np.array(q), "--pose-deg", in_degrees=True)
     law, along = thresholds_of(thresholds, arm), unit(direction, "--direction")
-    limits, rest, (hidden, told) = law.constant, law.rest, _hidden(arm, model, stiction, law, q)
+    known = _known(model, arm)
+    rest, hidden = law.rest, _hidden(arm, known, stiction, DetectorSettings(**law.settings), q)
+    limits, told = force_thresholds(arm, known, law.constant)
     assert rest is not None
     if hidden is None and rest.any():
         hidden = np.zeros(arm.dof)
@@ -96,7 +102,7 @@ def command(
     )
     found |= {
         "standing": None if hidden is None else _standing(arm, q, limits + rest, hidden, along, about),
-        "notes": [*told, *([law.motion_note] if law.motion_note else [])],
+        "notes": [*_doubts(arm, known, hidden), *told, *([law.motion_note] if law.motion_note else [])],
     }
     if as_json:
         typer.echo(json.dumps(to_jsonable(found), allow_nan=False, indent=2))
@@ -112,46 +118,64 @@ def stiction_of(text: str, dof: int) -> tuple[float, ...]:
     return tuple(values)
 
 
-def _hidden(
-    arm: Robot, model: str | None, stiction: str | None, law: Thresholds, q: list[float]
-) -> tuple[FloatArray | None, list[str]]:
-    """(dof,) torque that friction holds of joints that stand at a pose, and notes on the model.
+def _known(model: str | None, arm: Robot) -> JointTorqueModel | DynamicsModel | None:
+    """What ``--model`` names, if anything."""
+    from bumpstop.cli.identification.arm_recordings import is_dynamics
+    from bumpstop.identification import DynamicsFit
+    from bumpstop.identification.arm_of_fit import check_arm_of_fit
+    from bumpstop.joint import JointTorqueModel
 
-    NaN of a joint that the model knows no drive of; None: nothing says how much of any.
+    if model is None:
+        return None
+    if not is_dynamics(model):
+        return JointTorqueModel.load(model)
+    known = DynamicsFit.load(model).model
+    check_arm_of_fit(known, arm, "robot")
+    return known
+
+
+def _hidden(
+    arm: Robot,
+    known: JointTorqueModel | DynamicsModel | None,
+    stiction: str | None,
+    settings: DetectorSettings,
+    q: list[float],
+) -> FloatArray | None:
+    """(dof,) torque that friction holds of joints that stand at a pose.
+
+    NaN of a joint of which the model does not know it; None: nothing says how much of any.
     """
     import numpy as np
 
-    from bumpstop.cli.identification.arm_recordings import is_dynamics
-    from bumpstop.detection import DetectorSettings
     from bumpstop.detection.standing import hidden_torques
-    from bumpstop.identification import DynamicsFit, DynamicsModel
-    from bumpstop.identification.arm_of_fit import check_arm_of_fit
-    from bumpstop.identification.fit_verdict import as_sentences, fit_faults
-    from bumpstop.joint import JointTorqueModel
 
     share = 1.0
     if stiction is not None and not stiction.endswith("%"):
-        if model is not None:
+        if known is not None:
             raise InputError("--stiction", "has no meaning with --model", "give one, or a share of the model's: 50%")
-        return np.array(stiction_of(stiction, arm.dof)), []
+        return np.array(stiction_of(stiction, arm.dof))
     if stiction is not None:
         (percent,) = numbers(stiction.removesuffix("%"), "--stiction", 1)
         if not 0 <= percent <= 1000:
             raise InputError("--stiction", f"is {stiction}", "wanted 0 to 1000 %")
-        if model is None:
+        if known is None:
             raise InputError("--stiction", f"{stiction} of what is not known", "give --model, or Nm")
         share = percent / 100
-    if model is None:
-        return None, []
-    known = DynamicsFit.load(model).model if is_dynamics(model) else JointTorqueModel.load(model)
-    if isinstance(known, DynamicsModel):
-        check_arm_of_fit(known, arm, "robot")
-    settings = DetectorSettings(**law.settings)
-    hidden, told = share * hidden_torques(arm, known, settings, q), as_sentences(fit_faults(known))
-    unknown = [joint.name for joint, held in zip(arm.joints, hidden, strict=True) if math.isnan(held)]
+    return None if known is None else share * hidden_torques(arm, known, settings, q)
+
+
+def _doubts(arm: Robot, known: JointTorqueModel | DynamicsModel | None, hidden: FloatArray | None) -> list[str]:
+    """What speaks against the model, and joints of known gain of which it does not know what friction holds."""
+    from bumpstop.detection.loop.unknown_gains import unknown_gains
+    from bumpstop.identification.fit_verdict import as_sentences, fit_faults
+
+    if known is None or hidden is None:
+        return []
+    told, gainless = as_sentences(fit_faults(known)), unknown_gains(arm, known)
+    unknown = [joint.name for j, joint in enumerate(arm.joints) if math.isnan(hidden[j]) and j not in gainless]
     if unknown:
         told.append(f"{', '.join(unknown)}: what friction holds is not known: standing still it counts for nothing.")
-    return hidden, told
+    return told
 
 
 def _standing(

@@ -98,8 +98,9 @@ def command(
         raise InputError(option, error.problem, error.valid) from None
     tuning = replace(tuning, notes=(*tuning.notes, *dict.fromkeys(note for _, told in loaded for note in told)))
     names = residual_source.names if recorded else []
+    residuals_of = residual_source.parts[::-1] if recorded else None
     with ScenarioNoise(series, residual_source.settings.residual if recorded else None) as noise:
-        points = operating_curve(tuning, scenarios, noise)
+        points = operating_curve(tuning, scenarios, noise, residuals_of)
     robot = residual_source.parts[1].name if recorded else ""
     told = notes(points, scenarios, noise, robot=robot, terms=bool(set(wanted) - {"fast"}))
     tuning = replace(tuning, notes=(*tuning.notes, *told))

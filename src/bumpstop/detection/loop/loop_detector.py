@@ -12,6 +12,7 @@ from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.detection.loop.drive_matching import MatchedDrives
 from bumpstop.detection.loop.fitted_dynamics import FittedDynamics
+from bumpstop.detection.loop.unknown_gains import force_thresholds, unknown_gains
 from bumpstop.detection.rate import check_rates
 from bumpstop.detection.settings import DetectorSettings
 from bumpstop.detection.standing import fitted_model, hidden_text, hidden_torques
@@ -243,9 +244,8 @@ class LoopDetector:
         assert self.thresholds.fast is not None
         level = np.minimum(self.thresholds.constant, self.thresholds.fast)
         noise = level / _NOISE_PER_THRESHOLD if self.settings.noise_sd is None else np.array(self.settings.noise_sd)
-        if self.fitted is not None:
-            # What is no torque in Nm says nothing of a force.
-            monitored &= ~np.isin(np.arange(self.robot.dof), self.fitted.model.unscaled)
+        # What is no torque in Nm says nothing of a force.
+        monitored[unknown_gains(self.robot, self.model)] = False
         monitored &= ~np.isnan(self.dead_zone)
         return np.where(monitored, noise, np.inf)
 
@@ -274,12 +274,8 @@ class LoopDetector:
         if not any(self.thresholds.monitored):
             notes.append("No joint is monitored: no contact can be detected.")
         notes += self._drives.notes()
-        if self.fitted is not None and self.fitted.model.unscaled:
-            unknown = [self.robot.joints[j] for j in self.fitted.model.unscaled]
-            names, unit = ", ".join(joint.name for joint in unknown), unit_of(*unknown)
-            notes.append(
-                f"{names}: of unknown gain: residuals and thresholds are no {unit}, and forces do not count them."
-            )
+        if self.fitted is not None:
+            notes += force_thresholds(self.robot, self.model, self.thresholds.constant)[1]
         if self.model is not None or self.settings.stiction is not None:
             hidden, unit = hidden_text(self.dead_zone), unit_of(*self.robot.joints)
             notes.append(
