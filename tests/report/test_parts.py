@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -134,6 +135,27 @@ def test_numbers_of_a_scale_do_not_touch(values):
     assert len(across) >= 3
     for one, other in pairwise(across):
         assert one.x1 + 2 < other.x0
+
+
+@pytest.mark.parametrize("values", [(-0.000351, 0.000472), (-0.000436, 0.00033), (0.045955445, 0.046027223)])
+def test_three_numbers_that_touch_on_a_narrow_panel_become_two(values, monkeypatch):
+    """matplotlib keeps three of these however few are asked for: the drawing went on for ever."""
+    asked = 0
+    original = Axes.locator_params
+
+    def counted(*args, **options):
+        nonlocal asked
+        asked += 1
+        assert asked < 20
+        original(*args, **options)
+
+    monkeypatch.setattr(Axes, "locator_params", counted)
+    picture = Picture("narrow", "", "", lambda figure: figure.add_axes((0.1, 0.2, 0.39, 0.7)).set_xlim(values))
+    rendered = picture.render()
+    rendered.figure.draw_without_rendering()
+    across, _ = texts_on(rendered.figure.axes[0], FigureCanvasAgg(rendered.figure).get_renderer())
+    assert len(across) == 2
+    assert across[0].x1 < across[1].x0
 
 
 def test_quantiles_at_the_foot_of_the_tail_are_above_the_scale():

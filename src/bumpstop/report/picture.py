@@ -203,6 +203,10 @@ def _thin_ticks(panel: Axes) -> None:
         size = shown[0].get_fontproperties().get_size_in_points()
         if (_LETTER * letters + _BETWEEN) * size <= width * (ticks[1] - ticks[0]) / (high - low):
             return
+        if len(ticks) == 3:
+            # Fewer may be impossible for matplotlib: it tries finer steps where the coarser has one tick alone.
+            axis.set_ticks(ticks[::2])
+            return
         panel.locator_params(axis="x", nbins=len(ticks) - 2)
 
 
