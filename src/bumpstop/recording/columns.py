@@ -24,6 +24,8 @@ UNITS: dict[str, dict[str, float]] = {
     "torque": {"Nm": 1.0, "mNm": 1e-3, "kNm": 1e3, "N": 1.0},
     "wrench": {"SI": 1.0},
 }
+# Whose axes a wrench may be along; the controllers of some makers call the first joint's frame at zero their base.
+FRAMES = ("tip", "base", "first_joint")
 # A coupling is given because positions are those of motors, unless the file says otherwise.
 _SIDE = {"position": "motor", "reference": "motor", "velocity": "motor"}
 QUANTITIES = ("position", "reference", "velocity", "current", "torque", "wrench")
@@ -43,6 +45,7 @@ class Quantity:
         axis: ``"rows"`` (every joint is a row), ``"columns"``, or empty: found by the number of times.
         file: another file it stands in, row by row beside the recording's; None: the recording itself.
         rate_hz: time only: rows come at this rate and no column says so [Hz].
+        frame: wrench only: of :data:`FRAMES`, the one along whose axes it is given.
     """
 
     columns: tuple[int | str, ...] = ()
@@ -53,6 +56,7 @@ class Quantity:
     axis: str = ""
     file: Path | None = None
     rate_hz: float | None = None
+    frame: str = "tip"
 
     def in_si(self, values: FloatArray, name: str) -> FloatArray:
         """Columns of the file (N, k) in SI.
@@ -152,7 +156,8 @@ def _quantity(name: str, given: Any, folder: Path, axis: str) -> Quantity:
     if not isinstance(given, Mapping):
         raise InputError(where, f"{given!r} is no table", 'for example { columns = [2, 3], unit = "rad" }')
     own = ("column", "rate_hz") if name == "time" else ("columns", "side")
-    _known(given, (*own, "unit", "variable", "axis", "file"), where)
+    framed = ("frame",) if name == "wrench" else ()
+    _known(given, (*own, *framed, "unit", "variable", "axis", "file"), where)
     units = UNITS[name]
     unit = given.get("unit", next(iter(units)))
     each = unit if isinstance(unit, list | tuple) and unit and name not in ("time", "wrench") else [unit]
@@ -184,6 +189,7 @@ def _quantity(name: str, given: Any, folder: Path, axis: str) -> Quantity:
         axis=_choice(chosen, ("rows", "columns"), f"{where}.axis") if chosen else "",
         file=folder / _text(given["file"], f"{where}.file") if "file" in given else None,
         rate_hz=rate,
+        frame=_choice(given.get("frame", "tip"), FRAMES, f"{where}.frame"),
     )
 
 

@@ -39,6 +39,10 @@ _FIELDS = {
     "torque": "tau",
     "wrench": "wrench",
 }
+_NO_WRENCH = (
+    "The wrench is along the axes of the arm's base and is left out: it is turned into the tip's axes only where the "
+    "recording is read with its robot (--robot)."
+)
 # Formats whose joints have names, which choose and order them.
 _BAGS = ("ros2bag", "mcap")
 # Units that a kind of joint cannot have, and what it may have instead.
@@ -86,6 +90,12 @@ def read(
         raw = retimed(raw, rate_hz)
     told = () if robot is None else robot_notes(raw.robot, robot.name)
     values, report = checked(replace(raw, notes=(*told, *notes, *raw.notes)), robot, max_bad, path)
+    if "wrench" in values and raw.wrench_frame != "tip":
+        if robot is None:
+            del values["wrench"]
+            report = replace(report, notes=(*report.notes, _NO_WRENCH))
+        else:
+            values["wrench"] = _in_tip_axes(values["wrench"], values["position"], robot, raw.wrench_frame)
     fields: dict[str, Any] = {_FIELDS[name]: value for name, value in values.items() if name != "t"}
     return fields | {
         "t": values["t"][:, 0],
@@ -216,6 +226,15 @@ def _times(rows: FloatArray, matrix: FloatArray) -> FloatArray:
     for i, j in zip(*np.nonzero(matrix), strict=True):
         result[:, j] += rows[:, i] * matrix[i, j]
     return result
+
+
+def _in_tip_axes(wrench: FloatArray, q: FloatArray, robot: Robot, frame: str) -> FloatArray:
+    """A wrench (N, 6) along the axes of another frame, as a sensor at the tip would give it."""
+    from_base = robot.pose(q)[:, :3, :3]
+    axes = np.array(robot.joints[0].rotation) if frame == "first_joint" else np.eye(3)
+    both = np.einsum("nji,jk,nbk->nbi", from_base, axes, wrench.reshape(-1, 2, 3), optimize=True)
+    turned: FloatArray = both.reshape(wrench.shape)
+    return turned
 
 
 def _in_order(raw: RawRecording, columns: Columns, robot: Robot | None) -> RawRecording:

@@ -33,7 +33,7 @@ class Recording(Signals):
         current: (N, n) motor currents, motor side, positive as the column file's sign says [A], or None.
         tau: (N, n) joint torques, joint side, positive along +q [Nm or N], or None.
         q_ref: (N, n) joint positions that the controller asked for, at the same times [rad or m], or None.
-        wrench: (N, 6) force [N] and torque [Nm] as the file gives them, or None.
+        wrench: (N, 6) force [N] and torque [Nm] that the environment exerts on the tip, along the tip's axes, or None.
         joint_names: n names, or empty.
         robot: its name, or empty.
         source: the file it was read from, as people are told of it.

@@ -25,6 +25,8 @@ _RTDE = {
     "current": "actual_current",
     "wrench": "actual_TCP_force",
 }
+# The controller's base, whatever the robot's base frame is: drivers for ROS turn that by half a turn.
+_RTDE_FRAME = "first_joint"
 _RTDE_NOTE = (
     "The columns are taken for those of a UR controller (RTDE): actual_q, target_q, actual_qd, actual_current, "
     "TCP force."
@@ -68,6 +70,7 @@ def choose(table: Table, columns: Columns, path: Path, open_table: Callable[[Pat
         joint_names=names,
         robot=table.robot,
         notes=tuple(notes),
+        wrench_frame=quantities.get("wrench", Quantity()).frame,
     )
     for name, quantity in quantities.items():
         if quantity.file is not None:
@@ -195,6 +198,8 @@ def _found(table: Table, path: Path) -> tuple[dict[str, Quantity], bool]:
         found |= {
             key: Quantity(columns=_numbered(names, stem, 0)) for key, stem in _RTDE.items() if f"{stem}_0" in names
         }
+        if "wrench" in found:
+            found["wrench"] = replace(found["wrench"], frame=_RTDE_FRAME)
         return found, True
     valid = "say with --columns FILE.toml which columns hold what"
     if not names:

@@ -49,7 +49,13 @@ def read_matlab(path: Path, columns: Columns) -> RawRecording:
             if quantity.columns:
                 values[name] = _chosen(values[name], quantity, f"columns.{name}.columns")
             values[name] = quantity.in_si(values[name], name)
-    return RawRecording(values=values, rows=np.arange(1, t.size + 1), rows_read=int(t.size), numbered="row")
+    return RawRecording(
+        values=values,
+        rows=np.arange(1, t.size + 1),
+        rows_read=int(t.size),
+        numbered="row",
+        wrench_frame=columns.quantities.get("wrench", Quantity()).frame,
+    )
 
 
 def _times(matrix: FloatArray, time: Quantity) -> FloatArray:

@@ -57,6 +57,7 @@ class RawRecording:
         rows, faults, numbered, joint_names, robot, notes: as in ``Table``.
         rows_read: readable and unreadable ones.
         base_motion, other_joints: as in ``ReadReport``.
+        wrench_frame: as ``Quantity.frame``.
     """
 
     values: dict[str, FloatArray]
@@ -69,6 +70,7 @@ class RawRecording:
     notes: tuple[str, ...] = ()
     base_motion: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     other_joints: int = 0
+    wrench_frame: str = "tip"
 
 
 def side_by_side(columns: Sequence[pl.Series]) -> FloatArray:
