@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from bumpstop.identification.validation import ContactComparison, compare_contac
 from bumpstop.recording import Recording
 from cli.support import run, strict_json
 from identification.test_friction_laws import stuck
+from identification.test_gains_fit import GAINS, currents
 
 
 def planted(robot: bs.Robot, seed: int, *, seconds: float, noise: float = 0.6) -> Recording:
@@ -220,3 +222,44 @@ def test_a_joint_that_rests_has_no_score(tmp_path: Path) -> None:
     assert "warning: wrist_1_joint rests: its torque is not judged" in said
     joint = strict_json(run("validate", model, file, "--json").out)["joints"][3]
     assert (joint["r2"], joint["r2_raw"], joint["rest_share"]) == (None, None, 1.0)
+
+
+@pytest.mark.usefixtures("unsaved_pictures")
+def test_contact_is_judged_by_currents_where_gains_are_known(tmp_path: Path) -> None:
+    """A push that a sensor measures shows in the currents times their gains; the joint of unknown gain is not used."""
+    robot = bs.Robot.load("ur5e")
+    log = currents(robot, 3, seconds=15.0, noise=0.02)
+    t = log.t - log.t[0]
+    wrench = np.zeros((t.size, 6))
+    wrench[:, 2] = -60 * np.clip(np.sin(t - 4), 0, None) * (t < 7.1)
+    in_base = np.einsum("nij,nj->ni", robot.pose(log.q)[:, :3, :3], wrench[:, :3])
+    torque = np.einsum("nij,ni->nj", robot.jacobian(log.q)[:, :3], in_base)
+    assert log.current is not None
+    touched = replace(log, current=log.current - torque / GAINS, wrench=wrench)
+    free, pushed, folder = tmp_path / "free.parquet", tmp_path / "pushed.parquet", tmp_path / "fit"
+    log.save(free)
+    touched.save(pushed)
+    known = ("--robot", "ur5e", "--model", "dynamics", "--known", f"shoulder_lift_joint.B={GAINS[1]}", "--cutoff", 10)
+    fitted = run("identify", free, *known, "-o", tmp_path / "model.toml")
+    assert "wrist_3_joint: not identifiable" in fitted.out, fitted.err
+    done = run("validate", tmp_path / "model.toml", pushed, "--out", tmp_path / "page")
+    told = re.search(r"contact force by (\w+): error ([\d.]+) N on average", done.out)
+    assert told is not None, done.err
+    assert told[1] != "wrist_3_joint"
+    assert float(told[2]) < 3.0
+    refused = run("validate", tmp_path / "model.toml", pushed, "--out", tmp_path / "page", "--contact-joint", 6)
+    assert "--contact-joint: the gain of wrist_3_joint is not known; wanted one of 1, 2, 3, 4, 5\n" in refused.err
+    assert "model: " in run("identify", pushed, *known, "-o", folder).out
+    assert "Contact force</h2>" in (folder / "report.html").read_text()
+
+
+@pytest.mark.usefixtures("unsaved_pictures")
+def test_a_fit_is_not_lost_where_its_page_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise bs.InputError("recording", "nothing of it can be drawn", "")
+
+    monkeypatch.setattr("bumpstop.report.identification.validation.write_validation_report", fails)
+    planted(bs.Robot.load("ur5e"), 2, seconds=12.0, noise=0.1).save(tmp_path / "log.parquet")
+    done = run("identify", tmp_path / "log.parquet", "--robot", "ur5e", "--cutoff", 6, "-o", tmp_path / "fit")
+    assert "nothing of it can be drawn" in done.err
+    assert (tmp_path / "fit" / "model.toml").exists()

@@ -16,6 +16,8 @@ from bumpstop.errors import InputError
 from bumpstop.identification.segments.torque_samples import near_ends, near_gaps, recorded_motion
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
@@ -34,7 +36,8 @@ class ContactComparison:
         estimated: (N,) force by eq 3.6 with its sign [N]; NaN where it is not judged.
         judged: (N,) rows where eq 3.6 says something.
         min_torque: |J' F| below which it does not [Nm].
-        all_joints: (N,) force along the measured direction by least squares over all joints [N]; NaN likewise.
+        all_joints: (N,) force along the measured direction by least squares over all joints whose torque is known [N];
+            NaN likewise.
     """
 
     joint: int
@@ -69,6 +72,7 @@ def compare_contact(
     in_base_frame: bool = False,
     min_torque: float | None = None,
     free: np.ndarray | None = None,
+    known: Sequence[int] | None = None,
 ) -> ContactComparison:
     """Compare a measured contact force with the one that joint torques say.
 
@@ -89,9 +93,10 @@ def compare_contact(
         min_torque: below which a row is not judged [Nm]; default: three standard deviations of the torque while
             nothing touches.
         free: (N,) rows without contact; default: those whose force is below 2 % of the largest.
+        known: joints (from 0) whose torque is known, which alone are used; default: all.
 
     Raises:
-        InputError: wrong shapes; no force at all.
+        InputError: wrong shapes; no force at all; ``joint`` is none of those that are known.
     """
     rows = len(t)
     pose = as_float_array(q, "q", (rows, robot.dof))
@@ -103,10 +108,14 @@ def compare_contact(
     if not force.max() > 0:
         raise InputError("wrench", "has no force", "wanted a recording with contact")
     expected = np.einsum("nij,ni->nj", robot.jacobian(pose), measured.reshape(rows, 6))
+    used = list(range(robot.dof) if known is None else known)
     if joint is None:
-        joint = int(np.argmax(np.abs(expected).max(axis=0)))
+        joint = used[int(np.argmax(np.abs(expected[:, used]).max(axis=0)))]
     elif not 0 <= joint < robot.dof:
         raise InputError("joint", f"{joint + 1} is none of {robot.name}", f"wanted 1 to {robot.dof}")
+    elif joint not in used:
+        usable = ", ".join(str(j + 1) for j in used)
+        raise InputError("joint", f"the gain of {robot.joints[joint].name} is not known", f"wanted one of {usable}")
     untouched = force < 0.02 * force.max() if free is None else np.asarray(free, dtype=bool)
     if min_torque is None:
         min_torque = 3 * float(external[untouched, joint].std()) if untouched.sum() > 10 else 1.0
@@ -114,9 +123,10 @@ def compare_contact(
     judged = np.abs(own) > max(min_torque, 1e-9)
     estimated = np.full(rows, math.nan)
     estimated[judged] = force[judged] * external[judged, joint] / own[judged]
-    square = (expected**2).sum(axis=1)
+    square = (expected[:, used] ** 2).sum(axis=1)
+    together = (expected[:, used] * external[:, used]).sum(axis=1)
     everything = np.full(rows, math.nan)
-    everything[judged] = force[judged] * (expected * external).sum(axis=1)[judged] / square[judged]
+    everything[judged] = force[judged] * together[judged] / square[judged]
     return ContactComparison(
         joint=joint,
         t=t,
@@ -131,17 +141,20 @@ def compare_contact(
 
 
 def contact_of(model: DynamicsModel, recording: Recording, *, joint: int | None = None) -> ContactComparison | None:
-    """The contact comparison of a recording with torques and a wrench in the tip's frame; None: it has no wrench.
+    """The contact comparison of a recording with a wrench in the tip's frame; None: it has none, or no torque is known.
 
-    Rows in gaps were made up, and beside longer ones and at ends in motion the acceleration is not known: they are left
-    out.
+    Of currents torques are known where the model knows the gains. Rows in gaps were made up, and beside longer ones and at
+    ends in motion the acceleration is not known: they are left out.
 
     Raises:
-        InputError: gaps and ends leave no row.
+        InputError: gaps and ends leave no row, or the torque of ``joint`` is not known.
     """
     if recording.wrench is None or not np.linalg.norm(recording.wrench[:, :3], axis=1).max() > 0:
         return None
-    motion, torque = recorded_motion(recording, model.cutoff_hz)
+    scaled = [j for j in range(model.robot.dof) if j not in model.unscaled]
+    if not scaled:
+        return None
+    motion, torque = recorded_motion(recording, model.cutoff_hz, model.gains)
     wrench = np.stack([np.interp(motion.t, recording.t, column) for column in recording.wrench.T], axis=1)
     beside_s = 1 / model.cutoff_hz
     known = ~(near_gaps(motion.t, recording.t, beside_s) | near_ends(motion, beside_s))
@@ -149,4 +162,6 @@ def contact_of(model: DynamicsModel, recording: Recording, *, joint: int | None 
         problem = "gaps and ends leave no row whose motion is known"
         raise InputError("recording", problem, "record longer, without losing samples")
     external = model.torque(replace(motion, gravity=model.gravity)) - torque
-    return compare_contact(model.robot, motion.t[known], motion.q[known], external[known], wrench[known], joint=joint)
+    return compare_contact(
+        model.robot, motion.t[known], motion.q[known], external[known], wrench[known], joint=joint, known=scaled
+    )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from bumpstop.arrays import finite_or_none
+from bumpstop.cli.folders import writing
 from bumpstop.cli.identification.arm_recordings import carried_of, fit_notes, known_of
 from bumpstop.cli.identification.consistent_inertia import inertias_json, print_inertias
 from bumpstop.cli.identification.fit_options import FIT_FILES
@@ -72,6 +73,11 @@ def identify_dynamics_of(
     model_file = out if out is None or out.suffix == ".toml" else out / FIT_FILES["dynamics"]
     urdf = None if model_file is None or bodies is None else model_file.with_suffix(".urdf")
     if model_file is not None and out is not None:
+        # Before the page: whatever fails there, a long fit is not lost.
+        with writing(out if model_file != out else None):
+            replace(fit, source=named, model=replace(fit.model, verdict=verdict.status)).save(model_file)
+            if urdf is not None and bodies is not None:
+                bodies.save(urdf)
         if model_file != out:
             dynamics_report(
                 fit,
@@ -84,9 +90,6 @@ def identify_dynamics_of(
                 payloads=carried,
                 verdict=verdict,
             )
-        if urdf is not None and bodies is not None:
-            bodies.save(urdf)
-        replace(fit, source=named, model=replace(fit.model, verdict=verdict.status)).save(model_file)
     if as_json:
         found = {"verdict": verdict.to_json()} | _identified(fit, scores, logs)
         found |= {} if bodies is None else {"consistent": inertias_json(bodies)}

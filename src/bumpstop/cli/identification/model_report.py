@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bumpstop.cli.identification.fit_verdict import reading_lines
+from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError
 from bumpstop.terminal import counted
 
@@ -43,7 +44,7 @@ def dynamics_report(
     Args:
         fit: the model.
         comparison: what the terminal shows the scores of.
-        logs: with torques; of a single one that has a wrench, contact is compared, too.
+        logs: the recordings; of a single one that has a wrench, contact is compared, too.
         folder: of the page.
         where: on which rows, in words.
         contact_joint: whose torque the contact comparison uses, from 1; default: the joint that it loads most.
@@ -60,9 +61,11 @@ def dynamics_report(
 
     contact = None
     if len(logs) == 1 and not any(payloads):
-        contact = contact_of(fit.model, logs[0], joint=None if contact_joint is None else contact_joint - 1)
+        with as_options({"joint": "--contact-joint"}):
+            contact = contact_of(fit.model, logs[0], joint=None if contact_joint is None else contact_joint - 1)
         if contact is None and contact_joint is not None:
-            raise InputError("--contact-joint", f"has no effect: {logs[0].source} has no wrench", "leave it out")
+            absent = f"{logs[0].source} has no wrench" if logs[0].wrench is None else "no joint's torque is known"
+            raise InputError("--contact-joint", f"has no effect: {absent}", "leave it out")
     elif contact_joint is not None:
         raise InputError("--contact-joint", "is for one recording without a declared payload", "leave it out")
     selection = SelectionPart(
