@@ -143,8 +143,8 @@ def compare_contact(
 def contact_of(model: DynamicsModel, recording: Recording, *, joint: int | None = None) -> ContactComparison | None:
     """The contact comparison of a recording with a wrench in the tip's frame; None: it has none, or no torque is known.
 
-    Of currents torques are known where the model knows the gains. Rows in gaps were made up, and beside longer ones and at
-    ends in motion the acceleration is not known: they are left out.
+    Of currents torques are known where the model knows the gains. Rows in gaps were made up, and beside longer ones and
+    at ends in motion the acceleration is not known: they are left out.
 
     Raises:
         InputError: gaps and ends leave no row, or the torque of ``joint`` is not known.

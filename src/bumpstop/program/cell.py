@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.collision import CollisionProblem, evaluate
+from bumpstop.collision.scenario.keys import leave_out
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.collision.trajectory.trajectory import Trajectory, checked_motion, point_motion, point_places
 from bumpstop.collision.trajectory.trajectory_file import Rows
@@ -113,10 +114,8 @@ class Cell:
             )
         data = scenario.model_dump(exclude_unset=True, exclude_none=True, mode="python", exclude={"folder"})
         self.start = self._start(scenario)
-        for key in ("pose_deg", "pose_rad"):
-            data.pop(key, None)
+        leave_out(data, ("pose_deg", "pose_rad", "motion", *(f"contact.{key}" for key in _OFFSET)))
         data["motion"] = {"kind": "trajectory", "file": _PLACEHOLDER, "contact_onset_s": "uniform"}
-        data["contact"] = {key: value for key, value in data["contact"].items() if key not in _OFFSET}
         if "stiffness_N_m" in data["contact"]:
             data["contact"].pop("stiffness_N_mm", None)
         self.scenario = Scenario.from_dict(data, scenario.folder)

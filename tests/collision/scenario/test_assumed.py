@@ -5,9 +5,11 @@ from __future__ import annotations
 import pytest
 
 import bumpstop as bs
+from bumpstop.program.cell import Cell
 from bumpstop.study import Variable
 from bumpstop.view.document import with_keys
 from collision.scenario_cases import example
+from program.corpora import EXAMPLES
 
 ASSUMED = ["detector.thresholds_Nm", "contact.stiffness_N_mm", "pose_deg"]
 
@@ -34,6 +36,19 @@ def test_what_is_assumed_stands_beside_the_verdict_until_it_is_set() -> None:
     assert done.assumed == []
     assert "assumed" not in done.to_dict()
     assert not any("ASSUMED" in note for note in bs.evaluate(done).warnings)
+
+
+def test_what_is_left_out_is_not_assumed_any_more() -> None:
+    """Of copies that a command makes: they were refused for keys that the scenario gives."""
+    keys = ["pose_deg", "motion.velocity_mm_s", "contact.offset_law", "verdict.confidence", "contact.stiffness_N_mm"]
+    data = bs.load_scenario(EXAMPLES / "cell.toml").to_dict()
+    data["verdict"]["confidence"] = 0.9
+    data["contact"]["stiffness_N_m"] = 75000.0
+    data["uncertainty"] = {"reaction.latency_s": {"distribution": "normal", "relative_sd": 0.1}}
+    uncertain = bs.Scenario.from_dict(data | {"assumed": keys}, EXAMPLES)
+    known = uncertain.without_uncertainty()
+    assert known.assumed == [key for key in keys if key != "verdict.confidence"]
+    assert Cell(known).scenario.assumed == ["contact.stiffness_N_mm"]
 
 
 @pytest.mark.parametrize("key", ["detector.noise_mean_Nm", "detector", "assumed", "nonsense"])

@@ -15,6 +15,7 @@ from bumpstop.detection import ResidualSeries, Thresholds, tune
 from bumpstop.detection.durations import hours_in_words, rates_in_words
 from bumpstop.recording import Recording
 from cli.support import EXAMPLE, run, strict_json
+from detection.tuning_cases import residuals
 
 
 def test_tune_writes_thresholds_that_others_read(noise: Path, tmp_path: Path) -> None:
@@ -50,6 +51,23 @@ def test_tune_writes_thresholds_that_others_read(noise: Path, tmp_path: Path) ->
     # Powers at a logarithmic axis would be mathematical text, which figures do not set.
     assert ">nan<" not in page
     assert "mathdefault" not in page
+
+
+def test_the_scenario_that_new_writes_is_taken(tmp_path: Path) -> None:
+    """It calls its noise assumed, in place of which the recordings' own is taken; an uncertain one alike."""
+    noise, cell, saved = tmp_path / "noise.parquet", tmp_path / "cell.toml", tmp_path / "thresholds.toml"
+    series = residuals(0.05, 1, joints=6)
+    ResidualSeries(np.arange(series.t.size) * 0.008, series.rows).save(noise)
+    assert run("new", "ur10", "--out", cell).status == 0
+    assert "detector.noise_sd_Nm" in bs.load_scenario(cell).assumed
+    done = run("tune", noise, "--per-hour", 60, "--scenario", cell, "--save", saved)
+    assert (done.status, done.err) == (0, "")
+    assert "cell: its noise is the residuals of the recordings, in place of its own." in done.out
+    assert saved.exists()
+    uncertain = '[uncertainty]\n"detector.noise_sd_Nm" = { distribution = "normal", relative_sd = 0.1 }\n'
+    cell.write_text(cell.read_text() + uncertain)
+    done = run("tune", noise, "--per-hour", 60, "--scenario", cell)
+    assert (done.status, done.err) == (0, "")
 
 
 def test_the_operating_curve_says_by_what_a_scenario_fails(noise: Path, tmp_path: Path) -> None:

@@ -52,6 +52,7 @@ class ScenarioNoise:
         import numpy as np
 
         from bumpstop.collision import Scenario
+        from bumpstop.collision.scenario.keys import leave_out
         from bumpstop.detection.tuning.residual_record import write_residuals
 
         period = scenario.detector.feedback_period_s
@@ -64,8 +65,7 @@ class ScenarioNoise:
             rows = np.concatenate([one.rows[::stride] for one in self._series])
             write_residuals(path, np.arange(len(rows), dtype=np.float64) * period, rows)
         data = scenario.to_dict()
-        for key in ("noise_sd_Nm", "noise_mean_Nm", "noise_correlation"):
-            data["detector"].pop(key, None)
+        leave_out(data, [f"detector.{key}" for key in ("noise_sd_Nm", "noise_mean_Nm", "noise_correlation")])
         data["detector"]["residuals"] = str(path)
         return Scenario.from_dict(data, scenario.folder)
 

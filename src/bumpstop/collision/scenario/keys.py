@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from bumpstop.collision.scenario.scenario_words import as_written
@@ -40,6 +40,21 @@ def drop_assumed(data: dict[str, Any], known: Iterable[str]) -> None:
     if isinstance(assumed, list):
         replaced = {one for key in known for one in (key, *other_spelling(key))}
         data[ASSUMED] = [key for key in assumed if key not in replaced and key.partition(".")[0] not in replaced]
+
+
+def leave_out(data: dict[str, Any], keys: Sequence[str]) -> None:
+    """Take dotted keys, and tables, out of nested dictionaries of a checked scenario.
+
+    What is not given there is neither uncertain nor :data:`ASSUMED`.
+    """
+    for key in keys:
+        table, _, last = key.rpartition(".")
+        (data.get(table, {}) if table else data).pop(last, None)
+    if "uncertainty" in data:
+        gone = set(keys)
+        uncertain = data["uncertainty"].items()
+        data["uncertainty"] = {key: one for key, one in uncertain if gone.isdisjoint((key, key.partition(".")[0]))}
+    drop_assumed(data, keys)
 
 
 def set_key(data: dict[str, Any], key: str, value: Any) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError, field_validator, model_validator
 
-from bumpstop.collision.scenario.keys import ASSUMED, MADE_BY, set_keys
+from bumpstop.collision.scenario.keys import ASSUMED, MADE_BY, leave_out, set_keys
 from bumpstop.collision.scenario.scenario_tables import ScenarioTables
 from bumpstop.collision.scenario.scenario_words import as_written, explain, explain_all, unknown_key
 from bumpstop.collision.scenario.spellings import other_spelling
@@ -160,8 +160,7 @@ class Scenario(ScenarioTables):
         if not self.uncertainty:
             return self
         data = self.as_given()
-        del data["uncertainty"]
-        data.get("verdict", {}).pop("confidence", None)
+        leave_out(data, ("uncertainty", "verdict.confidence"))
         return Scenario.from_dict(data, self.folder)
 
     def as_given(self) -> dict[str, Any]:

@@ -171,12 +171,12 @@ class EffectivenessStudy(Study):
     def scenario_of(self, table: str, body: str, direction: str, speed: float, area: float) -> Scenario:
         """The scenario of one collision: the body's own stiffness and mass; slower arms get longer to go as far."""
         from bumpstop.collision import Scenario
+        from bumpstop.collision.scenario.keys import leave_out
         from bumpstop.study.speed.motion_duration import duration_s
 
         data = self.scenario.to_dict()
         contact = data["contact"]
-        for key in keys_of_the_body(_load(self.scenario, table).region(body)):
-            contact.pop(key, None)
+        leave_out(data, [f"contact.{key}" for key in keys_of_the_body(_load(self.scenario, table).region(body))])
         contact |= {"body": body, "limits": table, "area_cm2": area}
         motion_end = duration_s(self.scenario, speed / Variable("motion.speed").value(self.scenario))
         data["motion"] |= {"velocity_mm_s": [speed * x for x in DIRECTIONS[direction]], "duration_s": motion_end}

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.collision import CollisionProblem, Scenario
+from bumpstop.collision.scenario.keys import leave_out
 from bumpstop.errors import InputError
 from bumpstop.study.answer_warnings import FAILS_WITH_FINER_STEPS, AnswerWarnings
 from bumpstop.study.directions import STANDS, directions_of, nearest_moving
@@ -91,6 +92,7 @@ class TrajectorySpeedLimits(SpeedMap):
     def _line(self) -> Scenario:
         data = self.scenario.to_dict()
         robot, rows = self.problem.robot, self._coarse
+        leave_out(data, ["motion"])
         data["motion"] = {"task": "pose" if robot.dof >= 6 else "position"}
         # The row that is farthest from a singularity.
         row = int(np.linalg.svd(robot.jacobian(rows.position), compute_uv=False)[:, -1].argmax())
