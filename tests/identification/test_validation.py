@@ -245,6 +245,7 @@ def test_contact_is_judged_by_currents_where_gains_are_known(tmp_path: Path) -> 
     done = run("validate", tmp_path / "model.toml", pushed, "--out", tmp_path / "page")
     told = re.search(r"contact force by (\w+): error ([\d.]+) N on average", done.out)
     assert told is not None, done.err
+    assert re.search(r"warning: the gain of .*wrist_3_joint is not known: currents are judged up to a free", done.out)
     assert told[1] != "wrist_3_joint"
     assert float(told[2]) < 3.0
     refused = run("validate", tmp_path / "model.toml", pushed, "--out", tmp_path / "page", "--contact-joint", 6)

@@ -119,6 +119,12 @@ def reading_warnings(recordings: Sequence[Recording], robot: Robot | None) -> li
     ]
 
 
+def unknown_gains(scores: Sequence[JointScore]) -> list[str]:
+    """A sentence on the joints of a validation whose gain the model does not know; empty: it knows all."""
+    hidden = [score.name for score in scores if score.free_gain]
+    return [f"the gain of {named(hidden)} is not known: currents are judged up to a free gain"] if hidden else []
+
+
 def tell_score(
     score: JointScore, word: str, dead: str, filter_hz: float, faults: list[str], warnings: list[str]
 ) -> None:

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
-from bumpstop.identification import compare_currents, identify_joint_model
+from bumpstop.identification import compare_currents, identify_joint_model, judge_currents
 from bumpstop.identification.drive.error_sources import GainByModel, error_of_choice, weights_of
+from bumpstop.joint import JointTorqueModel
 from bumpstop.model import inverse_dynamics, with_rotors
 from identification.drives import driven, drives, fourier
 
@@ -112,13 +113,21 @@ def test_friction_that_turns_over_in_its_own_way_moves_no_gain(width: float) -> 
     assert np.abs(scores).max() < 1.96, scores
 
 
-def test_a_joint_of_unknown_gain_is_scored_up_to_a_free_gain() -> None:
-    """Its current is predicted as well as with the gain, whatever the gain is; a wrong motion is told all the same."""
+def without_the_elbow_s_gain() -> tuple[JointTorqueModel, JointTorqueModel, bs.Recording]:
+    """Drives, the same with an unknown gain, and a recording of the drives."""
     truth = drives(ROBOT, inverse_dynamics(with_rotors(ROBOT, 0.0), *MOTION[1:]), kind="linear")
-    log = driven(ROBOT, MOTION, truth, 1)
     elbow = truth.joints[2]
     unknown = replace(elbow, parameters={**elbow.parameters, "B": None, "inertia": None, "hysteresis": None})
-    gainless = replace(truth, joints=(*truth.joints[:2], unknown, *truth.joints[3:]))
+    return (
+        truth,
+        replace(truth, joints=(*truth.joints[:2], unknown, *truth.joints[3:])),
+        driven(ROBOT, MOTION, truth, 1),
+    )
+
+
+def test_a_joint_of_unknown_gain_is_scored_up_to_a_free_gain() -> None:
+    """Its current is predicted as well as with the gain, whatever the gain is; a wrong motion is told all the same."""
+    truth, gainless, log = without_the_elbow_s_gain()
     known, free = (compare_currents(model, log, ROBOT) for model in (truth, gainless))
     scores = free.current_scores()
     assert [score.free_gain for score in scores] == [False, False, True, False, False, False]
@@ -131,3 +140,18 @@ def test_a_joint_of_unknown_gain_is_scored_up_to_a_free_gain() -> None:
     assert log.current is not None
     turned = compare_currents(gainless, replace(log, current=log.current[::-1].copy()), ROBOT).current_scores()[2]
     assert turned.r2 < 0.5
+
+
+def test_a_joint_of_unknown_gain_is_judged_by_the_rule_of_the_others() -> None:
+    """A model was usable over any R2 of it, and nothing said that its gain is unknown."""
+    _, gainless, log = without_the_elbow_s_gain()
+    verdict = judge_currents(compare_currents(gainless, log, ROBOT))
+    assert verdict.usable
+    assert "the gain of elbow_joint is not known: currents are judged up to a free gain" in verdict.warnings
+    assert log.current is not None
+    other = log.current.copy()
+    other[:, 2] = 0.01 * np.random.default_rng(1).normal(size=log.t.size)
+    found = compare_currents(gainless, replace(log, current=other), ROBOT)
+    assert found.current_scores()[2].r2 < 0
+    (fault,) = judge_currents(found).faults
+    assert "of the current of elbow_joint is not predicted" in fault

@@ -19,6 +19,7 @@ from bumpstop.identification.fit_verdict import (
     reading_faults,
     reading_warnings,
     tell_score,
+    unknown_gains,
 )
 from bumpstop.identification.segments.current_shift import tell_shifts
 from bumpstop.identification.segments.recorded_columns import (
@@ -138,7 +139,9 @@ def judge_currents(
     faults = reading_faults(recordings)
     warnings = [*fit_faults(found.model), *reading_warnings(recordings, robot)]
     judged = [score.name for score in found.current_scores() if not score.free_gain]
-    if not judged:
+    if judged:
+        warnings += unknown_gains(found.current_scores())
+    else:
         faults.append("the model knows the gain of no joint")
     if robot is not None:
         tell_doubtful_columns(recordings, robot, "current", faults, warnings, judged=judged)
@@ -161,8 +164,6 @@ def tell_unpredicted(found: CurrentComparison, faults: list[str], warnings: list
         warnings: what is hardly predicted, or not judged, is added.
     """
     for score, torque in zip(found.current_scores(), found.torque_scores(), strict=True):
-        if score.free_gain:
-            continue
         tell_score(score, "current", constant_words(score.name, "current"), found.filter_hz, faults, warnings)
         if torque is not None and _DRIFT < 1 - score.r2 <= WORTHLESS and torque.r2 < 0:
             offset = ": does its current have an offset?" if abs(torque.mean) > torque.sd else ""

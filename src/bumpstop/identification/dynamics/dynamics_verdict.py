@@ -21,6 +21,7 @@ from bumpstop.identification.fit_verdict import (
     reading_faults,
     reading_warnings,
     tell_score,
+    unknown_gains,
 )
 from bumpstop.identification.segments.current_shift import tell_shifts
 from bumpstop.identification.segments.motion import UniformMotion
@@ -116,6 +117,7 @@ def judge_predictions(
     faults = reading_faults(recordings)
     warnings = [*fit_faults(fit.model), *reading_warnings(recordings, fit.model.robot)]
     quantity = "tau" if fit.model.gains is None else "current"
+    warnings += unknown_gains(scores)
     judged = [score.name for score in scores if not score.free_gain]
     tell_doubtful_columns(recordings, fit.model.robot, quantity, faults, warnings, judged=judged)
     tell_unpredicted(scores, quantity, filter_hz, faults, warnings)
