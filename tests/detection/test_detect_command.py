@@ -288,6 +288,7 @@ def test_real_arms_by_their_fitted_dynamics(
         assert status == 2
         assert what in err
         assert "is not available with fitted dynamics" in err
+        assert "or the residual of a loop, which has it (--causal, or causal = true)" in err
 
 
 def test_a_loop_of_another_rate_than_its_thresholds_is_refused(

@@ -157,7 +157,7 @@ def test_stamps_that_fall_on_one_another_ask_for_the_rate(tmp_path: Path) -> Non
     rows = np.column_stack([t, np.sin(t)[:, None] * np.ones(6), np.cos(t)[:, None] * np.ones(6)])
     names = [*(f"q_{j}" for j in range(1, 7)), *(f"tau_{j}" for j in range(1, 7))]
     np.savetxt(path, rows, delimiter=",", header=",".join(["t", *names]), comments="")
-    told = r"are bad .*doubled time.*--max-bad\); rows sampled evenly .*--rate, or rate"
+    told = r"are bad .*doubled time.*--max-bad\); rows sampled evenly .*--rate of tune, detect and score, or"
     with pytest.raises(bs.InputError, match=told):
         Recording.load(path)
     assert Recording.load(path, rate_hz=250.0).t.size == t.size

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from bumpstop.model import Robot
     from bumpstop.recording import Recording
 
-_CAUSAL = "or causal = true, for the residual of a loop"
+_CAUSAL = "or the residual of a loop, which has it (--causal, or causal = true)"
 _TOLERANCE = 0.01  # of a period: what ResidualRecord.load allows
 
 
@@ -127,16 +127,21 @@ def _checked_settings(given: DetectorSettings, model: DynamicsModel, robot: Robo
         InputError: some are not for residuals that look ahead, or the model is of another robot.
     """
     if given.window_s != DetectorSettings.window_s:
-        raise InputError("window_s", "is not available with fitted dynamics: they filter both ways", _CAUSAL)
+        raise InputError(
+            "window_s", "is not available with fitted dynamics: they filter both ways", f"leave it out, {_CAUSAL}"
+        )
     if given.residual != "direct":
         raise InputError(
             "residual", f"{given.residual!r} is not available with fitted dynamics", f"valid: 'direct'; {_CAUSAL}"
         )
     for name in ("payload_kg", "payload_change_kg", "measured_rates", "largest_signal"):
         if getattr(given, name):
-            raise InputError(name, "is not available with fitted dynamics", "leave it out, or give a joint model")
+            # Not advised to be left out: the torque of a load would be in the residual.
+            raise InputError(name, "is not available with fitted dynamics", f"wanted a joint model, {_CAUSAL}")
     if given.limit_margin != DetectorSettings.limit_margin:
-        raise InputError("limit_margin", "is not available with fitted dynamics: they know no limits", "leave it out")
+        raise InputError(
+            "limit_margin", "is not available with fitted dynamics: they know no limits", f"leave it out, {_CAUSAL}"
+        )
     if model.robot.dof != robot.dof:
         raise InputError("model", f"is for {model.robot.dof} joints", f"{robot.name} has {robot.dof}")
     if given.stiction is not None:

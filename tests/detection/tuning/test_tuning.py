@@ -194,7 +194,12 @@ def test_refusals() -> None:
         (one, {"confidence": 1.0}, "confidence: is 1"),
         (one, {"joints": [3]}, "joints: .4. are not all joints; wanted some of 1 to 3"),
         (short.between(0, 0.5), {}, "50 rows; wanted at least 100"),
-        (ResidualSeries(one.t, one.rows * [1, 0, 1]), {"joints": [0, 1]}, "residual of joint 2: never changes"),
+        (
+            ResidualSeries(one.t, one.rows * [1, 0, 1]),
+            {"joints": [0, 1]},
+            "residual of joint 2: is 0 all the time: its gain",
+        ),
+        (ResidualSeries(one.t, one.rows * [1, 0, 1] + 3), {"joints": [0, 1]}, "residual of joint 2: never changes"),
         (ResidualSeries(one.t, 0 * one.rows), {}, "residuals: of no joint ever change"),
         ([one, residuals(0.02, 2, joints=4)], {}, "noise 2: has 4 joints; noise 1 has 3"),
         ([one, ResidualSeries(1.02 * one.t, one.rows)], {}, "has a row every 0.0102 s"),

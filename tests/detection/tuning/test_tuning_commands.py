@@ -229,7 +229,7 @@ def test_joints_that_a_model_cannot_tell_are_not_monitored(tmp_path: Path) -> No
     assert [value is None for value in found["thresholds_Nm"]] == [False] * 6 + [True]
     assert "joint_t: without a joint model, not monitored." in found["notes"]
     assert "Not monitored: joint 7." in found["notes"]
-    assert "The residual of joint 7 never changes." in found["notes"]
+    assert "The residual of joint 7 is 0 all the time: its gain or its model is unknown." in found["notes"]
 
 
 def test_residuals_of_a_loop_that_loses_samples_are_noise(noise: Path, tmp_path: Path) -> None:

@@ -76,7 +76,12 @@ def tune(
     asked, per_hour = per_hour, supported if per_hour is None else per_hour
     if not as_number(per_hour, "per_hour") > 0:
         raise InputError("per_hour", f"is {per_hour}", "wanted more than 0")
-    still = [j for j in range(dof) if not np.ptp(np.concatenate([part.rows[:, j] for part in parts])) > 0]
+    still = {}
+    for j in range(dof):
+        every = np.concatenate([part.rows[:, j] for part in parts])
+        if not np.ptp(every) > 0:
+            # Detectors have a residual of zero where they know none.
+            still[j] = "never changes" if every.any() else "is 0 all the time: its gain or its model is unknown"
     monitored = sorted(set([j for j in range(dof) if j not in still] if joints is None else joints))
     if len(still) == dof:
         raise InputError("residuals", "of no joint ever change", "wanted those of contact-free motion")
@@ -84,7 +89,7 @@ def tune(
         raise InputError("joints", f"{[j + 1 for j in monitored]} are not all joints", f"wanted some of 1 to {dof}")
     for j in still:
         if j in monitored:
-            raise InputError(f"residual of joint {j + 1}", "never changes", "leave that joint out")
+            raise InputError(f"residual of joint {j + 1}", still[j], "leave that joint out")
     rows = [one for number, part in enumerate(parts) for one in _segments(part, number, monitored, wanted)]
     found, tail, larger = _tail(rows, period, per_hour)
     lengths = [sum(len(one.t) for one in rows if one.run == number) for number in range(len(parts))]
@@ -102,7 +107,7 @@ def tune(
     )
     thresholds = tuning.thresholds()
     notes = _notes(tuning, thresholds, rows, monitored, parts)
-    notes += [f"The residual of joint {j + 1} never changes." for j in still]
+    notes += [f"The residual of joint {j + 1} {why}." for j, why in still.items()]
 
     def without(left: list[Segment]) -> FloatArray:
         fewer, its_tail, _ = _tail(left, period, per_hour)

@@ -313,7 +313,10 @@ def _refuse(reasons: list[tuple[int, str, str]], raw: RawRecording, good: int, m
         # Stamps of a busy PC fall on one another: the rows are good, and their rate is known.
         even = ""
         if doubled > len(reasons) / 2:
-            even = "; rows sampled evenly need no stamps: give their rate (--rate, or rate_hz of a column file)"
+            even = (
+                "; rows sampled evenly need no stamps: give their rate (--rate of tune, detect and score, or time = "
+                "{ rate_hz = ... } in a column file)"
+            )
         raise InputError(
             str(path), problem, f"at most {100 * max_bad:g} % may be (--max-bad){even}{'; ' + short if short else ''}"
         )
