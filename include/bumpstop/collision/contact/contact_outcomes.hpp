@@ -60,7 +60,7 @@ class ContactOutcomes {
         const bool elastic = out_.kinks = reactions_.elastic();
         // The reference is straight within a simulation step, which leaves kinks of this size in the outcomes. An
         // elastic arm bounces: its time in contact is no smooth function of the offset.
-        const double of_force = !elastic ? 2e-5 : reactions_.peak_only() ? 3e-4 : 1e-4;
+        const double of_force = elastic ? 1e-4 : 2e-5;
         share_ = {of_force, of_force, elastic ? 0.1 : 5e-5, of_force};
         if (reactions_.peak_only()) share_ = {of_force, HUGE_VAL, HUGE_VAL, HUGE_VAL};
         std::size_t slots = 0;
