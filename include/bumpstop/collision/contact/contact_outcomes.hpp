@@ -270,6 +270,7 @@ class ContactOutcomes {
         // Bodies that are touched in other ticks may be met at other speeds. With a rigid arm little is gained.
         const bool alike = reactions_.elastic() && advance > 0 && high - low <= (1 + 1e-9) * advance;
         DetectionOutcomes detections(probability.detected, share_.data(),
+                                     reactions_.peak_only() ? ContactReactions::negligible_chance : 0.0,
                                      alike ? swing / (reactions_.paths().step * period) : 0.0);
         detections(collisions, touch, [&](const DetectionOutcomes::Detection& at, const auto& outcome) {
             for (std::size_t q = 0; q < DetectionOutcomes::quantities; ++q)

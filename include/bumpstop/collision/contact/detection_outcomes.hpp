@@ -19,9 +19,10 @@ class DetectionOutcomes {
     };
 
     /// `chance`: probability of a detection by slot. `share`: allowed error of a certain outcome by quantity, as a share
-    /// of the greatest; infinite: it is not needed. `widest`: no range that is interpolated is wider [ticks].
-    DetectionOutcomes(const std::vector<double>& chance, const double* share, double widest)
-        : chance_(chance), share_(share), widest_(widest) {}
+    /// of the greatest; infinite: it is not needed. `negligible`: a range that is less probable takes the outcomes
+    /// of its ends. `widest`: no range that is interpolated is wider [ticks].
+    DetectionOutcomes(const std::vector<double>& chance, const double* share, double negligible, double widest)
+        : chance_(chance), share_(share), negligible_(negligible), widest_(widest) {}
 
     /// Calls set(detection, outcome) for all detections from the first slot to the last that have a probability.
     /// `touch`: when each collision begins, but for a constant [ticks].
@@ -70,9 +71,14 @@ class DetectionOutcomes {
             for (std::size_t i = low + 1; i < high; ++i) simulate(i);
             return;
         }
+        const double chance = chance_of(low, high);
+        if (chance <= negligible_) {
+            for (std::size_t i = low + 1; i < high; ++i) outcome_[i] = outcome_[i - low < high - i ? low : high];
+            return;
+        }
         Nodes at;
         for (std::size_t m = 0; m < nodes; ++m) at[m] = low + (high - low) * m / (nodes - 1);
-        if (detection_[high].time - detection_[low].time <= widest_ && smooth(at)) {
+        if (detection_[high].time - detection_[low].time <= widest_ && smooth(at, chance)) {
             for (std::size_t i = low + 1; i < high; ++i)
                 if (!known_[i]) outcome_[i] = interpolated(at, i);
             return;
@@ -81,14 +87,18 @@ class DetectionOutcomes {
         find_between(low, at[2]);
         find_between(at[2], high);
     }
+    /// Of the slots of some detections.
+    double chance_of(std::size_t low, std::size_t high) const {
+        const auto begin = detection_.begin() + std::ptrdiff_t(low),
+                   end = detection_.begin() + std::ptrdiff_t(high) + 1;
+        const auto [first, last] =
+            std::minmax_element(begin, end, [](const Detection& a, const Detection& b) { return a.slot < b.slot; });
+        return std::accumulate(chance_.begin() + std::ptrdiff_t(first->slot),
+                               chance_.begin() + std::ptrdiff_t(last->slot) + 1, 0.0);
+    }
     /// Whether outcomes interpolated from those at the nodes agree with two more.
-    bool smooth(const Nodes& at) {
+    bool smooth(const Nodes& at, double chance) {
         for (std::size_t i : at) simulate(i);
-        const auto [low, high] = std::minmax_element(at.begin(), at.end(), [&](std::size_t a, std::size_t b) {
-            return detection_[a].slot < detection_[b].slot;
-        });
-        const double chance = std::accumulate(chance_.begin() + std::ptrdiff_t(detection_[*low].slot),
-                                              chance_.begin() + std::ptrdiff_t(detection_[*high].slot) + 1, 0.0);
         for (std::size_t i : {(at[0] + at[1]) / 2, (at[3] + at[4]) / 2}) {
             simulate(i);
             const Values mixed = interpolated(at, i);
@@ -100,7 +110,7 @@ class DetectionOutcomes {
         }
         return true;
     }
-    /// By the polynomial through the outcomes at the nodes. Equal infinite ones stay infinite.
+    /// By the polynomial through the outcomes at the nodes; infinite where one of them is.
     Values interpolated(const Nodes& at, std::size_t i) const {
         Values sum{};
         for (std::size_t m : at) {
@@ -110,15 +120,14 @@ class DetectionOutcomes {
                     weight *= (detection_[i].time - detection_[j].time) / (detection_[m].time - detection_[j].time);
             for (std::size_t q = 0; q < quantities; ++q) sum[q] += weight * outcome_[m][q];
         }
-        for (std::size_t q = 0; q < quantities; ++q)
-            if (std::all_of(at.begin(), at.end(), [&](std::size_t m) { return outcome_[m][q] == HUGE_VAL; }))
-                sum[q] = HUGE_VAL;
+        for (double& value : sum)
+            if (!std::isfinite(value)) value = HUGE_VAL;
         return sum;
     }
 
     const std::vector<double>& chance_;
     const double* share_;
-    double widest_;
+    double negligible_, widest_;
     std::vector<ContactCollision>* collisions_ = nullptr;
     std::vector<Detection> detection_;  ///< by time
     std::vector<Values> outcome_;       ///< by detection
