@@ -15,11 +15,10 @@ NewArray<double>::Array joint_torques(const std::vector<JointTorqueParameters>& 
     {
         nb::gil_scoped_release unlocked;
         for (std::size_t j = 0; j < columns; ++j) {
-            const JointTorqueModel<double> model(joints[j]);
+            const JointTorqueLaw<double> law(joints[j]);
             JointTorqueState<double> joint{state(0, j), state(1, j), state(2, j)};
             for (std::size_t i = 0; i < rows; ++i)
-                out.data[i * columns + j] =
-                    joint_torque(model, current(i, j), qd(i, j), qdd ? (*qdd)(i, j) : 0.0, joint);
+                out.data[i * columns + j] = joint_torque(law, current(i, j), qd(i, j), qdd ? (*qdd)(i, j) : 0.0, joint);
             state(0, j) = joint.direction;
             state(1, j) = joint.outside_current;
             state(2, j) = joint.outside_speed;

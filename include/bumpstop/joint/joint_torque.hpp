@@ -56,7 +56,7 @@ struct JointTorqueState {
 
 /// The model in the form that samples go through. T: a joint; or lanes, of a joint each, or of samples of one joint.
 template <class T>
-struct JointTorqueModel {
+struct JointTorqueLaw {
     static constexpr double top = 1e4;  ///< no joint is as fast [rad/s]
 
     T odd = 1.0, power = 0.0;  ///< 1: that map, that friction law; 0: the other
@@ -67,8 +67,8 @@ struct JointTorqueModel {
     T speed_high = std::numeric_limits<double>::infinity();
     bool any_power = false, any_stribeck = false;  ///< some joint has that friction law
 
-    JointTorqueModel() = default;
-    explicit JointTorqueModel(const JointTorqueParameters& p) noexcept {
+    JointTorqueLaw() = default;
+    explicit JointTorqueLaw(const JointTorqueParameters& p) noexcept {
         for (int lane = 0; lane < Scalar<T>::lanes; ++lane) set(lane, p);
     }
     void set(int lane, const JointTorqueParameters& p) noexcept {
@@ -97,6 +97,7 @@ struct JointTorqueModel {
         set_lane(speed_high, lane, p.speed_high);
     }
 
+    /// A sample on its way from the current to the torque.
     struct Sample {
         T current, qd;
         T sign;       ///< of qd, from -1 to 1
@@ -118,7 +119,6 @@ struct JointTorqueModel {
         const T speed = abs(qd);
         s.sign = max(T(-1.0), min(T(1.0), qd * inverse_rest_speed));
         s.at_rest = max(T(0.0), min(T(1.0), 2.0 - speed * inverse_rest_speed));
-        s.log_speed = s.power = s.bell = 0.0;
         s.width = min(T(26.0), speed * inverse_stribeck_speed);
         if (any_power) {
             // D |qd|^F as D top^F exp(-F ln(top / |qd|)), with an exponent <= 0.
@@ -146,15 +146,15 @@ struct JointTorqueModel {
 
 /// Torque of the joint [Nm]; updates the state by this sample.
 template <class T>
-T joint_torque(const JointTorqueModel<T>& model, T current, T qd, T qdd, JointTorqueState<T>& state) noexcept {
-    const auto s = model.sample(current, qd);
-    state.outside_current += select((s.joint_current < model.low) | (s.joint_current > model.high), T(1.0), T(0.0));
-    state.outside_speed += select(abs(qd) > model.speed_high, T(1.0), T(0.0));
-    return model.torque(s, qdd, state.direction);
+T joint_torque(const JointTorqueLaw<T>& law, T current, T qd, T qdd, JointTorqueState<T>& state) noexcept {
+    const auto s = law.sample(current, qd);
+    state.outside_current += select((s.joint_current < law.low) | (s.joint_current > law.high), T(1.0), T(0.0));
+    state.outside_speed += select(abs(qd) > law.speed_high, T(1.0), T(0.0));
+    return law.torque(s, qdd, state.direction);
 }
 template <class T>
 T joint_torque(const JointTorqueParameters& p, T current, T qd, T qdd, JointTorqueState<T>& state) noexcept {
-    return joint_torque(JointTorqueModel<T>(p), current, qd, qdd, state);
+    return joint_torque(JointTorqueLaw<T>(p), current, qd, qdd, state);
 }
 
 }  // namespace bumpstop::inline BUMPSTOP_TARGET

@@ -28,7 +28,7 @@ using JointTorqueErrors = JointTorqueErrorsOf<double>;
 /// Dead zone at standstill [Nm or N]: external torque of either sign that static friction holds, so that the current
 /// does not show it. It is the friction at rest_speed under `current`, times the slope of the map, plus hysteresis.
 inline double dead_zone(const JointTorqueParameters& p, double current) noexcept {
-    const double friction = abs(JointTorqueModel<double>(p).sample(current, p.rest_speed).friction);
+    const double friction = abs(JointTorqueLaw<double>(p).sample(current, p.rest_speed).friction);
     const double inside = max(p.current_low, min(p.current_high, current));
     const double slope = p.map == CurrentMap::odd ? p.B + 2 * p.A * abs(inside) : p.B;
     return slope * friction + abs(p.hysteresis);
@@ -43,7 +43,7 @@ class JointTorqueBank {
         for (int j = 0; j < joints_; ++j) {
             Group& g = group_[j / native_lanes];
             const int lane = j % native_lanes;
-            g.model.set(lane, joints[j]);
+            g.law.set(lane, joints[j]);
             if (errors.empty()) continue;
             JointTorqueErrors own = errors[j];
             for (std::size_t k = 0; k < own.all().size(); ++k) set_lane(*g.errors.all()[k], lane, *own.all()[k]);
@@ -57,9 +57,9 @@ class JointTorqueBank {
                                  double* sd) noexcept {
         for (int first = 0; first < joints_; first += native_lanes) {
             Group& group = group_[first / native_lanes];
-            const auto sample = group.model.sample(load<L>(current + first), load<L>(qd + first));
+            const auto sample = group.law.sample(load<L>(current + first), load<L>(qd + first));
             const L qdd_of_group = load<L>(qdd + first);
-            store(group.model.torque(sample, qdd_of_group, group.direction), tau + first);
+            store(group.law.torque(sample, qdd_of_group, group.direction), tau + first);
             if (sd != nullptr) store(standard_error(group, sample, qdd_of_group), sd + first);
         }
     }
@@ -76,31 +76,30 @@ class JointTorqueBank {
     static constexpr int max_groups = max_joints / native_lanes;
 
     struct Group {
-        JointTorqueModel<L> model;
+        JointTorqueLaw<L> law;
         L direction = 0.0;
         JointTorqueErrorsOf<L> errors;
     };
 
-    static L standard_error(const Group& g, const JointTorqueModel<L>::Sample& s, L qdd) noexcept {
-        const JointTorqueModel<L>& model = g.model;
+    static L standard_error(const Group& g, const JointTorqueLaw<L>::Sample& s, L qdd) noexcept {
+        const JointTorqueLaw<L>& law = g.law;
         const JointTorqueErrorsOf<L>& e = g.errors;
-        const L slope = 2.0 * s.bend + model.B, through = slope * s.sign;
+        const L slope = 2.0 * s.bend + law.B, through = slope * s.sign;
         // In the load-dependent map A has the factor -sgn(qd).
         const L by_A =
-            select(model.odd > L(0.0), abs(s.inside), -(s.sign * s.inside)) * (2.0 * s.joint_current - s.inside);
+            select(law.odd > L(0.0), abs(s.inside), -(s.sign * s.inside)) * (2.0 * s.joint_current - s.inside);
         L variance = square(by_A * e.A) + square(s.joint_current * e.B) + square(slope * e.friction) +
                      square(slope * s.qd * e.viscous) + square(through * abs(s.current) * e.load) +
                      square(s.at_rest * g.direction * e.hysteresis) + square(qdd * e.inertia);
-        if (model.any_power) {
+        if (law.any_power) {
             const L log_speed = s.log_speed + 9.210340371976183;  // ln |qd|
             variance += select(
-                model.power > L(0.0),
-                square(through * s.power * model.unit_scale * e.D) + square(through * s.magnitude * log_speed * e.F),
+                law.power > L(0.0),
+                square(through * s.power * law.unit_scale * e.D) + square(through * s.magnitude * log_speed * e.F),
                 L(0.0));
         }
-        if (model.any_stribeck) {
-            const L by_width =
-                through * model.stribeck * s.bell * (2.0 * s.width * s.width) * model.inverse_stribeck_speed;
+        if (law.any_stribeck) {
+            const L by_width = through * law.stribeck * s.bell * (2.0 * s.width * s.width) * law.inverse_stribeck_speed;
             variance += square(through * e.coulomb) + square(through * s.bell * e.stribeck) +
                         square(by_width * e.stribeck_speed);
         }

@@ -16,7 +16,14 @@ from bumpstop.collision.arm.arm_mass import arm_mass_at, reduced_mass
 from bumpstop.collision.arm.compliance import check_inertia, compliance_of, drive_train_of
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.collision.scenario.scenario_file import robot_of
-from bumpstop.collision.scenario_values import mass_of_body, per_joint, sd_of_noise, start_pose, steps_of_period
+from bumpstop.collision.scenario_values import (
+    gives_way,
+    mass_of_body,
+    per_joint,
+    sd_of_noise,
+    start_pose,
+    steps_of_period,
+)
 from bumpstop.collision.stopping.deceleration import Deceleration
 from bumpstop.contact import ContactLimits, LimitTable
 from bumpstop.detection import ResidualRecord
@@ -257,8 +264,7 @@ class CollisionProblem:
     @property
     def gives_way(self) -> bool:
         """Whether more than a clamped spring gives: the arm, a mass behind the spring, or damping."""
-        contact = self.scenario.contact
-        return self.elastic or self.gets_away or contact.gauge_mass_kg is not None or contact.damping_Ns_m > 0
+        return gives_way(self.scenario)
 
     @cached_property
     def drive_train(self) -> DriveTrain:

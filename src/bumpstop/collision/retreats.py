@@ -6,6 +6,7 @@ import math
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from bumpstop.collision.scenario_values import gives_way
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,14 +20,14 @@ _MAX_POINTS = 0.9e8
 
 @contextmanager
 def retreats_in_memory() -> Iterator[None]:
-    """Refuse collisions whose retreats take gigabytes by name.
+    """Refuse by name what the kernels refuse: collisions whose retreats would take gigabytes.
 
     Raises:
-        InputError: the kernels refuse them, or there is no memory.
+        InputError: they do.
     """
     try:
         yield
-    except MemoryError:
+    except ValueError:  # std::length_error
         problem = "collisions stay undetected for so long that the retreats from all control cycles need gigabytes"
         valid = "wanted a shorter motion, a longer simulation.step_s, or thresholds that detect them"
         raise InputError("motion.duration_s", problem, valid) from None
@@ -34,8 +35,6 @@ def retreats_in_memory() -> Iterator[None]:
 
 def longest_motion_s(scenario: Scenario) -> float:
     """A motion this long can be followed whatever is detected [s]; infinite where no retreats are kept."""
-    contact, step = scenario.contact, scenario.simulation.step_s
-    gives_way = scenario.arm.model == "elastic" or contact.gauge_mass_kg is not None or contact.damping_Ns_m > 0
-    if scenario.reaction.kind != "reverse" or contact.kind == "free" or not gives_way:
+    if scenario.reaction.kind != "reverse" or scenario.contact.kind != "clamped" or not gives_way(scenario):
         return math.inf
-    return math.sqrt(_MAX_POINTS * scenario.detector.feedback_period_s * step)
+    return math.sqrt(_MAX_POINTS * scenario.detector.feedback_period_s * scenario.simulation.step_s)

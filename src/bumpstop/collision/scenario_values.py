@@ -13,6 +13,13 @@ from bumpstop.model import Robot
 from bumpstop.model.pose_limits import check_pose
 
 
+def gives_way(scenario: Scenario) -> bool:
+    """Whether more than a clamped spring gives: the arm, a mass behind the spring, or damping."""
+    contact = scenario.contact
+    held = contact.kind == "clamped" and contact.gauge_mass_kg is None and not contact.damping_Ns_m > 0
+    return scenario.arm.model == "elastic" or not held
+
+
 def mass_of_body(scenario: Scenario, limits: ContactLimits | None) -> float | None:
     """Mass of a free body [kg]; None: it is clamped."""
     contact = scenario.contact

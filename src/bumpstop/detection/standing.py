@@ -132,10 +132,10 @@ def checked_stiction(stiction: float | npt.ArrayLike, dof: int, *, or_unknown: b
     if np.ndim(stiction) == 0:
         values = np.full(dof, as_number(stiction, "stiction"))
     else:
-        values = as_float_array(stiction, "stiction", (dof,), finite=False)
-        as_float_array(np.where(np.isnan(values), 0.0, values) if or_unknown else values, "stiction", (dof,))
-    if (values < 0).any():
-        j = int(np.argmax(values < 0))
+        values = as_float_array(stiction, "stiction", (dof,), finite=not or_unknown)
+    unusable = (values < 0) | np.isinf(values)
+    if unusable.any():
+        j = int(np.argmax(unusable))
         raise InputError(f"stiction of joint {j + 1}", f"is {values[j]:g}", "wanted zero or more")
     return values
 

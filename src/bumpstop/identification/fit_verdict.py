@@ -119,7 +119,7 @@ def reading_warnings(recordings: Sequence[Recording], robot: Robot | None) -> li
     ]
 
 
-def unknown_gains(scores: Sequence[JointScore]) -> list[str]:
+def gain_warnings(scores: Sequence[JointScore]) -> list[str]:
     """A sentence on the joints of a validation whose gain the model does not know; empty: it knows all."""
     hidden = [score.name for score in scores if score.free_gain]
     return [f"the gain of {named(hidden)} is not known: currents are judged up to a free gain"] if hidden else []

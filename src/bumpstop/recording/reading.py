@@ -40,7 +40,7 @@ _FIELDS = {
     "wrench": "wrench",
 }
 _NO_WRENCH = (
-    "The wrench is along the axes of the arm's base and is left out: it is turned into the tip's axes only where the "
+    "The wrench is along axes that stand still and is left out: it is turned into those of the tip only where the "
     "recording is read with its robot (--robot)."
 )
 # Formats whose joints have names, which choose and order them.

@@ -2,6 +2,8 @@
 /// The reactions of contact paths.
 #pragma once
 
+#include <stdexcept>
+
 #include "bumpstop/collision/contact/separation.hpp"
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
@@ -111,7 +113,7 @@ inline constexpr double max_retreat_points = 1e8;
 
 /// The paths of a line motion. A retreat is followed until it has left every body behind that may be in contact then:
 /// one held at up to `largest_offset` [m] has been detected by the end of a path whose end is `all_detected`.
-/// Throws std::bad_alloc where bodies stay in contact for so long that the retreats would take gigabytes.
+/// Throws std::length_error where bodies stay in contact for so long that the retreats would take gigabytes.
 template <class T>
 ContactPaths contact_paths(const CollisionSetup& setup, const StoppingCurve& curve, const ContactPropagator& by,
                            double largest_offset) {
@@ -124,7 +126,7 @@ ContactPaths contact_paths(const CollisionSetup& setup, const StoppingCurve& cur
     const double share = certain < path.ticks ? 1.0 : 0.5;
     if (setup.reaction == ReactionKind::reverse && !by.gets_away &&
         share * path.ticks * certain * timing.period > detail::max_retreat_points)
-        throw std::bad_alloc();
+        throw std::length_error("retreats from all ticks need more memory than they may take");
     ContactPaths paths(setup, path);
     paths.follow_approach(by);
     const std::vector<double> min_offset = setup.reaction == ReactionKind::reverse

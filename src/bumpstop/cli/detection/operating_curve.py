@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
 
-    ResidualsOf = tuple[Robot, JointTorqueModel | DynamicsModel | None]
-
 # Of the wanted rate.
 _TIMES = (0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)
 _SAMPLES = 20_000  # runs of a distribution with measured noise
@@ -81,7 +79,11 @@ def check_joints(scenarios: Mapping[str, Scenario], dof: int) -> None:
 
 
 def operating_curve(
-    tuning: Tuning, scenarios: Mapping[str, Scenario], noise: ScenarioNoise, residuals_of: ResidualsOf | None = None
+    tuning: Tuning,
+    scenarios: Mapping[str, Scenario],
+    noise: ScenarioNoise,
+    robot: Robot | None = None,
+    model: JointTorqueModel | DynamicsModel | None = None,
 ) -> list[OperatingPoint]:
     """Force laws of scenarios at the thresholds of several rates around the wanted one.
 
@@ -92,7 +94,8 @@ def operating_curve(
         tuning: what gives the thresholds.
         scenarios: by their files.
         noise: what was tuned on.
-        residuals_of: the arm and the model whose residuals were tuned on; default: not known, or no model.
+        robot: the arm whose residuals were tuned on; default: not known, and every threshold counts.
+        model: that made residuals of what was recorded; default: none.
     """
     from bumpstop.detection import MAX_EXTRAPOLATION
     from bumpstop.detection.loop.unknown_gains import force_thresholds
@@ -104,7 +107,7 @@ def operating_curve(
         if rate >= tuning.tail.rate:
             continue
         thresholds = tuning.thresholds(rate)
-        counted = thresholds if residuals_of is None else force_thresholds(*residuals_of, thresholds)[0]
+        counted = thresholds if robot is None else force_thresholds(robot, model, thresholds)[0]
         forces = {name: _forces(scenario, counted) for name, scenario in noisy.items()}
         points.append(OperatingPoint(rate, thresholds, tuning.extrapolation(rate) > MAX_EXTRAPOLATION, forces))
     return points

@@ -87,7 +87,8 @@ def command(
     series = [_trimmed(one, trim_start, trim_end) for one, _ in loaded]
     check_joints(scenarios, series[0].dof)
     recorded = not all(holds_residuals(path) for path in recordings)
-    units = [unit_of(joint) for joint in residual_source.parts[1].joints] if recorded else []
+    model, robot = residual_source.parts if recorded else (None, None)
+    units = [] if robot is None else [unit_of(joint) for joint in robot.joints]
     monitored = joint_numbers(joints, series[0].dof) if joints is not None else None
     try:
         with progress("tuning"):
@@ -98,11 +99,11 @@ def command(
         raise InputError(option, error.problem, error.valid) from None
     tuning = replace(tuning, notes=(*tuning.notes, *dict.fromkeys(note for _, told in loaded for note in told)))
     names = residual_source.names if recorded else []
-    residuals_of = residual_source.parts[::-1] if recorded else None
     with ScenarioNoise(series, residual_source.settings.residual if recorded else None) as noise:
-        points = operating_curve(tuning, scenarios, noise, residuals_of)
-    robot = residual_source.parts[1].name if recorded else ""
-    told = notes(points, scenarios, noise, robot=robot, terms=bool(set(wanted) - {"fast"}))
+        points = operating_curve(tuning, scenarios, noise, robot, model)
+    told = notes(
+        points, scenarios, noise, robot="" if robot is None else robot.name, terms=bool(set(wanted) - {"fast"})
+    )
     tuning = replace(tuning, notes=(*tuning.notes, *told))
     if save is not None:
         _save(tuning, series, save, residual_source if recorded else None)

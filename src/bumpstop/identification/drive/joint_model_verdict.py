@@ -15,11 +15,11 @@ from bumpstop.identification.fit_verdict import (
     WORTHLESS,
     FitVerdict,
     fit_faults,
+    gain_warnings,
     named,
     reading_faults,
     reading_warnings,
     tell_score,
-    unknown_gains,
 )
 from bumpstop.identification.segments.current_shift import tell_shifts
 from bumpstop.identification.segments.recorded_columns import (
@@ -140,7 +140,7 @@ def judge_currents(
     warnings = [*fit_faults(found.model), *reading_warnings(recordings, robot)]
     judged = [score.name for score in found.current_scores() if not score.free_gain]
     if judged:
-        warnings += unknown_gains(found.current_scores())
+        warnings += gain_warnings(found.current_scores())
     else:
         faults.append("the model knows the gain of no joint")
     if robot is not None:

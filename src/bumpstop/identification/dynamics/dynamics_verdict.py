@@ -17,11 +17,11 @@ from bumpstop.identification.fit_verdict import (
     WORTHLESS,
     FitVerdict,
     fit_faults,
+    gain_warnings,
     named,
     reading_faults,
     reading_warnings,
     tell_score,
-    unknown_gains,
 )
 from bumpstop.identification.segments.current_shift import tell_shifts
 from bumpstop.identification.segments.motion import UniformMotion
@@ -117,7 +117,7 @@ def judge_predictions(
     faults = reading_faults(recordings)
     warnings = [*fit_faults(fit.model), *reading_warnings(recordings, fit.model.robot)]
     quantity = "tau" if fit.model.gains is None else "current"
-    warnings += unknown_gains(scores)
+    warnings += gain_warnings(scores)
     judged = [score.name for score in scores if not score.free_gain]
     tell_doubtful_columns(recordings, fit.model.robot, quantity, faults, warnings, judged=judged)
     tell_unpredicted(scores, quantity, filter_hz, faults, warnings)
