@@ -193,6 +193,26 @@ def test_unsorted_and_repeated_rows_are_mended_and_told(tmp_path: Path) -> None:
     assert any("repeats row" in note for note in table.notes)
 
 
+def test_rows_are_cases_of_each_joint_where_joints_have_speeds_of_their_own(tmp_path: Path) -> None:
+    """Joint 2 is slower where joint 1 is faster; then joint 1 says two distances of one speed."""
+    head = "speed_1_deg_s,speed_2_deg_s,distance_1_deg,distance_2_deg\n"
+    assert not load(tmp_path, f"{head}50,90,5,30\n100,60,20,15\n150,30,50,5\n").notes
+    again = load(tmp_path, f"{head}50,30,5,5\n50,60,5,15\n100,90,20,30\n50,60,5,15\n")
+    assert again.notes == ("Rows sorted by payload, extension and speed.", "Row 4 repeats row 1, 2: left out.")
+    for distances in ("5", "10"), ("10", "5"):
+        text = f"{head}50,30,{distances[0]},5\n50,60,{distances[1]},15\n100,90,20,30\n"
+        with pytest.raises(bs.InputError, match=r"rows 1 and 2 say .* speed of joint 1"):
+            load(tmp_path, text)
+
+
+def test_rows_that_fill_each_others_holes_do_not_contradict_each_other(tmp_path: Path) -> None:
+    table = load(tmp_path, "speed_deg_s,distance_1_deg,distance_2_deg\n50,5,\n50,,15\n100,20,\n100,,30\n")
+    assert table.known.sum(axis=0).tolist() == [2, 2]
+    long = load(tmp_path, "joint,speed_deg_s,distance_deg\n1,50,5\n1,50,\n1,100,20\n1,100,20\n")
+    np.testing.assert_allclose(long.distance[:, 0], [5 * DEG, 20 * DEG])
+    assert long.notes == ("Row 4 repeats an earlier row: left out.",)
+
+
 def test_holes_are_left_out_and_told(tmp_path: Path) -> None:
     table = load(tmp_path, PLAIN.replace("8.0,4.0", ",4.0"))
     assert np.isnan(table.distance[1, 0])

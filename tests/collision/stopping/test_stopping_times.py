@@ -261,3 +261,17 @@ def test_the_limit_of_even_time_is_the_stop_of_the_ramp() -> None:
     np.testing.assert_allclose(
         law.even_time(v / a), 2 * ramp_distance(v, np.full(3, a), np.array([0.0, 0.2])) / v, rtol=1e-12
     )
+
+
+def test_a_speed_that_rows_of_other_joints_say_again_changes_nothing(tmp_path: Path) -> None:
+    """Below its slowest row the time of joint 1 grows toward rest, as without the second row of joint 2."""
+    head, again = "speed_1_deg_s,speed_2_deg_s,distance_1_deg,distance_2_deg\n", "50,60,10,15\n"
+    first, *_, last = rows = ["50,30,10,5\n", again, "100,90,15,30\n"]
+    problems = [
+        bs.CollisionProblem.from_scenario(
+            line(tmp_path, head + "".join(each), kind="stop", deceleration="table", stopping_table="table.csv")
+        )
+        for each in (rows, (first, last))
+    ]
+    found = [p.deceleration.times.by_joint(p.robot, np.zeros((1, 6)), np.full((1, 6), 10 * DEG)) for p in problems]
+    assert found[0][0, 0] == pytest.approx(found[1][0, 0]) == pytest.approx(0.48)

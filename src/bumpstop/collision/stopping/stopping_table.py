@@ -122,21 +122,24 @@ class StoppingTable:
         keep: list[int] = []
         first: dict[tuple[float, ...], int] = {}
         notes = list(self.notes)
+        cases = np.nan_to_num(np.column_stack([self.payload, self.extension]), nan=-1)
         for i in range(len(self.row)):
-            key = tuple(np.nan_to_num([self.payload[i], self.extension[i], *self.speed[i]], nan=-1).round(9))
-            if key not in first:
-                first[key] = i
+            # Joints may have speeds of their own: a row is a case of each.
+            known = np.flatnonzero(self.known[i]).tolist()
+            earlier = [first.setdefault((k, *np.array([*cases[i], self.speed[i, k]]).round(9)), i) for k in known]
+            for k, other in zip(known, earlier, strict=True):
+                if self.distance[i, k] != self.distance[other, k]:
+                    raise InputError(
+                        self.source,
+                        f"rows {self.row[other]} and {self.row[i]} say different distances of one payload, extension "
+                        f"and speed of {self.joint_name(k)}",
+                        "leave one of the two out",
+                    )
+            if i in earlier or not earlier:
                 keep.append(i)
                 continue
-            other = first[key]
-            if not np.array_equal(self.distance[i], self.distance[other], equal_nan=True):
-                raise InputError(
-                    self.source,
-                    f"rows {self.row[other]} and {self.row[i]} say different distances of one payload, extension and "
-                    "speed",
-                    "leave one of the two out",
-                )
-            notes.append(f"Row {self.row[i]} repeats row {self.row[other]}: left out.")
+            same = ", ".join(str(self.row[other]) for other in sorted(set(earlier)))
+            notes.append(f"Row {self.row[i]} repeats row {same}: left out.")
         return replace(self._only(np.array(keep)), notes=tuple(notes))
 
     def _check_scale(self, k: int) -> None:
@@ -168,7 +171,7 @@ class StoppingTable:
         cell = self.cell
         for c in np.unique(cell):
             rows = [i for i in np.flatnonzero(cell == c) if self.known[i, k]]
-            for slow, fast in pairwise(rows):
+            for slow, fast in pairwise(sorted(rows, key=lambda i: float(self.speed[i, k]))):
                 if self.distance[fast, k] < self.distance[slow, k]:
                     notes.append(
                         f"The distance of {self.joint_name(k)} in row {self.row[fast]} is shorter than in the slower "

@@ -219,10 +219,11 @@ def _times(table: StoppingTable, k: int, payload: float, extensions: FloatArray,
         rows = same & ((np.abs(table.extension - extension) < 1e-8) | np.isnan(table.extension))
         if not rows.any():
             continue
-        speed, time = table.speed[rows, k], 2 * table.distance[rows, k] / table.speed[rows, k]
-        order = np.argsort(speed)
+        # Rows of other joints may say a speed of this one again.
+        speed, first = np.unique(table.speed[rows, k].round(12), return_index=True)
+        time = 2 * table.distance[rows, k][first] / speed
         one = _native.StoppingTimes()
-        one.extension, one.rate, one.time = [1.0], speed[order].tolist(), time[order].tolist()
+        one.extension, one.rate, one.time = [1.0], speed.tolist(), time.tolist()
         found[e] = [one.at(0, 1.0, rate) for rate in rates]
     if np.isnan(found).all():
         raise InputError(

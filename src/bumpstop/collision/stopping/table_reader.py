@@ -176,12 +176,16 @@ class TableReader:
         for i, (g, number) in enumerate(zip(group.ravel(), numbers, strict=True)):
             k = joints.index(int(number))
             value = float(self._in_si(distance_column)[keep][i])
+            if math.isnan(value):
+                continue
             if math.isfinite(distance[g, k]) and distance[g, k] != value:
                 raise InputError(
                     f"{self.name}, row {keep[i] + 1}",
                     "says another distance than an earlier row of the same joint, payload, extension and speed",
                     "leave one of the two out",
                 )
+            if math.isfinite(distance[g, k]):
+                self.notes.append(f"Row {keep[i] + 1} repeats an earlier row: left out.")
             distance[g, k] = value
             if times:
                 time[g, k] = self._in_si(times[0])[keep][i]
