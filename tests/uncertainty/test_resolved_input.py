@@ -14,6 +14,7 @@ from bumpstop import CollisionProblem, Scenario
 from bumpstop.uncertainty.point_evaluation import PointEvaluator
 from bumpstop.uncertainty.resolved_input import resolve
 from collision.cases import control_group
+from collision.stopping_cases import line
 
 U = np.linspace(0.001, 0.999, 37)
 
@@ -154,3 +155,38 @@ def test_torque_limits_that_nobody_knows_are_no_values() -> None:
             inputs({f"{key}[2]": form}, **elastic)
     (found,) = inputs({key: {"interval": [100, 200]}}, **elastic)
     assert found.central == 150
+
+
+@pytest.mark.parametrize(
+    ("key", "other", "factor"),
+    [
+        ("contact.stiffness_N_mm", "contact.stiffness_N_m", 1e-3),
+        ("contact.stiffness_N_m", "contact.stiffness_N_mm", 1e3),
+    ],
+)
+def test_figures_must_hold_a_stiffness_in_its_other_spelling(key: str, other: str, factor: float) -> None:
+    """Soft ones passed beside the stiff body of the scenario."""
+    stiff = {other.replace(".", "__"): 75.0 / factor if factor < 1 else 75.0}
+    low, high = (share * 75.0 * (1.0 if factor < 1 else factor) for share in (0.3, 0.4))
+    with pytest.raises(bs.InputError, match="leaves out the value given, 75"):
+        inputs({key: {"distribution": "uniform", "low": low, "high": high}}, **stiff)
+    (found,) = inputs({key: {"distribution": "uniform", "low": low, "high": 4 * high}}, **stiff)
+    assert (found.given, found.nominal) == ("scenario", pytest.approx(low / 0.3))
+
+
+@pytest.mark.parametrize(
+    ("key", "given"), [("payload_percent", {"payload_kg": 10.0}), ("payload_kg", {"payload_percent": 80.0})]
+)
+def test_figures_must_hold_a_payload_in_its_other_spelling(tmp_path: Path, key: str, given: dict[str, float]) -> None:
+    """A UR10e carries 12.5 kg; a light payload passed in the place of a heavy one."""
+    rows = "payload_percent,speed_deg_s,distance_1_deg\n33,10,1\n33,20,2\n100,10,3\n100,20,6\n"
+    nominal = 80.0 if key == "payload_percent" else 10.0
+    scenario = line(tmp_path, rows, kind="stop", deceleration="table", stopping_table="table.csv", **given)
+
+    def resolved(form: dict[str, Any]) -> Any:
+        return resolve(CollisionProblem.from_scenario(scenario.with_values({"uncertainty": {f"reaction.{key}": form}})))
+
+    with pytest.raises(bs.InputError, match=f"leaves out the value given, {nominal:g}"):
+        resolved({"distribution": "uniform", "low": 0.2 * nominal, "high": 0.3 * nominal})
+    (found,) = resolved({"distribution": "uniform", "relative": [0.9, 1.1]})
+    assert (found.given, found.nominal) == ("scenario", pytest.approx(nominal))

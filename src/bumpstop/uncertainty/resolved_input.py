@@ -13,6 +13,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.scenario.arm_table import QUANTITY
+from bumpstop.collision.scenario.spellings import other_spelling
 from bumpstop.collision.scenario.uncertainty_table import UncertainInput, uncertain_inputs, valid_range
 from bumpstop.errors import InputError
 from bumpstop.text_files import read_text
@@ -221,10 +222,11 @@ def _nominal(each: UncertainInput, problem: CollisionProblem) -> tuple[float | l
     else:
         owner = getattr(scenario, table) if table else scenario
         found = getattr(owner, name)
-        if name not in owner.model_fields_set or found is None:
+        said = {other.rpartition(".")[2] for other in (key, *other_spelling(key))} & owner.model_fields_set
+        if not any(getattr(owner, spelling) is not None for spelling in said):
             given = "default" if found is not None else "robot"
         if found is None:
-            found = _of_robot_or_body(key, problem)
+            found = _said_elsewhere(key, problem)
             given = "default" if found is None else given
     if found is not None and not isinstance(found, int | float | list):
         raise InputError(each.field, f"{key} is {found!r}", "give it a number first")
@@ -239,9 +241,14 @@ def _nominal(each: UncertainInput, problem: CollisionProblem) -> tuple[float | l
     return float(found[each.item]), given
 
 
-def _of_robot_or_body(key: str, problem: CollisionProblem) -> float | list[float] | None:
-    """What the scenario leaves to the robot or the body."""
+def _said_elsewhere(key: str, problem: CollisionProblem) -> float | list[float] | None:
+    """What the scenario says in another spelling, or leaves to the robot or the body."""
     table, _, name = key.rpartition(".")
+    reaction, rated = problem.scenario.reaction, problem.robot.payload_kg
+    if key == "reaction.payload_kg" and reaction.payload_percent is not None and rated is not None:
+        return rated * reaction.payload_percent / 100
+    if key == "reaction.payload_percent" and reaction.payload_kg is not None and rated is not None:
+        return 100 * reaction.payload_kg / rated
     if table == "arm" and problem.elastic:
         unit = 2 * math.pi if name == "servo_bandwidth_hz" else 1.0
         values = getattr(problem.drive_train, QUANTITY[name])
@@ -303,7 +310,7 @@ def changes_of(inputs: Sequence[ResolvedInput], figures: FloatArray, problem: Co
             table, _, name = key.rpartition(".")
             whole = found.get(key, getattr(getattr(scenario, table) if table else scenario, name))
             if whole is None:
-                whole = _of_robot_or_body(key, problem)
+                whole = _said_elsewhere(key, problem)
             values = list(whole) if isinstance(whole, list) else [float(whole)] * dof
             values[item] = figure * float(np.asarray(each.nominal)) if each.input.relative else figure
             found[key] = values
