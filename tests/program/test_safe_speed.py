@@ -165,6 +165,28 @@ END
     assert {one.written.conclusion for one in result.segments[:2]} == {"acceptable"}
 
 
+DOWN = "LIN {X -693,Y -174,Z 660,A 0,B 0,C 180}\n"
+ELSEWHERE = "[0.1, -1.5, 1.5, -1.57, -1.57, 0]"
+
+
+@pytest.mark.parametrize(
+    ("ending", "text"),
+    [
+        (".src", f"$VEL.CP=0.02\n{DOWN}LIN XNOWHERE\n"),
+        (".src", "LIN {X -650,Y -174,Z 600,A 0,B 0,C 180}\nLIN XNOWHERE\n"),
+        (".src", f"$VEL.CP=0.02\n{DOWN}IF $IN[1] THEN\n$VEL.CP=0.01\nENDIF\nLIN {{Z 700}}\n"),
+        (".script", f"def go():\nmovej({ELSEWHERE}, v=0.05)\nend\ngo()\nfoo()\ngo()\n"),
+    ],
+)
+def test_what_cannot_be_judged_is_never_made_faster(ending: str, text: str, tmp_path: Path) -> None:
+    file = tmp_path / f"p{ending}"
+    file.write_text(text)
+    result = evaluate_program(file, bs.load_scenario(EXAMPLES / "cell.toml"))
+    assert any(one.segment.why for one in result.segments)
+    assert all(one.factor == 1 for one in result.segments)
+    assert result.source.written(result.factors) == text.encode()  # type: ignore[attr-defined]
+
+
 CELLS: dict[str, dict[str, object]] = {
     "rigid": {},
     "elastic": {"arm.model": "elastic"},

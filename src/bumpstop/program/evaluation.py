@@ -220,7 +220,7 @@ def _found(source: Source, segment: Segment, cell: Cell, max_speed: float, *, fa
         if present.verdict is None:
             return SegmentResult(segment, present, duration)
     if not segment.speed_known and not all(source.may_be_raised(place) for place in segment.places()):
-        return SegmentResult(segment, Judgement(None, "its speed may be set by what is not understood"))
+        return SegmentResult(segment, Judgement(None, "what is written for it may hold for what is not known"))
     raised = faster and segment.speed_known
     most = greatest_factor(segment, cell, max_speed) if faster or not segment.speed_known else 1.0
     safe = highest_safe(segment, cell, most, present)

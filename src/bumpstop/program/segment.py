@@ -120,7 +120,17 @@ class MoveSegment:
         return all(slot.value is not None for visit in self.visits for slot in visit.slots)
 
     def places(self) -> Sequence[SpeedSlot]:  # noqa: D102
-        return tuple(dict.fromkeys(slot for visit in self.visits if visit.leg is not None for slot in visit.slots))
+        return tuple(dict.fromkeys(slot for visit in self.visits if not visit.still for slot in visit.slots))
+
+    def may_obey(self, slot: SpeedSlot) -> bool:
+        """Whether a setting may hold for one of its moves that does not say which setting holds for it."""
+        return slot.setting and any(
+            (not visit.slots or slot.value is visit.slots[0].value is None)
+            and visit.move.default is not None
+            and visit.move.default.unit == slot.unit
+            for visit in self.visits
+            if not visit.still
+        )
 
     def base_value(self, slot: SpeedSlot) -> float:
         """What a factor is of: the program's value, or the highest that is tried where it has none."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 from bumpstop.errors import InputError
 from bumpstop.output_files import write_bytes
 from bumpstop.program.interpreter import Interpreter
+from bumpstop.program.languages.statements import SpeedSlot
 from bumpstop.program.languages.syntax import edited
 from bumpstop.program.segment import MoveSegment, Segment
 
@@ -84,8 +85,10 @@ class TextProgram:
         return path.name
 
     def may_be_raised(self, place: object) -> bool:  # noqa: D102
-        # What is not understood may move by a setting, too.
-        return not (getattr(place, "setting", False) and self.not_understood)
+        if not isinstance(place, SpeedSlot) or not place.setting:
+            return True
+        # What is not understood may move by a setting, too, and what cannot be judged by one of several.
+        return not self.not_understood and not any(one.why and one.may_obey(place) for one in self.segments)
 
     def write(self, factors: Mapping[Segment, float], target: Path) -> None:  # noqa: D102
         write_bytes(target, self.written(factors))
