@@ -95,6 +95,10 @@ def test_a_place_that_is_found_again_is_the_same() -> None:
             for change in ("Add h,150;", "Incr h;", "Clear h;", "TPReadNum h,1;", "x:=StrToVal(s,h);")
         ),
         (
+            rapid(f"VAR num h;\nPROC main()\nMoveL Offs({PLACE},0,0,h),v20,fine,tool0;\nh:=50;\nENDPROC\n"),
+            TARGET,
+        ),
+        (
             rapid(f"CONST robtarget p:={PLACE};\nPROC main()\nVAR robtarget p;\nMoveL p,v20,fine,tool0;\nENDPROC\n"),
             TARGET,
         ),
@@ -292,3 +296,21 @@ def test_a_function_that_calls_itself_ends() -> None:
     # With what it leaves to its own beginning, too.
     read = krl(f"DEF a()\n$VEL.CP=0.2\nB()\nEND\nDEF B()\n{LIN}$VEL.CP=0.1\nB()\nEND\n")
     assert [visit.slots[0].value for visit in visits(read) if visit.slots] == [0.2, 0.1]
+
+
+SOME = "the speed of some axes is set outside the program"
+
+
+@pytest.mark.parametrize(
+    ("settings", "why"),
+    [
+        ("FOR I=1 TO 6\n$VEL_AXIS[I]=20\nENDFOR\n", ""),
+        ("FOR I=1 TO 3\n$VEL_AXIS[I]=20\nENDFOR\n", SOME),
+        ("FOR I=1 TO 3\n$VEL_AXIS[I]=20\nENDFOR\nFOR I=4 TO 6\n$VEL_AXIS[I]=10\nENDFOR\n", ""),
+        ("I=3\n$VEL_AXIS[I]=20\n", SOME),
+        ("FOR I=1 TO N\n$VEL_AXIS[I]=20\nENDFOR\n", "its speed may be one of several"),
+        ("FOR I=1 TO 6\n$VEL_AXIS[J]=20\nENDFOR\n", "its speed may be one of several"),
+    ],
+)
+def test_only_the_axes_that_are_counted_are_set(settings: str, why: str) -> None:
+    assert whys(krl(f"{settings}{ptp(17)}")) == [why]

@@ -76,6 +76,7 @@ _FRAMES: tuple[Frame, ...] = ("tool", "base")
 _OUTPUTS, _REFRAMING = ("$out", "$anout", "$timer", "$flag", "$cycflag", "$apo"), ("$ipo_", "$act_")
 # Of a blend whose distance is not known: half of the way, which nothing goes beyond [m].
 _UNKNOWN_BLEND = 1e3
+_MAX_AXES = 12  # of an arm and what it carries or rides on
 
 
 def parse_krl(source: bytes) -> SyntaxTree:
@@ -96,10 +97,13 @@ def read_krl(source: bytes, data: bytes = b"") -> ReadProgram:
         if (head := _head(statement.words)) is not None:
             names.append(function_name(head))
     constants = assignments.constants()
-    blocks = Blocks(names, KRL_PURE, _JUMPS, _FRAMES)
+    blocks, counts = Blocks(names, KRL_PURE, _JUMPS, _FRAMES), dict[str, tuple[float, float]]()
     for statement in tree.statements:
-        if statement.words:
-            _add(blocks, statement, tree, constants)
+        if words := statement.words:
+            if words[0].text.lower() == "for" and len(words) > 1:
+                # What the index of a setting runs through is said by the loop before it.
+                counts[words[1].text.lower()] = _bounds(words, constants) or (math.nan, math.nan)
+            _add(blocks, statement, tree, constants, counts)
     functions = blocks.finish()
     # A module begins with its first function; the others are its own.
     main = "" if does_something(functions.get("", ())) else next((name for name in names), None)
@@ -194,7 +198,13 @@ def _assign_one(assignments: Assignments, words: list[Token]) -> None:
         assignments.change(name.partition(".")[0])
 
 
-def _add(blocks: Blocks, statement: Statement, tree: SyntaxTree, constants: Mapping[str, Expression]) -> None:
+def _add(
+    blocks: Blocks,
+    statement: Statement,
+    tree: SyntaxTree,
+    constants: Mapping[str, Expression],
+    counts: Mapping[str, tuple[float, float]],
+) -> None:
     words = statement.words
     first = words[0].text.lower()
     rest = _rest(words)
@@ -204,7 +214,7 @@ def _add(blocks: Blocks, statement: Statement, tree: SyntaxTree, constants: Mapp
         may_be_first = head[0].text.lower() == "def" and not has_parameters(head)
         blocks.begin_function(statement, function_name(head), first=may_be_first)
     elif first in _LOOPS:
-        certain = first in ("loop", "repeat") or (first == "for" and _runs(words, constants))
+        certain = first in ("loop", "repeat") or (first == "for" and _bounds(words, constants) is not None)
         blocks.begin_loop(statement, words[1:], certain=certain, endless=first == "loop")
     elif first in _BRANCHES:
         blocks.begin_branch(statement, words[1:-1] if words[-1].text.lower() == "then" else words[1:])
@@ -224,7 +234,7 @@ def _add(blocks: Blocks, statement: Statement, tree: SyntaxTree, constants: Mapp
         blocks.evaluate(statement, words[1:])
     elif (target := assigned(words, "=")) is not None:
         blocks.evaluate(statement, words[target[1] + 1 :])
-        if not _set(blocks, statement, constants) and first.startswith("$") and not first.startswith(_OUTPUTS):
+        if not _set(blocks, statement, constants, counts) and first.startswith("$") and not first.startswith(_OUTPUTS):
             named = {"$tool": _FRAMES[:1], "$base": _FRAMES[1:]}.get(first.partition(".")[0])
             reframes = named or (_FRAMES if first.startswith(_REFRAMING) else ())
             blocks.opaque(statement, moves=False, resets=not reframes, reframes=reframes)
@@ -239,17 +249,36 @@ def _add(blocks: Blocks, statement: Statement, tree: SyntaxTree, constants: Mapp
         blocks.opaque(statement)
 
 
-def _runs(words: list[Token], constants: Mapping[str, Expression]) -> bool:
-    """Whether ``FOR I=1 TO 6`` runs once at least."""
+def _bounds(words: list[Token], constants: Mapping[str, Expression]) -> tuple[float, float] | None:
+    """First and last number of ``FOR I=1 TO 6``; None where they are not known, or it may run never."""
     texts = [word.text.lower() for word in words]
     if "to" not in texts or texts[2:3] != ["="] or "step" in texts:
-        return False
+        return None
     at = texts.index("to")
     low, high = (number_of(read_expression(part), constants) for part in (words[3:at], words[at + 1 :]))
-    return low is not None and high is not None and low <= high
+    return (low, high) if low is not None and high is not None and low <= high else None
 
 
-def _set(blocks: Blocks, statement: Statement, constants: Mapping[str, Expression]) -> bool:
+def _axes(
+    words: list[Token], constants: Mapping[str, Expression], counts: Mapping[str, tuple[float, float]]
+) -> list[str] | None:
+    """Keys of the axes that ``$VEL_AXIS[I]`` sets, ``[3]`` of axis 3; None where they are not known."""
+    if len(words) == 1:
+        return [""]
+    index = read_expression(words[2:-1])
+    number = number_of(index, constants)
+    name = index.name.lower() if index is not None and index.kind == "name" else ""
+    low, high = (number, number) if number is not None else counts.get(name, (math.nan, math.nan))
+    whole = low.is_integer() and high.is_integer() and 1 <= low <= high <= _MAX_AXES
+    return [f"[{axis}]" for axis in range(int(low), int(high) + 1)] if whole else None
+
+
+def _set(
+    blocks: Blocks,
+    statement: Statement,
+    constants: Mapping[str, Expression],
+    counts: Mapping[str, tuple[float, float]],
+) -> bool:
     """A setting of speed, acceleration, tool or base; False where the statement is none."""
     words = statement.words
     texts = [word.text.lower() for word in words]
@@ -263,20 +292,18 @@ def _set(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
     if name not in _SETTINGS:
         return False
     key, unit, most = _SETTINGS[name]
-    if name.endswith("_axis"):
-        index = Reader(words[:at]).expression().name.rpartition("[")[2].rstrip("]")
-        # All axes are set alike where the index counts.
-        key += f"[{index}]" if index.isdecimal() else ""
+    axes = _axes(words[:at], constants, counts) if name.endswith("_axis") else [""]
     known = number_of(value, constants)
     slot = None
-    if value is not None and known is not None and known > 0:
+    if value is not None and known is not None and known > 0 and axes is not None:
         whole = unit == "%"
         slot = SpeedSlot(
             value.start, value.end, known, "{}", most, unit, 0.01 if whole else 1.0, setting=True, whole=whole
         )
     else:
         blocks.opaque(statement, moves=False, resets=False, reframes=())
-    blocks.add(Setting(statement.line, key, slot))
+    for axis in axes or [""]:
+        blocks.add(Setting(statement.line, f"{key}{axis}", slot))
     return True
 
 

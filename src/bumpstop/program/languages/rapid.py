@@ -220,6 +220,8 @@ def _assign(assignments: Assignments, words: Sequence[Token]) -> None:
         if len(rest) > 1:  # the type and the name
             assignments.declare(rest[1].text, fixed=any(word.text.lower() == "const" for word in words[:3]))
             _assign_one(assignments, rest[1:])
+            if not _value(rest):
+                assignments.add(rest[1].text, None)  # it has a value already, zero, before it is assigned one
     elif assigned(words, ":=") is not None:
         _assign_one(assignments, words)
     else:
