@@ -64,6 +64,24 @@ def changed(change: dict[str, Any]) -> bytes:
     return json.dumps(data).encode()
 
 
+def test_the_way_to_a_first_point_that_comes_later_is_named() -> None:
+    data = json.loads((EXAMPLES / "planned.json").read_text())
+    for part in data["trajectory"]:
+        for point in part["joint_trajectory"]["points"]:
+            point["time_from_start"]["sec"] += 1
+    found = read_messages(Path("planned.json"), json.dumps(data).encode(), cell())
+    # The second message begins where the first one ends, unless its first point is missing.
+    assert [bool(segment.why) for segment in found.segments] == [True, False, False]
+    assert found.segments[0].name == "trajectory[0], first point"
+    assert found.segments[0].why == "how the arm gets to its first point in 1 s is not in the message"
+    data["trajectory"][1]["joint_trajectory"]["points"].pop(0)
+    data["trajectory"][0]["joint_trajectory"]["points"][0]["positions"] = cell().start.tolist()  # type: ignore[union-attr]
+    later = read_messages(Path("planned.json"), json.dumps(data).encode(), cell())
+    assert [bool(segment.why) for segment in later.segments] == [False, True, False]
+    new = read_messages(Path("planned.json"), found.written({found.segments[1]: 0.5}), cell())
+    assert [rows.time[0] for rows, *_ in new.messages] == [1, 1]
+
+
 @pytest.mark.parametrize(
     ("change", "why"),
     [

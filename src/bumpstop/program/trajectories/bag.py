@@ -127,7 +127,8 @@ def read_bag_trajectories(path: Path, cell: Cell) -> BagProgram:
                     not_understood.append((number + 1, f"{name}: {rows}"))
                 else:
                     lines = list(range(1, len(rows.time) + 1))
-                    found.append((number, place, rows, segments_of(name, rows, lines, cell)))
+                    before = found[-1][2] if found else None
+                    found.append((number, place, rows, segments_of(name, rows, lines, cell, before)))
     return BagProgram("ROS bag", path, found, not_understood)
 
 

@@ -80,7 +80,8 @@ def read_messages(path: Path, source: bytes, cell: Cell) -> MessageProgram:
     """
     json = path.suffix.lower() == ".json"
     documents = (parse_json if json else parse_yaml)(source, str(path))
-    found, not_understood = [], []
+    found: list[tuple[MessageRows, Sequence[TrajectorySegment], Sequence[Value]]] = []
+    not_understood = []
     for name, message in _trajectories(documents):
         line = source.count(b"\n", 0, message.start) + 1
         rows = _rows(message, cell)
@@ -90,7 +91,7 @@ def read_messages(path: Path, source: bytes, cell: Cell) -> MessageProgram:
         points = message.get("points")
         assert points is not None
         lines = [source.count(b"\n", 0, point.start) + 1 for point in points.items]
-        found.append((rows, segments_of(name, rows, lines, cell), points.items))
+        found.append((rows, segments_of(name, rows, lines, cell, found[-1][0] if found else None), points.items))
     if not found and not not_understood:
         raise InputError(str(path), "holds no JointTrajectory", "wanted joint_names and points")
     return MessageProgram("ROS trajectory", source, found, not_understood)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from bumpstop.program.trajectories.trajectory_segment import TrajectorySegment, find_segments
+from bumpstop.program.trajectories.trajectory_segment import MIN_TURN, TrajectorySegment, find_segments
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -73,19 +73,22 @@ class MessageRows:
         return cls(t, q, qd, None, tuple(order))
 
 
-def segments_of(name: str, rows: MessageRows, lines: Sequence[int], cell: Cell) -> list[TrajectorySegment]:
+def segments_of(
+    name: str, rows: MessageRows, lines: Sequence[int], cell: Cell, before: MessageRows | None
+) -> list[TrajectorySegment]:
     """The segments of a message, numbered where there are several.
 
     Args:
         name: of the message.
         rows: its points.
         lines: of the file, of every point.
-        cell: whose joint acceleration counts where the message shows none.
+        cell: whose joint acceleration counts where the message shows none, and whose start where none was before.
+        before: the points of the message before it; None of the first.
     """
-    bounds = find_segments(rows.time, rows.position, rows.velocity)
-    return [
-        TrajectorySegment(
-            name if len(bounds) == 1 else f"{name}/{number}",
+
+    def segment(called: str, first: int, last: int, why: str = "") -> TrajectorySegment:
+        return TrajectorySegment(
+            called,
             (lines[first], lines[last]),
             (first, last),
             cell.robot,
@@ -94,9 +97,19 @@ def segments_of(name: str, rows: MessageRows, lines: Sequence[int], cell: Cell) 
             None if rows.velocity is None else rows.velocity[first : last + 1],
             cell.joint_acceleration,
             dense=False,
+            why=why,
         )
-        for number, (first, last) in enumerate(bounds, start=1)
-    ]
+
+    stands = cell.start if before is None else before.position[-1]
+    found = []
+    if rows.time[0] > 0 and (stands is None or float(np.abs(rows.position[0] - stands).max()) > MIN_TURN):
+        # The controller goes to the first point in that time, from wherever the arm is.
+        why = f"how the arm gets to its first point in {rows.time[0]:.3g} s is not in the message"
+        found.append(segment(f"{name}, first point", 0, 0, why))
+    bounds = find_segments(rows.time, rows.position, rows.velocity)
+    for number, (first, last) in enumerate(bounds, start=1):
+        found.append(segment(name if len(bounds) == 1 else f"{name}/{number}", first, last))
+    return found
 
 
 def retimed_rows(
@@ -113,10 +126,10 @@ def retimed_rows(
     acceleration = np.zeros_like(rows.position)
     for segment in segments:
         factor = factors.get(segment, 1.0)
-        first, last = segment.rows
-        motion = segment.at(factor)
         if factor == 1.0:
             continue
+        first, last = segment.rows
+        motion = segment.at(factor)
         changed[first : last + 1] = True
         step[first:last] = np.diff(motion.time)
         acceleration[first : last + 1] = segment.accelerations(factor)

@@ -27,7 +27,7 @@ _NOISE_SPEED, _NOISE_TURN = 2.0, 6.0
 # Between two peaks of the speed the arm turns round where it is slower than this share of the lower one.
 _TURNS = 0.1
 # Where no joint turns more nothing moves: a hundredth of a millimetre at an arm's length [rad].
-_MIN_TURN = 1e-5
+MIN_TURN = 1e-5
 _SAMPLES = 1500  # of a segment
 _FULL = 0.7  # of the greatest speed: from the first peak that reaches it to the last the arm goes at its own speed
 _MAX_RAMP = 95.0  # percentile of the acceleration along the path
@@ -48,7 +48,7 @@ def find_segments(
     rate = Trajectory(time - time[0], position).at(time - time[0], 1) if velocity is None else velocity
     speed = np.linalg.norm(rate, axis=1)
     rests = max(_STANDS, _NOISE_SPEED * noise / float(np.diff(time).min()))
-    turn = max(_MIN_TURN, _NOISE_TURN * noise)
+    turn = max(MIN_TURN, _NOISE_TURN * noise)
     inside = speed > rests
     joined = inside[:-1] | inside[1:]
     # Between two rows at rest the joints may still move: two rows apart are a motion.
