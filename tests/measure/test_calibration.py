@@ -18,6 +18,7 @@ from bumpstop.measure.learning.calibrated_scenario import calibrated_toml, uncer
 from bumpstop.measure.learning.calibration import calibrate
 from bumpstop.measure.learning.peak_force_ensemble import PeakForceEnsemble, Surfaces
 from bumpstop.measure.learning.posterior import ErrorModel, forces_after, sample_posterior
+from bumpstop.measure.learning.reading_doubts import reading_doubts
 from bumpstop.measure.learning.response_surface import ResponseSurface, normal_points
 from bumpstop.measure.parameters import (
     CONTACT,
@@ -188,8 +189,18 @@ def test_readings_that_are_too_low_for_a_cell_are_doubted(share: float) -> None:
     latency = next(each for each in made.found if each.key == LATENCY)
     given = min(condition.scenario.reaction.latency_s for condition in ensemble().conditions)
     below = [warning for warning in made.warnings if "which would be below zero and counts as 0" in warning]
-    assert len(below) == (given + latency.median < 0)
+    assert len(below) == (given + latency.high < 0)
     assert all("too low to be explained by a latency" in warning for warning in below)
+
+
+def test_a_latency_is_doubted_where_chance_does_not_take_it_below_zero() -> None:
+    """About 0 ms half of all honest shots have a median below it: of -0.1 ms, -7 to 6, every scenario had a warning."""
+    shots, conditions = shots_at(np.zeros(len(ensemble().parameters)), [0]), ensemble().conditions
+    given = min(condition.scenario.reaction.latency_s for condition in conditions)
+    believed = [(shots[0].force_N, 0.5 * shots[0].force_N, 2 * shots[0].force_N)]
+    assert reading_doubts(believed, shots, conditions, (-given - 1e-4, 6e-3), (0.03, 0.03)) == ()
+    (warning,) = reading_doubts(believed, shots, conditions, (-given - 7e-3, -given - 1e-4), (0.03, 0.03))
+    assert "below zero and counts as 0: a latency alone does not explain them" in warning
 
 
 def test_shots_that_all_lie_below_belief_are_doubted() -> None:

@@ -241,7 +241,7 @@ def calibrate(
             [forces[column].before_N for column in columns],
             shots,
             ensemble.conditions,
-            next((each.median for each in found if each.key == LATENCY), 0.0),
+            next(((each.median, each.high) for each in found if each.key == LATENCY), (0.0, 0.0)),
             (errors.gauge, float(np.median(posterior.gauge_error))),
         ),
         notes=(*_notes(found, bad, posterior, surfaces, columns), *_force_notes(forces, shots, ensemble.conditions)),

@@ -33,7 +33,7 @@ def reading_doubts(
     before: Sequence[tuple[float, float, float]],
     shots: Sequence[MeasuredShot],
     conditions: Sequence[Condition],
-    latency_shift: float,
+    latency_shift: tuple[float, float],
     gauge_error: tuple[float, float],
 ) -> tuple[str, ...]:
     """Why measured shots are hardly those of their cell, a sentence for each reason.
@@ -42,7 +42,7 @@ def reading_doubts(
         before: median and central 95 % of the peak force of each shot, as believed before any was measured [N].
         shots: measured.
         conditions: whose scenarios the latency is of.
-        latency_shift: what the shots add to it [s].
+        latency_shift: what the shots add to it, median and end of the central 95 % [s].
         gauge_error: of a shot, as told and as the shots show it [1].
     """
     ratio = float(np.median([shot.force_N / median for shot, (median, _, _) in zip(shots, before, strict=True)]))
@@ -66,13 +66,14 @@ def reading_doubts(
     return (*doubts, *_latency_doubt(latency_shift, conditions, too_low=too_low))
 
 
-def _latency_doubt(shift: float, conditions: Sequence[Condition], *, too_low: bool) -> tuple[str, ...]:
-    """A latency below zero counts as zero in the scenarios."""
+def _latency_doubt(shift: tuple[float, float], conditions: Sequence[Condition], *, too_low: bool) -> tuple[str, ...]:
+    """A latency below zero counts as zero in the scenarios. Of one near zero chance alone makes a median below it."""
     given = min(float(nominal(condition.scenario, LATENCY)) for condition in conditions)
-    if given + shift >= 0:
+    median, high = shift
+    if given + high >= 0:
         return ()
     why = "readings are too low to be explained by a latency" if too_low else "a latency alone does not explain them"
     return (
-        f"The shots ask for a latency {1e3 * -shift:.3g} ms shorter than the {1e3 * given:.3g} ms of the scenario, "
+        f"The shots ask for a latency {1e3 * -median:.3g} ms shorter than the {1e3 * given:.3g} ms of the scenario, "
         f"which would be below zero and counts as 0: {why}.",
     )
