@@ -2,6 +2,8 @@
 /// Offsets at which the course of a collision changes abruptly.
 #pragma once
 
+#include <limits>
+
 #include "bumpstop/collision/contact/separation.hpp"
 #include "bumpstop/detection/gaussian_thresholds.hpp"
 
@@ -36,10 +38,13 @@ class ContactCuts {
     }
 
   private:
+    static constexpr double certain = 9;  // standard deviations, beyond which noise is with a probability of 1e-19
+
     /// The undetected collision with one body, for narrow noise with its residuals at ticks.
     struct Probe : Separation {
-        int first = 0;                 // tick
-        std::vector<double> residual;  // [tick from the first on][monitored joint], without noise
+        int first = 0;                                  // tick
+        int decided = std::numeric_limits<int>::max();  // first tick at which noise can hardly hide an alarm
+        std::vector<double> residual;                   // [tick from the first on][monitored joint], without noise
         std::array<NoiselessResidual<double>, max_joints> latest{};  // by monitored joint
 
         double at_tick(int k, int w, int monitored) const {
@@ -64,9 +69,13 @@ class ContactCuts {
         if (k >= path.ticks) return;
         std::array<double, max_joints> torque;
         dynamics_.residuals(state, &path.torque_per_N[std::size_t(k * path.dof)], path.dof, torque.data());
-        for (int w = 0; w < narrow_->monitored; ++w)
-            made.residual.push_back(
-                narrow_->advance(made.latest[std::size_t(w)], torque[std::size_t(narrow_->joint[std::size_t(w)])]));
+        for (std::size_t w = 0; w < std::size_t(narrow_->monitored); ++w) {
+            const double value = narrow_->advance(made.latest[w], torque[std::size_t(narrow_->joint[w])]);
+            made.residual.push_back(value);
+            const double excess = std::fabs(value + narrow_->mean[w]) - narrow_->threshold[w];
+            if (excess > certain * narrow_->sd[w] && narrow_->armed(paths_.tick_step(k) * paths_.step))
+                made.decided = std::min(made.decided, k);
+        }
     }
 
     /// Adds the cuts between two neighbours: where one is pushed much longer than the other, and on either side.
@@ -85,10 +94,12 @@ class ContactCuts {
         add_tick_cuts(b, high, cuts);
     }
 
-    /// Adds cuts at which the body separates just at a tick, or a residual passes its threshold there.
+    /// Adds cuts at which the body separates just at a tick, or a residual passes its threshold there, as long as the
+    /// collision may not have been detected.
     void add_tick_cuts(const Probe& low, const Probe& high, std::vector<double>& cuts) const {
         if (!detectable_ || !(high.offset > low.offset)) return;
-        for (int k = low.first; k < paths_.path->ticks && paths_.tick_step(k) <= high.separated; ++k) {
+        const int last = std::min(paths_.path->ticks - 1, std::max(low.decided, high.decided));
+        for (int k = low.first; k <= last && paths_.tick_step(k) <= high.separated; ++k) {
             const double tick = paths_.tick_step(k);
             if (low.separated < tick && high.separated >= tick && std::isfinite(high.separated))
                 cuts.push_back(root(low, high, [&](const Probe& at) { return at.separated - tick; }));
