@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from bumpstop.errors import InputError
 from bumpstop.view.study_rows import study_rows
 
@@ -50,6 +48,7 @@ def retimed_scenario(
         InputError: there is no trajectory, no speed is safe somewhere, or the file cannot be written.
     """
     from bumpstop.study import TrajectorySpeedLimits
+    from bumpstop.study.speed.trajectory.slowing import changes_to
     from bumpstop.study.speed.trajectory.trajectory_writing import write_csv
 
     study = TrajectorySpeedLimits(scenario=scenario.without_uncertainty())
@@ -63,11 +62,6 @@ def retimed_scenario(
     number = 1 + sum(1 for _ in folder.glob("retimed-*.csv"))
     file = folder / f"retimed-{number}.csv"
     write_csv(file, retimed)
-    changes: dict[str, Any] = {"motion.file": str(file)}
-    onset = scenario.motion.contact_onset_s
-    if onset != "uniform":
-        # Contact begins at the same place of the path.
-        changes["motion.contact_onset_s"] = float(np.interp(onset, retimed.path_time, retimed.time))
     before = float(study.given.time[-1] - study.given.time[0])
     acceptable = None if slowing.judged is None else slowing.judged.acceptable
-    return RetimedScenario(changes, file, before, float(retimed.time[-1]), acceptable)
+    return RetimedScenario(changes_to(scenario, retimed, file), file, before, float(retimed.time[-1]), acceptable)

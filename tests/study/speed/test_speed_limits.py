@@ -107,6 +107,19 @@ def test_slowed_down_no_collision_passes_the_limits(pick: TrajectorySpeedLimits,
     assert detected_over(after) <= pick.scenario.verdict.accepted_probability
 
 
+def test_contact_at_a_time_stays_at_its_place_of_the_slowed_path(tmp_path: Path) -> None:
+    study = TrajectorySpeedLimits(load_scenario(PICK, {"motion.contact_onset_s": 1.5}))
+    rows, summary = run(study)
+    retimed = study.slowed(rows).retimed
+    assert retimed is not None
+    write_csv(tmp_path / "slow.csv", retimed)
+    later = summary["retimed_contact_onset_s"]
+    slowed = study.scenario.with_values({"motion.file": str(tmp_path / "slow.csv"), "motion.contact_onset_s": later})
+    assert CollisionProblem.from_scenario(slowed).trajectory.at(later) == pytest.approx(study.given.at(1.5), abs=2e-3)
+    assert summary["retimed_verdict"]["p_over_force"] == bs.evaluate(slowed).verdict.p_over_force
+    assert any(f"{later:.6g} s after the start" in line for line in study.lines(summary))
+
+
 def test_a_slowed_trajectory_is_over_no_limit_between_its_waypoints_either(
     pick: TrajectorySpeedLimits, found: Any, tmp_path: Path
 ) -> None:

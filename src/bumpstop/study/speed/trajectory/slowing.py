@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from bumpstop.collision import evaluate
 from bumpstop.errors import InputError
 from bumpstop.study.speed.trajectory.retiming import Retimed, retime
@@ -113,10 +115,22 @@ def slow_down(problem: CollisionProblem, trajectory: Trajectory, path_speed: Flo
     return first or Slowing(None, "nothing was tried")
 
 
+def changes_to(scenario: Scenario, retimed: Retimed, file: Path) -> dict[str, Any]:
+    """Keys of a scenario and their values for its slowed trajectory.
+
+    Contact that begins at a time begins at the same place of the path, which is later.
+    """
+    onset = scenario.motion.contact_onset_s
+    if onset == "uniform":
+        return {"motion.file": str(file)}
+    later = float(np.interp(onset, retimed.path_time, retimed.time))
+    return {"motion.file": str(file), "motion.contact_onset_s": later}
+
+
 def _judged(scenario: Scenario, retimed: Retimed) -> Judged:
     """From the file that is written, with every check that reading it makes."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / _FILE
         write_csv(file, retimed)
-        judged = judge_motion(scenario.with_values({"motion.file": str(file)}))
+        judged = judge_motion(scenario.with_values(changes_to(scenario, retimed, file)))
         return replace(judged, why=judged.why.replace(str(file), _FILE))

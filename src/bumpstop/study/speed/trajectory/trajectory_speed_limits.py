@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from bumpstop.study.speed.speed_map import SHARD_ROWS, SpeedMap
 from bumpstop.study.speed.speed_search import MIN_SPEED
 from bumpstop.study.speed.trajectory.own_motion import own_speeds
 from bumpstop.study.speed.trajectory.path_speed import max_path_speed, max_penetration_travel, sliding_min
-from bumpstop.study.speed.trajectory.slowing import Judged, Slowing, judge_motion, slow_down
+from bumpstop.study.speed.trajectory.slowing import Judged, Slowing, changes_to, judge_motion, slow_down
 from bumpstop.study.speed.trajectory.waypoint_refinement import refine_at_peaks, refine_by_joint_motion
 from bumpstop.study.speed.worst_direction import worst_directions
 from bumpstop.terminal import no_more_than
@@ -285,6 +286,7 @@ class TrajectorySpeedLimits(SpeedMap):
         assert least is not None
         slowing = self.slowed(rows)
         retimed = slowing.retimed
+        changes = {} if retimed is None else changes_to(self.scenario, retimed, Path("retimed.csv"))
         return {
             "study": self.name,
             "waypoints": int((~rows["between"]).sum()),
@@ -299,6 +301,7 @@ class TrajectorySpeedLimits(SpeedMap):
             "duration_s": self.trajectory.duration,
             "retimed_duration_s": None if retimed is None else float(retimed.time[-1]),
             "not_retimed_because": slowing.why or None,
+            "retimed_contact_onset_s": changes.get("motion.contact_onset_s"),
             "retimed_eased": slowing.eased,
             "directions": self._searched,
             "acceptable": self._judged.acceptable,
@@ -343,6 +346,12 @@ class TrajectorySpeedLimits(SpeedMap):
             lines.append(
                 f"slowed down, {summary['retimed_duration_s']:.4g} s instead of {summary['duration_s']:.4g} s: "
                 f"{_verdict_words(summary['retimed_verdict'])}"
+            )
+        onset = summary.get("retimed_contact_onset_s")
+        if onset is not None:
+            lines.append(
+                f"there contact begins at the same place of the path, {onset:.6g} s after the start: "
+                "give this motion.contact_onset_s beside the slowed file"
             )
         return lines
 
