@@ -82,7 +82,10 @@ class TracedMotion:
         lead = min(_lead_steps(checked), int(onset / (speed * step)))
         end = onset + speed * window
         ended = end >= whole.duration
-        part = whole.part(onset - speed * lead * step, min(end, whole.duration), speed)
+        # Arms brake along what is left of the path: twice as far as from the greatest rates is more than enough.
+        rates = speed * np.abs(whole.at(whole.time, 1)).max(axis=0)
+        stop = float(checked.deceleration.even_time((rates / checked.joint_acceleration).max()))
+        part = whole.part(onset - speed * lead * step, min(end + speed * stop, whole.duration), speed)
         traced = replace(checked, period_steps=1, latency_steps=0, trajectory=part, q=whole.at(onset))
         curve = trajectory_curve(traced, trajectory_kernel(traced), lead * step)
         return cls(traced, checked.period_steps, curve, lead, ended, rests=ended and not whole.stops_short)
