@@ -43,7 +43,14 @@ class DetectionOutcomes {
         const std::size_t last = detection_.size() - 1;
         simulate(0);
         simulate(last);
-        find_between(0, last);
+        // Halves of a whole number of widest ranges are as wide as they may be.
+        const double ranges = std::ceil((detection_[last].time - detection_[0].time) / widest_);
+        const std::size_t parts = std::isfinite(ranges) ? std::clamp(std::size_t(ranges), std::size_t(1), last) : 1;
+        for (std::size_t part = 0; part < parts; ++part) {
+            const std::size_t low = last * part / parts, high = last * (part + 1) / parts;
+            simulate(high);
+            find_between(low, high);
+        }
         for (std::size_t i = 0; i <= last; ++i) set(detection_[i], outcome_[i]);
     }
 
