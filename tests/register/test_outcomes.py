@@ -152,6 +152,31 @@ def test_a_value_that_is_set_has_no_source_in_the_register(tmp_path: Path) -> No
     assert found.outcome != "pass"
 
 
+def test_a_value_has_its_source_in_either_spelling(tmp_path: Path) -> None:
+    measured, known = {"status": "measured", "source": "gauge"}, ("measured", "gauge")
+    row = {"name": "a", "contact.area_cm2": 2.0, "contact.stiffness_N_mm": 40.0}
+    path = write_register(tmp_path, row)
+
+    def told(changes: dict[str, Any] | None = None, *keys: str) -> dict[str, tuple[str, str]]:
+        inputs = tuple({"key": key, **measured} for key in keys)
+        write_register(tmp_path, row, inputs=inputs)
+        (found,) = bs.evaluate_register(bs.load_register(path, changes=changes)).results
+        return {one.key: (one.status, one.source) for one in found.inputs}
+
+    assert told()["contact.stiffness_N_m"] == ("given", f"{path} [[situation]] 1")
+    for key in ("contact.stiffness_N_m", "contact.stiffness_N_mm"):
+        assert told(None, key)["contact.stiffness_N_m"] == known
+        for changed in ({"contact.stiffness_N_m": 2e4}, {"contact.stiffness_N_mm": 20.0}):
+            of_set = ("given", "set when the register was read (--set)")
+            assert told(changed, key)["contact.stiffness_N_m"] == of_set, "measured was another value"
+    assert told(None, "motion.speed_mm_s", "motion.direction")["motion.velocity_mm_s"] == known
+    assert told(None, "motion.speed_mm_s")["motion.velocity_mm_s"][0] == "given", "of its direction nothing is known"
+    cell = tmp_path / "cell.toml"
+    cell.write_text(cell.read_text(encoding="utf-8").replace("[contact]", "[contact]\nstiffness_N_mm = 30.0", 1))
+    (alone,) = bs.evaluate_register(bs.load_register(cell)).results
+    assert [one.source for one in alone.inputs if one.key == "contact.stiffness_N_m"] == [str(cell)]
+
+
 def test_a_key_s_own_statement_counts_before_that_of_its_table(tmp_path: Path) -> None:
     table, key = {"key": "detector", "status": "measured"}, {"key": "detector.noise_sd_Nm", "status": "published"}
     found = judged(tmp_path, {}, table, key)

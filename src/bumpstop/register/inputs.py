@@ -84,7 +84,7 @@ def _scenario_inputs(situation: Situation) -> list[Input]:
             status, source = "given", "set when the register was read (--set)"
         elif says(situation.given, key):
             status, source = "given", f"{situation.file} {situation.place}"
-        elif key in given or key == "motion.velocity_mm_s":
+        elif says(given, key):
             status, source = "given", str(situation.scenario_file)
         else:
             status, source = "default", "of bumpstop: nobody gave it"

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bumpstop.collision.scenario.spellings import other_spelling
 from bumpstop.register.statements import OPEN_STATUSES, Statement
 
 if TYPE_CHECKING:
@@ -52,13 +53,22 @@ class Situation:
         return {key: value for key, value in found.items() if value not in (None, "")}
 
     def statement_of(self, key: str) -> Statement | None:
-        """What the register says of a dotted key, or else of its table; None where it says nothing.
+        """What the register says of a dotted key in either spelling, or else of its table; None where it says nothing.
 
         Of a changed value only what keeps it from passing: the rest was said of the value before.
         """
-        found = self.statements.get(key) or self.statements.get(key.partition(".")[0])
+        found = self._stated(key) or self.statements.get(key.partition(".")[0])
         void = found is not None and found.status not in OPEN_STATUSES and says(self.changed, key)
         return None if void else found
+
+    def _stated(self, key: str) -> Statement | None:
+        """Of a velocity what keeps its speed or direction from passing, or the first where both are known."""
+        if key in self.statements:
+            return self.statements[key]
+        others = other_spelling(key)
+        stated = [self.statements[other] for other in others if other in self.statements]
+        doubted = [one for one in stated if one.status in OPEN_STATUSES]
+        return next(iter(doubted or (stated if len(stated) == len(others) else [])), None)
 
 
 def common_statements(situations: Sequence[Situation]) -> dict[str, Statement]:
@@ -91,7 +101,4 @@ def statements_without(statements: Mapping[str, Statement], changed: Collection[
 def says(keys: Collection[str], key: str) -> bool:
     """Whether one of some dotted keys is a key, an item of its list, or another way to write it."""
     spoken = {each.partition("[")[0] for each in keys}
-    return key in spoken or (key == "motion.velocity_mm_s" and bool(_SPEED & spoken))
-
-
-_SPEED = {"motion.speed_mm_s", "motion.direction"}
+    return not spoken.isdisjoint((key, *other_spelling(key)))
