@@ -11,6 +11,8 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.cli.main import main
+from bumpstop.model import Robot
+from bumpstop.model.urdf.writer import write_urdf
 from bumpstop.program.cell import Cell, write_trajectory
 from bumpstop.program.evaluation import ProgramResult, evaluate_program
 from bumpstop.program.safe_speed import greatest_factor, highest_safe
@@ -242,6 +244,22 @@ def test_bodies_stand_beside_one_arm(changes: dict[str, object], what: str) -> N
     arm = bs.load_scenario(EXAMPLES / "cell.toml")
     with pytest.raises(bs.InputError, match=f"two cells have another {what}; give cells of one {what}"):
         Cell(arm, arm.with_values(changes))
+
+
+def test_the_chain_is_that_of_the_scenario(tmp_path: Path) -> None:
+    """Of a URDF with several ends."""
+    arm = Robot.load("ur10e")
+    write_urdf(arm, tmp_path / "arm.urdf")
+    beside = '<link name="eye"/><joint name="pan" type="fixed"><parent link="base_link"/><child link="eye"/></joint>'
+    text = (tmp_path / "arm.urdf").read_text().replace("</robot>", f"{beside}</robot>")
+    (tmp_path / "arm.urdf").write_text(text)
+    own = bs.load_scenario(EXAMPLES / "cell.toml", {"robot": str(tmp_path / "arm.urdf"), "tip": "flange"})
+    assert [joint.name for joint in Cell(own).robot.joints] == [joint.name for joint in arm.joints]
+    five = {"tip": "wrist_2_link", "pose_deg": [0, -90, 90, -90, -90], "motion.task": "position"}
+    five |= {"detector.thresholds_Nm": [40, 40, 30, 12, 12], "detector.noise_sd_Nm": 2}
+    assert Cell(own.with_values(five)).robot.dof == 5
+    with pytest.raises(bs.InputError, match="two cells have another robot"):
+        Cell(own, own.with_values(five))
 
 
 @pytest.mark.parametrize("arm", ["rigid", "elastic"])

@@ -14,6 +14,7 @@ import numpy as np
 from bumpstop.collision import CollisionProblem, evaluate
 from bumpstop.collision.scenario.keys import leave_out
 from bumpstop.collision.scenario.scenario import Scenario
+from bumpstop.collision.scenario.scenario_file import robot_of
 from bumpstop.collision.trajectory.trajectory import Trajectory, checked_motion, point_motion, point_places
 from bumpstop.collision.trajectory.trajectory_file import Rows
 from bumpstop.collision.verdict.finer_steps import STEPS_DECIDE, fails_with_finer_steps
@@ -123,7 +124,7 @@ class Cell:
         self.bodies: tuple[Cell, ...] = (self, *(Cell(other, threads=threads) for other in others))
         for other in self.bodies[1:]:
             for what, same in (
-                ("robot", _robot(other.scenario) == _robot(scenario)),
+                ("robot", _arm(other) == _arm(self)),
                 ("start", np.array_equal(_or_empty(other.start), _or_empty(self.start))),
             ):
                 if not same:
@@ -162,10 +163,7 @@ class Cell:
     @cached_property
     def at_rest(self) -> CollisionProblem:
         """The problem of a motion that is next to none: what all segments share."""
-        from bumpstop.model import Robot
-
-        path = self.scenario.robot_path
-        robot = Robot.load(self.scenario.robot) if path is None else Robot.from_urdf(path)
+        robot = robot_of(self.scenario)
         q = np.zeros(robot.dof) if self.start is None else self.start
         q = np.clip(q, robot.lower, robot.upper)
         still = Trajectory(np.array([0.0, 1.0]), np.stack([q, q]), np.zeros((2, robot.dof)))
@@ -264,8 +262,9 @@ class Cell:
         return {"body": contact.body, "link": contact.link, "allowed_force_N": self.allowed_force}
 
 
-def _robot(scenario: Scenario) -> str:
-    return str(scenario.robot_path or scenario.robot)
+def _arm(cell: Cell) -> tuple[str, ...]:
+    """Where it is from, and the joints of the chain that was taken of it."""
+    return (str(cell.scenario.robot_path or cell.scenario.robot), *(joint.name for joint in cell.robot.joints))
 
 
 def _or_empty(q: FloatArray | None) -> FloatArray:
