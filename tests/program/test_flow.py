@@ -72,6 +72,25 @@ def test_a_move_with_another_tool_or_frame_is_another_motion() -> None:
     assert [visit.move.word for visit in visits(krl(text))].count("LIN") == 2
 
 
+def test_moves_with_external_axes_are_not_judged() -> None:
+    """A rail carries the arm along, and its tool goes faster than its joints say."""
+    carried = "external axis {} may move, too, and is not followed"
+    told = []
+    for degrees, rail in ((17, 0), (27, 0), (27, 900), (17, 900)):
+        target = ptp(degrees).replace("}", f",E1 {rail}}}")
+        told.append((target, absj(degrees).replace("[9E9,", f"[{rail},"), ["", "", carried, ""][len(told)]))
+    ways = [each[2] for each in told]
+    assert whys(krl(f"DEF a()\n{KRL_SPEEDS}{''.join(each[0] for each in told)}END\n")) == [w.format("E1") for w in ways]
+    moves = "".join(each[1] for each in told)
+    assert whys(rapid(f"PROC main()\n{moves}ENDPROC\n")) == [w.format("eax_a") for w in ways]
+    line = MOVE_L.replace("[9E9,", "[{},")
+    text = f"PROC main()\n{absj(17)}{line.format(5)}{line.format('x()').replace('-350', '-300')}ENDPROC\n"
+    assert whys(rapid(text)) == ["", "", carried.format("eax_a")]
+    krl_line, far = LIN.replace("}", ",E1 {}}}").replace("{X", "{{X"), LIN.replace("-350", "-300")
+    text = f"{ptp(17)}{krl_line.format(5)}{far}{krl_line.format(5)}{far.replace('}', ',E1 6}')}"
+    assert whys(krl(f"DEF a()\n{KRL_SPEEDS}{text}END\n")) == ["", "", "", "", carried.format("E1")], "unnamed it stays"
+
+
 def test_a_place_that_is_found_again_is_the_same() -> None:
     """It is another one by what the search for joint positions leaves."""
     there, back = (f"movel(p[-0.6,{y},0.55,-2.03,2.40,0], v=0.25)\n" for y in (-0.38, -0.30))

@@ -191,7 +191,8 @@ class Interpreter:
             state.dead = True
 
     def _forget(self, state: State) -> None:
-        state.q, state.speeds = None, dict.fromkeys(_SPEEDS)
+        state.reach(None, {})
+        state.speeds = dict.fromkeys(_SPEEDS)
         for which in self._program.frames:
             setattr(state, which, None)
 
@@ -229,7 +230,8 @@ class Interpreter:
     def _opaque(self, node: Opaque, state: State) -> None:
         if node.moves:
             # A jump may come here, too.
-            state.q, state.dead = None, False
+            state.reach(None, {})
+            state.dead = False
             self._end_blend()
         if node.resets:
             state.speeds = dict.fromkeys(_SPEEDS)
@@ -271,15 +273,21 @@ class Interpreter:
         else:
             self._chains.append([visit])
         self._goes_on = move.blend > 0
-        state.q = end
+        state.reach(end, dict(move.target.external))
 
     def _visit(self, move: Move, state: State) -> tuple[Visit, FloatArray | None]:
         slots, why = _slots(move, state, self._robot.dof)
         why = move.why or why
         q, end = self._samples(move, state)
+        others = [
+            f"external axis {axis} may move, too, and is not followed"
+            for axis, value in move.target.external
+            if value is None or value != state.external.get(axis, value)
+        ]
+        why = why or "".join(others[:1])
         if isinstance(q, str):
             return Visit(move, None, slots, why if why else q), end
-        if float(np.abs(q - q[0]).max()) < _AWAY:
+        if float(np.abs(q - q[0]).max()) < _AWAY and not others:
             return Visit(move, None, slots, "", still=True), end
         if state.tool is None and move.measure == "tool":
             why = why or "the tool whose speed it gives is not known"

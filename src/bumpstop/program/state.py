@@ -18,13 +18,14 @@ _SAME = 1e-6  # [rad or m] what is less apart is the same: a place is found agai
 
 @dataclass
 class State:
-    """Where the arm is and what is set; None: not known. ``dead``: nothing runs on from here."""
+    """Where the arm and external axes are and what is set; None: not known. ``dead``: nothing runs on from here."""
 
     q: FloatArray | None
     tool: FloatArray | None = field(default_factory=lambda: np.eye(4))
     base: FloatArray | None = field(default_factory=lambda: np.eye(4))
     shift: FloatArray | None = field(default_factory=lambda: np.eye(4))
     speeds: dict[str, SpeedSlot | None] = field(default_factory=dict)
+    external: dict[str, float | None] = field(default_factory=dict)
     dead: bool = False
 
     def copy(self) -> State:
@@ -34,7 +35,11 @@ class State:
     def set(self, other: State) -> None:
         """Make it another one."""
         self.q, self.tool, self.base, self.shift = other.q, other.tool, other.base, other.shift
-        self.speeds, self.dead = dict(other.speeds), other.dead
+        self.speeds, self.external, self.dead = dict(other.speeds), other.external, other.dead
+
+    def reach(self, end: FloatArray | None, external: dict[str, float | None]) -> None:
+        """Have moved somewhere; of an arm that may be anywhere external axes may be, too."""
+        self.q, self.external = end, {**(dict.fromkeys(self.external) if end is None else self.external), **external}
 
     @property
     def frame(self) -> FloatArray | None:
@@ -62,10 +67,16 @@ def agreed(states: Sequence[State]) -> State:
         key: first.speeds.get(key) if all(s.speeds.get(key, 0) == first.speeds.get(key, 0) for s in states) else None
         for key in keys
     }
-    return State(common("q"), common("tool"), common("base"), common("shift"), speeds)
+    axes = {name for state in states for name in state.external}
+    external = {
+        name: first.external.get(name) if len({state.external.get(name) for state in states}) == 1 else None
+        for name in axes
+    }
+    return State(common("q"), common("tool"), common("base"), common("shift"), speeds, external)
 
 
 def alike(one: State, other: State) -> bool:
     """Whether the same is known of two states."""
     pairs = ((one.q, other.q), (one.tool, other.tool), (one.base, other.base), (one.shift, other.shift))
-    return one.speeds == other.speeds and all(equal(a, b) for a, b in pairs)
+    same = one.speeds == other.speeds and one.external == other.external
+    return same and all(equal(a, b) for a, b in pairs)

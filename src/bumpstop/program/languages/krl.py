@@ -359,13 +359,16 @@ def _target(expression: Expression | None, constants: Mapping[str, Expression]) 
     values = _record(found, constants)
     if values is None:
         return unknown
+    external = tuple((name, value) for name, value in values.items() if re.fullmatch(r"E[1-6]", name))
     axes = [name for name in values if re.fullmatch(r"A[1-7]", name)]
     if axes:
         if sorted(axes) != [f"A{j + 1}" for j in range(len(axes))]:
             return Target(why="its target leaves axes as they are, which is not followed")
-        return Target(joints=tuple(math.radians(values[name]) for name in sorted(axes)))
+        return Target(joints=tuple(math.radians(values[name]) for name in sorted(axes)), external=external)
     pose = _frame(found, constants)
-    return Target(pose=pose) if pose is not None else Target(why="its target leaves X to C as they are")
+    if pose is None:
+        return Target(why="its target leaves X to C as they are")
+    return Target(pose=pose, external=external)
 
 
 def _record(expression: Expression, constants: Mapping[str, Expression]) -> dict[str, float] | None:

@@ -111,7 +111,8 @@ def joint_target(expression: Expression | None, constants: Mapping[str, Expressi
     joints = numbers_of(found.items[0], constants) if found is not None and found.items else None
     if joints is None or (found is not None and found.kind != "list"):
         return Target(why="its target is not known before the program runs")
-    return Target(joints=tuple(math.radians(joint) for joint in joints if abs(joint) < _NO_EXTERNAL))
+    own = tuple(math.radians(joint) for joint in joints if abs(joint) < _NO_EXTERNAL)
+    return Target(joints=own, external=_external(found, 1, constants))
 
 
 def pose_target(argument: Argument, constants: Mapping[str, Expression]) -> Target:
@@ -129,7 +130,19 @@ def pose_target(argument: Argument, constants: Mapping[str, Expression]) -> Targ
     pose = _pose(found.items[0], found.items[1], constants)
     if pose is None:
         return unknown
-    return Target(pose=(*(x + d / 1e3 for x, d in zip(pose[:3], offset, strict=True)), *pose[3:]))
+    place = (x + d / 1e3 for x, d in zip(pose[:3], offset, strict=True))
+    return Target(pose=(*place, *pose[3:]), external=_external(found, 3, constants))
+
+
+def _external(
+    target: Expression | None, place: int, constants: Mapping[str, Expression]
+) -> tuple[tuple[str, float | None], ...]:
+    """External axes that a target has, at its place for them."""
+    items = () if target is None else target.items
+    found = resolved(items[place], constants) if len(items) > place else None
+    values = [] if found is None else [number_of(item, constants) for item in found.items]
+    axes = zip("abcdef", values, strict=False)
+    return tuple((f"eax_{axis}", value) for axis, value in axes if value is None or abs(value) < _NO_EXTERNAL)
 
 
 def _pose(place: Expression, turn: Expression, constants: Mapping[str, Expression]) -> tuple[float, ...] | None:

@@ -81,11 +81,13 @@ class Target:
         joints: positions [rad or m], or None.
         pose: translation [m] and rotation vector [rad] of the tool in the base frame, six numbers, or None.
         why: neither is known; else empty.
+        external: external axes that the target names and where they go, in the language's units; None: not known.
     """
 
     joints: tuple[float, ...] | None = None
     pose: tuple[float, ...] | None = None
     why: str = ""
+    external: tuple[tuple[str, float | None], ...] = ()
 
 
 @dataclass(frozen=True)
