@@ -28,6 +28,13 @@ def test_a_display_trajectory_has_a_segment_for_each_part() -> None:
     assert found.segments[0].given.duration == pytest.approx(1.2)
 
 
+def test_the_line_of_a_place_is_that_of_its_point() -> None:
+    """Points of several lines."""
+    (segment,) = messages(EXAMPLES / "planned.yaml").segments
+    at = [segment.line_at(time, segment.given) for time in (0.0, 0.75, 1.5)]
+    assert at == [4, 19, 34] == [segment.lines[0], 19, segment.lines[1]]
+
+
 @pytest.mark.parametrize("name", ["planned.json", "planned.yaml"])
 def test_only_times_and_rates_change(name: str) -> None:
     found = messages(EXAMPLES / name)

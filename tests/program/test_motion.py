@@ -148,7 +148,9 @@ def test_a_segment_timed_anew_follows_the_same_path_from_rest_to_rest() -> None:
     home = np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])
     q = bell(home, home + np.array([0.5, 0.2, -0.1, 0, 0.3, 0]), 1.2, t)
     assert find_segments(t, q, None) == [(0, 30)]
-    segment = TrajectorySegment("s", (1, 31), (0, 30), cell().robot, t, q, None, cell().joint_acceleration, dense=True)
+    segment = TrajectorySegment(
+        "s", range(1, 32), (0, 30), cell().robot, t, q, None, cell().joint_acceleration, dense=True
+    )
     peak = np.abs(segment.given.at(np.linspace(0, 1.2, 2001), 1)).max(axis=0)
     for factor in (0.3, 0.8):
         times, position, rate = dense(segment.at(factor))

@@ -279,7 +279,7 @@ def test_slow_motions_that_a_formula_finds_too_fast_have_a_safe_speed() -> None:
     end = np.array([0.01, -1.181, 1.847, -1.749, -1.149, -0.031])
     t = np.linspace(0, 7.0, 351)
     robot, acceleration, q = cell().robot, cell().joint_acceleration, bell(begin, end, 7.0, t)
-    segment = TrajectorySegment("s", (1, 351), (0, 350), robot, t, q, None, acceleration, dense=True)
+    segment = TrajectorySegment("s", range(1, 352), (0, 350), robot, t, q, None, acceleration, dense=True)
     present = cell().judge(segment.at(1.0))
     safe = highest_safe(segment, cell(), 3.0, present)
     assert present.conclusion == "acceptable"

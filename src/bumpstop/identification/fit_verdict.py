@@ -100,11 +100,7 @@ def reading_faults(recordings: Sequence[Recording]) -> list[str]:
     """What recordings contradict themselves or their robot in, with their names: no fit to them can be used."""
     found = []
     for log in recordings:
-        faults = list(log.report.faults)
-        if log.report.base_motion:
-            moving = named([repr(name) for name in log.report.base_motion])
-            faults.append(f"the base is taken to stand still, and is moved by {moving}")
-        found += [f"{log.source}: {fault}" if log.source else fault for fault in faults]
+        found += [f"{log.source}: {fault}" if log.source else fault for fault in log.report.contradictions]
     return found
 
 

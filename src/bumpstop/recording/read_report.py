@@ -43,6 +43,15 @@ class ReadReport:
         """Number of all dropped rows."""
         return sum(self.counts.values())
 
+    @property
+    def contradictions(self) -> tuple[str, ...]:
+        """The faults, and what moves the base that is taken to stand still."""
+        if not self.base_motion:
+            return self.faults
+        *others, last = [repr(name) for name in self.base_motion]
+        moving = f"{', '.join(others)} and {last}" if others else last
+        return (*self.faults, f"the base is taken to stand still, and is moved by {moving}")
+
     def with_payload(self, mass: float, center: Sequence[float]) -> ReadReport:
         """Without the note on the payload that the controller was told of, where it is the one that is declared.
 

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
     from bumpstop.program.cell import Cell
     from bumpstop.program.segment import Segment
+    from bumpstop.recording import Recording
+    from bumpstop.recording.read_report import ReadReport
 
 # A recording is thinned to this rate [Hz] and smoothed over so many rows: encoders tremble.
 _RATE_HZ, _SMOOTHED = 50.0, 7
@@ -87,16 +89,19 @@ def read_recorded(path: Path, cell: Cell, *, columns: Path | None = None, topic:
 
     recording = Recording.load(path, columns=columns, topic=topic, robot=cell.robot)
     recording.check_robot(cell.robot)
-    t, q, noise, notes = _smoothed(recording.t - recording.t[0], recording.q)
+    own_time, report = recording.t - recording.t[0], recording.report
+    t, q, noise, notes = _smoothed(own_time, recording.q)
+    doubts = [*report.contradictions, *(note.rstrip(".") for note in report.time_doubts)]
+    missing = _missing(own_time, recording, float(t[1]))
     robot = cell.robot
     segments = []
     for number, (first, last) in enumerate(find_segments(t, q, None, noise=noise), start=1):
         rows = slice(first, last + 1)
-        origin = tuple(int(np.searchsorted(recording.t - recording.t[0], t[i] - 1e-9)) + 1 for i in (first, last))
+        unseen = [said for begin, end, said in missing if begin < t[last] and end > t[first]]
         segments.append(
             TrajectorySegment(
                 f"segment {number}",
-                (origin[0], origin[1]),
+                tuple(np.searchsorted(own_time, t[rows] - 1e-9) + 1),
                 (first, last),
                 robot,
                 t[rows],
@@ -104,11 +109,27 @@ def read_recorded(path: Path, cell: Cell, *, columns: Path | None = None, topic:
                 None,
                 cell.joint_acceleration,
                 dense=True,
+                why=next(iter((*doubts, *unseen)), ""),
             )
         )
     if not segments:
         raise InputError(str(path), "rests all the time", "wanted a recording of a motion")
-    return RecordedProgram("recording", segments, t, q, notes)
+    return RecordedProgram("recording", segments, t, q, [*_said(report, [said for *_, said in missing]), *notes])
+
+
+def _missing(t: FloatArray, recording: Recording, step: float) -> list[tuple[float, float, str]]:
+    """Where rows are missing for more than two steps [s]: from when to when, and what is said of it."""
+    gaps = [(begin - recording.t[0], length) for begin, length in recording.report.gaps if length > 2 * step]
+    return [
+        (begin, begin + length, f"rows are missing for {length:.3g} s after row {int(np.searchsorted(t, begin)) + 1}")
+        for begin, length in gaps
+    ]
+
+
+def _said(report: ReadReport, missing: Sequence[str]) -> list[str]:
+    dropped = f"{report.rows_dropped} of {report.rows_read} rows were dropped while reading"
+    more = [f"{missing[0]}, and at {len(missing) - 1} more places"] if len(missing) > 1 else missing
+    return [*([dropped] if report.rows_dropped else []), *more, *report.notes]
 
 
 def _smoothed(t: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray, float, list[str]]:

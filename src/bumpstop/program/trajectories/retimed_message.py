@@ -89,7 +89,7 @@ def segments_of(
     def segment(called: str, first: int, last: int, why: str = "") -> TrajectorySegment:
         return TrajectorySegment(
             called,
-            (lines[first], lines[last]),
+            lines[first : last + 1],
             (first, last),
             cell.robot,
             rows.time[first : last + 1],

@@ -88,7 +88,7 @@ class TrajectorySegment:
 
     Attributes:
         name: as people call it.
-        lines: first and last row, from 1.
+        row_lines: the line of the file, or its row, of every row from the first to the last, from 1.
         rows: first and last row, from 0.
         robot: the arm.
         time, position, velocity: of the rows from the first to the last.
@@ -98,7 +98,7 @@ class TrajectorySegment:
     """
 
     name: str
-    lines: tuple[int, int]
+    row_lines: Sequence[int]
     rows: tuple[int, int]
     robot: Robot
     time: FloatArray
@@ -107,6 +107,10 @@ class TrajectorySegment:
     joint_acceleration: FloatArray
     dense: bool
     why: str = ""
+
+    @property
+    def lines(self) -> tuple[int, int]:  # noqa: D102
+        return int(self.row_lines[0]), int(self.row_lines[-1])
 
     @property
     def speed_known(self) -> bool:  # noqa: D102
@@ -213,4 +217,4 @@ class TrajectorySegment:
 
     def line_at(self, t: float, motion: Trajectory) -> int:  # noqa: D102
         q = motion.at(min(max(t, 0.0), motion.duration))
-        return self.lines[0] + int(np.abs(self.position - q).max(axis=1).argmin())
+        return int(self.row_lines[int(np.abs(self.position - q).max(axis=1).argmin())])
