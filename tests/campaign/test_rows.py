@@ -8,6 +8,7 @@ import polars as pl
 
 import bumpstop as bs
 from bumpstop.campaign import load_campaign
+from bumpstop.campaign.campaign_summary import NAMES, summary_lines
 from bumpstop.model import Robot
 from bumpstop.model.urdf.writer import write_urdf
 from bumpstop.report.studies.campaign import SharesPart
@@ -90,6 +91,16 @@ def test_what_stands_beside_the_verdict_of_the_nearest_row_is_a_note(tmp_path: P
     # Nothing is said beside what is not acceptable anyway.
     refused = campaign.summarise([rows.with_columns(acceptable=pl.lit(value=False))])
     assert "notes" not in refused
+
+
+def test_a_share_that_is_nearly_all_is_not_all() -> None:
+    """Forty of a million poses that are not acceptable are not none of them."""
+    group = dict.fromkeys(NAMES, "any") | {"speed_mm_s": 50.0, "distributions": 10**6, "singular_starts": 0}
+    group |= {"p_over_force": 1e-5, "p_over_pressure": None, "undetected": 0.0, "largest_p99_N": 90.0}
+    for share, said in ((0.99996, "99.996 %"), (1.0, "100 %"), (4e-5, "0.004 %"), (0.0, "0 %")):
+        summary = {"distributions": 10**6, "singular_starts": 0, "groups": [group | {"acceptable_share": share}]}
+        assert f" {said} acceptable" in "\n".join(summary_lines(summary))
+        assert f">{said}<" in " ".join(SharesPart(summary).content())
 
 
 def test_a_robot_in_millimetres_is_a_note(tmp_path: Path) -> None:

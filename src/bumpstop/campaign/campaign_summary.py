@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bumpstop.collision.probability_text import percent
 from bumpstop.terminal import NONE
 
 if TYPE_CHECKING:
@@ -83,7 +84,7 @@ def summary_lines(summary: Mapping[str, Any]) -> list[str]:
     for group in groups[:_MAX_LINES]:
         what = " ".join(str(group[name]) for name in different)
         share, force = group["acceptable_share"], group["p_over_force"]
-        said = NONE if share is None else f"{100 * share:.2f} % acceptable"
+        said = NONE if share is None else f"{percent(share)} acceptable"
         over = NONE if force is None or force != force else f"{force:.3g}"
         lines.append(f"  {what} {group['speed_mm_s']:g} mm/s: {said}, mean P(over force) {over}".replace("   ", "  "))
     if len(groups) > _MAX_LINES:

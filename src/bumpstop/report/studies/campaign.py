@@ -160,7 +160,7 @@ def write_campaign_report(campaign: Campaign, summary: Mapping[str, Any], folder
 
 def _count_share(value: float | None) -> str:
     """A share of poses, which are counted: none is none."""
-    return NONE if value is None else f"{100 * value:.3g} %"
+    return NONE if value is None else percent(value)
 
 
 def _largest(group: Mapping[str, Any]) -> str:

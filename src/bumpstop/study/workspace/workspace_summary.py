@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from bumpstop.collision.probability_text import decimal, percent
 from bumpstop.collision.verdict.verdict_notes import MAX_UNTOUCHED
 from bumpstop.study.workspace.predictors import predictors, rank_correlation
 from bumpstop.terminal import correlation
@@ -119,19 +119,20 @@ def summary_lines(summary: Mapping[str, Any]) -> list[str]:
     for name, limit in zip(("force", "pressure"), summary["limits"].values(), strict=False):
         share = summary[f"p_over_{name}"]
         lines.append(
-            f"P(over the {name} limit, {limit:g} N): {share['mean']:.4f}, standard error {share['standard_error']:.4f}"
+            f"P(over the {name} limit, {limit:g} N): {decimal(share['mean'])}, "
+            f"standard error {decimal(share['standard_error'])}"
         )
         touching = summary[f"p_over_{name}_of_touching"]
         if summary["never_touch"] and touching:
-            lines.append(f"  of the motions that touch: {touching['mean']:.4f}")
+            lines.append(f"  of the motions that touch: {decimal(touching['mean'])}")
     for name, found in summary.get("predictors", {}).items():
-        missed, refused = _percent(found["unsafe_missed"]), _percent(found["safe_refused"])
+        missed, refused = percent(found["unsafe_missed"]), percent(found["safe_refused"])
         rank = f"rank correlation {correlation(found['rank_correlation'])}"
         lines.append(f"{name.replace('_', ' ')}: {rank}, misses {missed} of unsafe poses, rejects {refused} of safe")
     found = summary["distribution"]
     lines.append(f"most common peak force: {mode_text(found['mode_of_collisions_N'], found['edges_N'])}")
     ends = ", ".join(f"{end.replace('_', ' ')} {count}" for end, count in summary["ends"].items() if count)
-    lines.append(f"undetected: {summary['undetected']['mean']:.4f}; motions end by: {ends}")
+    lines.append(f"undetected: {decimal(summary['undetected']['mean'])}; motions end by: {ends}")
     if summary["self_collisions"]["looked_for"]:
         lines.append(f"poses discarded for self-collision: {summary['self_collisions']['poses_discarded']}")
     return lines
@@ -165,7 +166,3 @@ def _mode(counts: FloatArray, edges: FloatArray) -> list[float] | None:
 def mode_text(mode: Sequence[float] | None, edges: Sequence[float]) -> str:
     """The most common force as it is printed."""
     return f"none up to {edges[-1]:g} N" if mode is None else f"{mode[0]:g} to {mode[1]:g} N"
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.1f} %" if math.isfinite(share) else "none"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.collision import evaluate
+from bumpstop.collision.probability_text import use_percent
 from bumpstop.contact import LimitTable
 from bumpstop.errors import InputError
 from bumpstop.report.colours import LAW
@@ -145,4 +146,4 @@ def _share_of_limit(p99: float, limit: float) -> tuple[float, str]:
     if math.isinf(limit):
         return 0.0, "no limit"
     share = p99 / limit
-    return share, f"{100 * share:.0f} %" if math.isfinite(share) else UNBOUNDED
+    return share, use_percent(share) if math.isfinite(share) else UNBOUNDED
