@@ -264,6 +264,12 @@ def test_only_what_the_program_begins_with_begins_at_the_pose() -> None:
     assert begins(rapid(text)) == [0.0, None]
 
 
+def test_attributes_of_a_module_are_no_call() -> None:
+    text = f"MODULE m (SYSMODULE, NOSTEPIN)\nPROC main()\n{absj(17)}{MOVE_L}ENDPROC\nENDMODULE\n"
+    read = read_rapid(text.encode())
+    assert (read.not_understood, whys(read)) == ((), ["", ""])
+
+
 def test_frames_that_are_not_understood_are_not_known() -> None:
     base = "$BASE={X 0,Y 0,Z 0,A 0,B 0,C 0}\n"
     read = krl(f"{KRL_SPEEDS}{base}$BASE.Z=-200\n{LIN}")

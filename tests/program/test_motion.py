@@ -89,6 +89,15 @@ def test_a_blended_corner_is_cut_and_passed_at_speed() -> None:
     assert one.line_at(one.at(1.0).duration, one.at(1.0)) == 2
 
 
+@pytest.mark.parametrize("ends", ["", "halt\n"])
+def test_the_last_move_goes_to_its_end_whatever_its_blend(ends: str) -> None:
+    """There is nothing to go over into; its way from where a blend would begin was not judged."""
+    exact, blended = (segments(f"movej({FAR}, v=0.5, r=0.1)\nmovej({HIGH}, v=0.5{r})\n{ends}") for r in ("", ", r=0.3"))
+    assert len(blended) == 1
+    assert (blended[0].at(1.0).position == exact[0].at(1.0).position).all()
+    assert blended[0].at(1.0).position[-1] == pytest.approx([0.9, -1.2, 1.4, -1.77, -1.57, 0])
+
+
 def test_nothing_is_faster_than_its_greatest_factor() -> None:
     (segment,) = segments(f"movej({FAR}, a=60, v=0.5)")
     joints = segment.max_factor(100.0)

@@ -299,6 +299,8 @@ def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
         blocks.add(Frames(statement.line, "shift", (0.0,) * 6))
     elif first in ("pdispset", "pdispon"):
         blocks.opaque(statement, moves=False)
+    elif first == "module":
+        pass  # what stands in brackets are its attributes, and no call
     elif first in _HARMLESS or first in _CHANGING:
         blocks.evaluate(statement, words[1:])
     elif len(words) == 1 and words[0].kind == "name" and first not in _LINES:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -57,7 +57,11 @@ class Path:
 
 
 def join(robot: Robot, legs: Sequence[Leg]) -> Path:
-    """The path of moves, each of which begins where the one before it ends; corners are parabolas in the joints."""
+    """The path of moves, each of which begins where the one before it ends; corners are parabolas in the joints.
+
+    The last one goes to its end, whatever its blend: nothing follows that it could go over into.
+    """
+    legs = [*legs[:-1], replace(legs[-1], blend=0.0)]
     cut = [_middle(robot, leg, before) for leg, before in zip(legs, [None, *legs], strict=False)]
     rows = [cut[0][0][:1]]
     number: list[int] = []
