@@ -264,6 +264,18 @@ def test_only_what_the_program_begins_with_begins_at_the_pose() -> None:
     assert begins(rapid(text)) == [0.0, None]
 
 
+def test_a_wait_between_blended_moves_leaves_the_corner_open() -> None:
+    waits = "the program waits before the move that it is blended into"
+    for wait, said in (("sleep(1)\n", waits), ("set_digital_out(0, True)\n", ""), ("", "")):
+        assert whys(urscript(f"{j(0.5, 0.1)}{wait}{j(0.2)}")) == [said, ""]
+    text = f"DEF a()\n{KRL_SPEEDS}{ptp(17)[:-1]} C_PTP\nWAIT SEC 1\n{ptp(27)}END\n"
+    assert whys(krl(text)) == [waits, ""]
+    text = f"PROC main()\n{absj(17).replace('fine', 'z50')}WaitDI di1,1;\n{absj(27)}ENDPROC\n"
+    assert whys(rapid(text)) == [waits, ""]
+    assert whys(urscript(f"{j(0.5, 0.1)}sleep(1)\n")) == [""], "nothing follows: it goes to its target"
+    assert whys(urscript(f"{j(0.5)}sleep(1)\n{j(0.2)}")) == ["", ""]
+
+
 def test_attributes_of_a_module_are_no_call() -> None:
     text = f"MODULE m (SYSMODULE, NOSTEPIN)\nPROC main()\n{absj(17)}{MOVE_L}ENDPROC\nENDMODULE\n"
     read = read_rapid(text.encode())

@@ -24,6 +24,7 @@ from bumpstop.program.languages.statements import (
     Setting,
     SpeedSlot,
     Target,
+    Wait,
 )
 from bumpstop.program.motion.kinematics import joint_line, tool_arc, tool_line, transform
 from bumpstop.program.motion.path import Leg
@@ -79,7 +80,8 @@ class Interpreter:
         self._program, self._robot, self._start, self._field = program, robot, start, field_name
         self._visits = self._steps = 0
         self._chains: list[list[Visit]] = []
-        self._goes_on = False
+        # The move before is blended; the program has waited since the move before.
+        self._goes_on = self._waits = False
         self._ran: set[str] = set()
         self._running: list[str] = []
         # States at jumps out of the loops and functions that are being run through, and to the next round.
@@ -139,6 +141,8 @@ class Interpreter:
                 self._branch(node, state, depth)
             elif isinstance(node, Leave):
                 self._leave(node, state)
+            elif isinstance(node, Wait):
+                self._waits = True
 
     def _loop(self, node: Loop, state: State, depth: int) -> None:
         if not node.certain and self._may_move((node,)):
@@ -238,11 +242,11 @@ class Interpreter:
         for which in node.reframes:
             setattr(state, which, None)
 
-    def _end_blend(self) -> None:
+    def _end_blend(self, why: str = "the move that it is blended into is not known") -> None:
         """The move before, if it is blended, goes over into one that is not known."""
         if self._goes_on:
             last = self._chains[-1][-1]
-            self._chains[-1][-1] = replace(last, why=last.why or "the move that it is blended into is not known")
+            self._chains[-1][-1] = replace(last, why=last.why or why)
         self._goes_on = False
 
     def _may_move(self, nodes: Sequence[Node], depth: int = 0) -> bool:
@@ -267,6 +271,9 @@ class Interpreter:
         self._visits += 1
         if self._visits > _MAX_VISITS:
             raise InputError(self._field, f"runs through more than {_MAX_VISITS} moves", "give its parts one by one")
+        if self._waits:
+            self._end_blend("the program waits before the move that it is blended into")
+        self._waits = False
         visit, end = self._visit(move, state)
         if self._goes_on and self._chains:
             self._chains[-1].append(visit)

@@ -28,6 +28,7 @@ from bumpstop.program.languages.statements import (
     Setting,
     SpeedSlot,
     Target,
+    Wait,
 )
 from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token, parse_lines
 
@@ -232,6 +233,8 @@ def _add(
         blocks.jump(statement, first)
     elif first in _HARMLESS or _without_type(words)[1]:
         blocks.evaluate(statement, words[1:])
+        if first in ("wait", "halt"):
+            blocks.add(Wait(statement.line))
     elif (target := assigned(words, "=")) is not None:
         blocks.evaluate(statement, words[target[1] + 1 :])
         if not _set(blocks, statement, constants, counts) and first.startswith("$") and not first.startswith(_OUTPUTS):

@@ -34,6 +34,7 @@ from bumpstop.program.languages.statements import (
     Leave,
     Move,
     ReadProgram,
+    Wait,
 )
 from bumpstop.program.languages.syntax import TRIVIA, Statement, SyntaxTree, Token, statement_of, tokenize
 
@@ -78,6 +79,7 @@ _HARMLESS_WORDS = (
 _HARMLESS = frozenset(_HARMLESS_WORDS.split())
 # Instructions that change the variable that they are given.
 _CHANGING = frozenset(("incr", "decr", "add", "clear"))
+_WAITS = frozenset(("waittime", "waitdi", "waitdo", "waituntil", "waitai", "waitrob", "stop"))
 _JUMPS: Mapping[str, Jump] = {"return": "function", "exit": "program", "exitcycle": "program"}
 _DATA = frozenset(("const", "pers", "var", "local", "task"))
 _MOVES = {"movel": True, "movej": False, "moveabsj": False, "movec": True}
@@ -303,6 +305,8 @@ def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
         pass  # what stands in brackets are its attributes, and no call
     elif first in _HARMLESS or first in _CHANGING:
         blocks.evaluate(statement, words[1:])
+        if first in _WAITS:
+            blocks.add(Wait(statement.line))
     elif len(words) == 1 and words[0].kind == "name" and first not in _LINES:
         blocks.call(statement, first)
     elif first == "velset":

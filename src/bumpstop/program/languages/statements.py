@@ -208,7 +208,14 @@ class Leave:
     what: Jump
 
 
-Node = Move | Setting | Call | Opaque | Frames | Loop | Branch | Leave
+@dataclass(frozen=True)
+class Wait:
+    """The program goes no further for a while: a move before it may end at its target, blended or not."""
+
+    line: int
+
+
+Node = Move | Setting | Call | Opaque | Frames | Loop | Branch | Leave | Wait
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from bumpstop.program.languages.expression import (
     read_expression,
     resolved,
 )
-from bumpstop.program.languages.statements import MIN_TIME_S, Frames, Jump, Move, ReadProgram, SpeedSlot, Target
+from bumpstop.program.languages.statements import MIN_TIME_S, Frames, Jump, Move, ReadProgram, SpeedSlot, Target, Wait
 from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token, parse_lines
 
 _TOKENS = re.compile(
@@ -32,6 +32,7 @@ _HARMLESS_WORDS = (
     "write_output_float_register set_flag enter_critical exit_critical set_safety_mode_transition_hardness"
 )
 _HARMLESS = frozenset(_HARMLESS_WORDS.split())
+_WAITS = frozenset(("sleep", "popup", "stopj", "stopl"))
 _JUMPS: Mapping[str, Jump] = {"break": "loop", "continue": "round", "return": "function", "halt": "program"}
 _BLOCKS = frozenset(("if", "elif", "else", "while", "def", "sec", "thread"))
 _SIGNS = ("=", "+=", "-=", "*=", "/=", "%=")
@@ -138,7 +139,9 @@ def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
 def _add_call(blocks: Blocks, statement: Statement, call: Expression, constants: Mapping[str, Expression]) -> None:
     if call.name in _PLACES or call.name == "set_tcp" or call.name in _HARMLESS:
         blocks.evaluate(statement, statement.words[1:])
-    if call.name in _PLACES:
+    if call.name in _WAITS:
+        blocks.add(Wait(statement.line))
+    elif call.name in _PLACES:
         move = _move(statement, call, constants)
         blocks.add(move)
         if move.speed[0].time:
