@@ -66,6 +66,18 @@ def test_friction_tells_which_sign_is_wrong() -> None:
     assert any("friction of shoulder_lift_joint comes out negative" in fault for fault in told(1, -1.0, 1.0))
 
 
+def test_a_gain_that_other_models_put_elsewhere_is_told() -> None:
+    """A UR3e with an undeclared kilogram: noise makes 10 % of the elbow's gain, other models 180 %."""
+    path = SHARED / "ur3e_rtde/fig9.xlsx"
+    if not path.exists():
+        pytest.skip("the recording is not beside the repository")
+    log, robot = Recording.load(path), bs.Robot.load("ur3e")
+    verdict = judge_joint_model(identify_joint_model(log, robot), [log])
+    (elbow,) = (warning for warning in verdict.warnings if "elbow_joint is hardly known" in warning)
+    assert "other maps and friction laws" in elbow
+    assert not any("shoulder_lift_joint is hardly known" in warning for warning in verdict.warnings)
+
+
 def test_currents_beyond_those_of_the_fit_are_told() -> None:
     robot, log = currents_of_known_drives()
     fit = joint_model_fit()

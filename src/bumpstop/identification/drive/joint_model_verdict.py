@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bumpstop.identification.drive.current_scores import outside_ranges
-from bumpstop.identification.drive.observability import OPPOSITE_SIGN
+from bumpstop.identification.drive.observability import OPPOSITE_SIGN, SURE_GAIN
 from bumpstop.identification.fit_verdict import (
     OTHER_CAUSES,
     POOR,
@@ -94,6 +95,14 @@ def judge_joint_model(fit: JointModelFit, recordings: Sequence[Recording]) -> Fi
         ]
         if at_zero:
             warnings.append(f"{named(at_zero)} of {joint.name} would come out negative and is held at 0")
+        gain = joint.parameters.parameters["B"]
+        if gain is not None and joint.gain_errors:
+            share = math.hypot(joint.gain_errors["noise"], joint.gain_errors["model"]) / gain.value
+            if share > SURE_GAIN:
+                warnings.append(
+                    f"the gain of {joint.name} is hardly known: its standard error is {in_percent(share)}, as other "
+                    "maps and friction laws that predict the current about as well have other gains"
+                )
         if joint.observable and joint.condition > _ILL_CONDITIONED:
             warnings.append(f"the motion of {joint.name} hardly tells its parameters apart ({joint.condition:.3g})")
     if fit.inconsistent:
