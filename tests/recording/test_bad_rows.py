@@ -105,10 +105,12 @@ def test_two_numbers_never_become_one(line: str, tmp_path: Path) -> None:
         Recording.load(path, columns=COLUMNS)
 
 
-def test_decimal_commas_may_begin_late(tmp_path: Path) -> None:
+@pytest.mark.parametrize("mark", [";", "\t"])
+def test_decimal_commas_may_begin_late(mark: str, tmp_path: Path) -> None:
     """An arm that stands still writes whole numbers, over more lines than a reader would look at to find out."""
     resting = [f"{i};0;0" for i in range(3000)]
-    path = written(tmp_path, ["t;q_1;q_2", *resting, "3000;0,25;-1,5", "3000,5;0,5;1"])
+    rows = ["t;q_1;q_2", *resting, "3000;0,25;-1,5", "3000,5;0,5;1"]
+    path = written(tmp_path, [row.replace(";", mark) for row in rows])
     found = Recording.load(path, max_bad=0)
     assert found.t.size == 3002
     assert found.t[-1] == 3000.5

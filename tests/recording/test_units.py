@@ -186,8 +186,9 @@ def test_quoted_decimal_commas_between_commas_are_refused(tmp_path: Path) -> Non
     columns = {"time": {"column": 1, "unit": "ms"}, "position": {"columns": [2, 3]}}
     with pytest.raises(InputError, match=r"line 1: the quoted field '0,123' holds a ',', which separates fields here"):
         Recording.load(written(tmp_path, text), columns=columns)
-    path = written(tmp_path, [line.replace(',"', ';"') for line in text])
-    assert Recording.load(path, columns=columns).q[1].tolist() == [0.124, 0.5]
+    for advised in (";", "\t"):
+        path = written(tmp_path, [line.replace(',"', f'{advised}"') for line in text])
+        assert Recording.load(path, columns=columns).q[1].tolist() == [0.124, 0.5]
     words = [f'{0.01 * i:.2f},"so, it said","{i}","1"' for i in range(50)]
     shifted: dict[str, Any] = {"time": {"column": 1}, "position": {"columns": [3, 4]}}
     assert Recording.load(written(tmp_path, words), columns=shifted).q[7].tolist() == [7.0, 1.0]

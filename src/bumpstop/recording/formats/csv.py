@@ -43,7 +43,7 @@ def read_delimited(path: Path, header: bool | None) -> Table:
         skipped += 1
     start = _line_start(body, skipped)
     # Anywhere: an arm that stands still at first may have written whole numbers until then. Points are read as ever.
-    decimal_comma = separator == b";" and body.find(b",", start) >= 0
+    decimal_comma = separator in (b";", b"\t") and body.find(b",", start) >= 0
     if any(mark in body for mark in (b'"', b" ", *(() if separator == b"\t" else (b"\t",)))):
         body, start = _bare(_commas_in_quotes(body[start:], separator, path, skipped), separator), 0
     return _split(path, body, start, separator, names, skipped, decimal_comma)
