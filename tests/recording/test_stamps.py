@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -51,6 +52,21 @@ def test_even_times_are_those_of_the_samples(kind: str, lost: bool) -> None:
     assert np.count_nonzero(steps > 1.5) in (((3, 4, 5, 6) if kind == "bursts" else (3,)) if lost else (0,))
     assert np.abs(steps[steps < 1.5] - drift).max() < 2e-4
     assert f"{302 if lost else 0} rows were lost" in notes[0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_many_lost_rows_among_jitter_shift_no_others(seed: int) -> None:
+    """The lowest stamps to come rise in small steps before a lost row, which together are one period."""
+    rng = np.random.default_rng(seed)
+    t = PERIOD * np.arange(8000)
+    keep = rng.random(t.size) > 0.01
+    found, notes = even_times(late(t, "jitter", seed)[keep], 250.0)
+    shift = found - t[keep]
+    # Rows beside a lost one may be taken for those behind it, where theirs come late.
+    assert np.mean(np.abs(shift - np.median(shift)) > 0.5 * PERIOD) < 0.01
+    told = re.search(r"(\d+) rows were lost", notes[0])
+    assert told is not None
+    assert int(told[1]) == pytest.approx(np.count_nonzero(~keep), abs=2)
 
 
 def test_garbage_stamps_move_no_row() -> None:

@@ -26,6 +26,7 @@ _MIN_AHEAD = 50
 _LONG = 1000  # rows over which jitter averages out
 _AROUND = 101  # rows whose median tells a stamp that is none of theirs
 _FAR = 1000  # periods that such a stamp is off
+_FOLLOWS = _SAME_RATE  # of a period, by which the level of the lowest stamps may change from row to row
 _LOST = 0.5  # of a period: a delay that never comes back is a row that was lost
 _UNUSABLE = 0.2  # share of intervals that no controller makes
 _SHORT = 0.1  # of a period, below which a sample repeats the one before
@@ -43,7 +44,7 @@ def even_times(t: FloatArray, rate_hz: float) -> tuple[FloatArray, list[str]]:
     """Times of rows that were sampled evenly, from stamps that came some time later.
 
     A stamp is a sampling time and a delay. Delays come and go; what never comes back is a row that was lost. So the
-    lowest of the stamps to come, each less its row's even time, steps up by a period at every lost row. The spacing is
+    lowest of the stamps to come, each less its row's even time, rises by a period at every lost row. The spacing is
     that of the lowest stamps, so that they and the result do not part in long recordings.
 
     Args:
@@ -72,9 +73,7 @@ def even_times(t: FloatArray, rate_hz: float) -> tuple[FloatArray, list[str]]:
     offset[~trusted] = math.inf
     ahead = min(_AHEAD, t.size)
     lowest = minimum_filter1d(offset, ahead, mode="nearest", origin=-((ahead - 1) // 2))
-    steps = np.diff(lowest, prepend=lowest[0]) / period
-    steps[-min(_MIN_AHEAD, t.size) :] = 0  # too few come behind them
-    lost = np.cumsum(np.where(np.abs(steps) > _LOST, np.round(steps), 0)).astype(np.int64)
+    lost = _levels(lowest / period)
     # A delay longer than is looked ahead comes back later.
     lost = np.minimum.accumulate(lost[::-1])[::-1]
     lost -= lost[0]
@@ -88,6 +87,26 @@ def even_times(t: FloatArray, rate_hz: float) -> tuple[FloatArray, list[str]]:
         f"{np.quantile(delays, 0.999):.3g} ms later, {counted(int(lost[-1]), 'row', 'was')} lost."
     ]
     return even, notes
+
+
+def _levels(lowest: FloatArray) -> npt.NDArray[np.int64]:
+    """(N,) whole periods that the lowest stamps to come (N,) [periods] have stepped up by.
+
+    Before a lost row they rise in several small steps, as fewer rows without delay are left. So each is compared with
+    the level since the last whole step, which follows a clock that drifts.
+    """
+    level, lost = float(lowest[0]), 0
+    found = []
+    for value in lowest[: -min(_MIN_AHEAD, lowest.size)].tolist():  # too few come behind the others
+        rise = value - lost - level
+        if math.isinf(level):  # no stamp so far
+            level = value
+        elif math.isfinite(rise):
+            whole = round(rise) if abs(rise) > _LOST else 0
+            lost += whole
+            level += min(max(rise - whole, -_FOLLOWS), _FOLLOWS)
+        found.append(lost)
+    return np.array(found + [lost] * (lowest.size - len(found)), dtype=np.int64)
 
 
 def _check_rate(period: float, rate_hz: float, tolerance: float) -> None:
