@@ -18,6 +18,8 @@ from bumpstop.text_files import MAX_BYTES, read_text
 _MAX_PREAMBLE = 200
 # The last rows show what a row of the table is like.
 _LATER_ROWS = 20
+# The minus sign of typesetting before a number.
+_MINUS = re.compile(r"^\u2212(?=[0-9.,]+$)")
 _IN_BRACKETS = re.compile(r"\[.*\]|\(.*\)")
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
 
@@ -108,7 +110,7 @@ def read_text_table(path: Path, wanted: str, *, max_bytes: int = MAX_BYTES) -> T
         reader = csv.reader(lines, delimiter=separator)
         ends, cells = [], []
         for row in reader:
-            cells.append([cell.strip() for cell in row])
+            cells.append([_MINUS.sub("-", cell.strip()) for cell in row])
             ends.append(reader.line_num)
     except csv.Error as error:
         raise InputError(str(path), f"is not valid CSV ({error})", wanted) from None
