@@ -22,14 +22,17 @@ class Transitions {
         int halvings = 0;
         double t = duration;
         for (const double norm = a.norm(); norm * t > small; t /= 2) ++halvings;
-        // The series by Horner's rule.
-        const detail::PaddedMatrix step = t * a;
-        detail::PaddedMatrix psi = step;
-        for (int k = matrix_terms; k > 1; --k) psi = step + (1.0 / k) * (step * psi);
+        // The series by Horner's rule in powers of four: six products for fourteen terms.
+        const detail::PaddedMatrix x = t * a, x2 = x * x, x3 = x2 * x, x4 = x2 * x2;
+        detail::PaddedMatrix psi = (1.0 / 13) * x + (1.0 / (13 * 14)) * x2;
+        for (int k = 8; k >= 0; k -= 4) {
+            const double first = 1.0 / (k + 1), second = first / (k + 2), third = second / (k + 3);
+            psi = first * x + second * x2 + third * x3 + (third / (k + 4)) * (x4 + x4 * psi);
+        }
         by_halving_.resize(std::size_t(halvings) + 1);
         by_halving_.back() = psi;
         for (int h = halvings; h-- > 0;) {
-            psi = 2.0 * psi + psi * psi;
+            psi = doubled(psi);
             by_halving_[std::size_t(h)] = psi;
         }
         if (coordinates_ == 0) return;
@@ -39,6 +42,10 @@ class Transitions {
             for (int i = 0; i < coordinates_; ++i) accelerations_(i, j) = a(coordinates_ + i, j);
     }
 
+    /// exp(A t) - 1 over twice the time.
+    static detail::PaddedMatrix doubled(const detail::PaddedMatrix& change) { return 2.0 * change + change * change; }
+    /// exp(A t) - 1 over the duration.
+    const detail::PaddedMatrix& change() const { return by_halving_[0]; }
     /// Adds to y the change of the state x over the duration; both of length `padded`.
     void add(const double* x, double* y) const { by_halving_[0].add(x, y); }
     /// Advances the state x, of length `padded`, by a share of the duration; its entries beyond the size of A are 0.
@@ -75,7 +82,7 @@ class Transitions {
   private:
     /// The series are cut below the last digit: small^15 / 15!, and (small / 2)^12 / 12!.
     static constexpr double small = 0.5;
-    static constexpr int matrix_terms = 14, terms = 11;
+    static constexpr int terms = 11;
 
     int size_ = 0, coordinates_ = 0;
     double duration_ = 0, rate_unit_ = 1;
@@ -94,55 +101,17 @@ class ContactBlock {
 
     ContactBlock() = default;
     /// `by`: transitions over one of the `pieces` of a step, of which there are a power of two and at most `points`.
-    /// `on_demand`: the row of an output that is computed at single points only.
+    /// `outputs`: their rows. The last is that of an output on demand, which is computed at single points only.
     ContactBlock(const Transitions& by, int pieces, const ContactSystem& system,
-                 std::span<const ContactSystem::Row> outputs, const ContactSystem::Row& on_demand)
+                 std::span<const ContactSystem::Row> outputs)
         : steps_(points / pieces),
           states_(system.states()),
           columns_(states_ + 3 + steps_),
-          outputs_(int(outputs.size()) * points, columns_),
+          outputs_((int(outputs.size()) - 1) * points, columns_),
           on_demand_(std::size_t(points * columns_)) {
-        const ContactSystem::Row reaction_jump = system.reaction_jump(), jump = system.jump();
         for (int steps = 1; steps <= steps_; steps *= 2) after_.emplace_back(states_, states_ + 3 + steps);
-        detail::PaddedMatrix rows(int(outputs.size()) + 1, states_ + 2);
-        for (int j = 0; j < states_ + 2; ++j) {
-            for (std::size_t t = 0; t < outputs.size(); ++t) rows(int(t), j) = outputs[t][std::size_t(j)];
-            rows(int(outputs.size()), j) = on_demand[std::size_t(j)];
-        }
-        std::array<double, Transitions::padded> z, next;
-        std::array<double, detail::PaddedMatrix::padding> value;
-        for (int column = 0; column < columns_; ++column) {
-            z.fill(0.0);
-            if (column <= states_) z[std::size_t(column)] = 1;
-            // Column states + 1 + i is a unit speed in step i, 0 being that before the block; the last is a unit ramp.
-            const bool of_ramp = column == columns_ - 1;
-            const auto speed_in = [&](int i) { return column == states_ + 1 + i && !of_ramp ? 1.0 : 0.0; };
-            // Before the step in which a speed begins there is nothing.
-            const int from = of_ramp ? 0 : std::max(0, column - states_ - 2) * pieces;
-            for (int point = from; point < points; ++point) {
-                double& speed = z[std::size_t(states_) + 1];
-                const int step = point / pieces + 1;
-                if (point % pieces == 0) {
-                    speed = speed_in(step);
-                    const double change = speed - speed_in(step - 1), ramp = of_ramp ? 1.0 : 0.0;
-                    for (int j = 0; j < states_; ++j)
-                        z[std::size_t(j)] +=
-                            reaction_jump[std::size_t(j)] * (change - ramp) + jump[std::size_t(j)] * ramp;
-                }
-                next = z;
-                by.add(z.data(), next.data());
-                z = next;
-                value.fill(0.0);
-                rows.add(z.data(), value.data());
-                for (std::size_t t = 0; t < outputs.size(); ++t) outputs_(int(t) * points + point, column) = value[t];
-                on_demand_[std::size_t(point * columns_ + column)] = value[outputs.size()];
-                for (std::size_t n = 0; n < after_.size() && (point + 1) % pieces == 0; ++n) {
-                    if (step != 1 << n || (column > states_ + 1 + step && !of_ramp)) continue;
-                    const int own = of_ramp ? states_ + 2 + step : column;
-                    for (int j = 0; j < states_; ++j) after_[n](j, own) = z[std::size_t(j)];
-                }
-            }
-        }
+        add_state(by, pieces, outputs);
+        add_reference(by, pieces, system.reaction_jump(), system.jump(), outputs);
     }
 
     /// in: state, r, speeds, ramp (states + 3 + steps); out: the outputs, each at every point.
@@ -177,6 +146,76 @@ class ContactBlock {
     }
 
   private:
+    using Vector = std::array<double, Transitions::padded>;
+
+    void set(int output, int point, int column, double value) {
+        if (output < outputs_.rows() / points)
+            outputs_(output * points + point, column) = value;
+        else
+            on_demand_[std::size_t(point * columns_ + column)] = value;
+    }
+    /// Columns of the state and of r.
+    void add_state(const Transitions& by, int pieces, std::span<const ContactSystem::Row> outputs) {
+        const detail::PaddedMatrix transposed = by.change().transposed();
+        for (int t = 0; t < int(outputs.size()); ++t) {
+            Vector row{};
+            std::copy_n(outputs[std::size_t(t)].begin(), states_ + 2, row.begin());
+            for (int point = 0; point < points; ++point) {
+                Vector next = row;
+                transposed.add(row.data(), next.data());
+                row = next;
+                for (int j = 0; j <= states_; ++j) set(t, point, j, row[std::size_t(j)]);
+            }
+        }
+        detail::PaddedMatrix change = by.change();
+        for (int n = 1; n < pieces; n *= 2) change = Transitions::doubled(change);
+        for (detail::PaddedMatrix& after : after_) {
+            for (int j = 0; j <= states_; ++j)
+                for (int i = 0; i < states_; ++i) after(i, j) = change(i, j) + (i == j ? 1.0 : 0.0);
+            change = Transitions::doubled(change);
+        }
+    }
+    /// Columns of the speed before the block, of those in its steps, each of which acts as that in the first but later,
+    /// and of the ramp. `sudden` and `foreseen`: by what the state jumps as the speed changes, and if that is the ramp.
+    void add_reference(const Transitions& by, int pieces, const ContactSystem::Row& sudden,
+                       const ContactSystem::Row& foreseen, std::span<const ContactSystem::Row> outputs) {
+        const int of_ramp = columns_ - 1, first = states_ + 2;
+        Vector before{}, moved{}, ramped{};
+        for (int point = 0; point < points; ++point) {
+            const int step = point / pieces, done = step + 1;
+            for (std::size_t j = 0; point % pieces == 0 && j < std::size_t(states_); ++j) {
+                if (step == 0) before[j] = -sudden[j];
+                moved[j] += step == 0 ? sudden[j] : step == 1 ? -sudden[j] : 0.0;
+                ramped[j] += foreseen[j] - sudden[j];
+            }
+            moved[std::size_t(states_) + 1] = step == 0 ? 1.0 : 0.0;
+            for (Vector* x : {&before, &moved, &ramped}) {
+                Vector next = *x;
+                by.add(x->data(), next.data());
+                *x = next;
+            }
+            for (int t = 0; t < int(outputs.size()); ++t) {
+                const auto value = [&](const Vector& x) {
+                    return std::inner_product(&x[0], &x[0] + first, outputs[std::size_t(t)].begin(), 0.0);
+                };
+                set(t, point, first - 1, value(before));
+                for (int later = 0; point + later * pieces < points; ++later)
+                    set(t, point + later * pieces, first + later, value(moved));
+                set(t, point, of_ramp, value(ramped));
+            }
+            if ((point + 1) % pieces != 0) continue;
+            for (int n = 0, steps = 1; n < int(after_.size()); ++n, steps *= 2) {
+                const auto set_after = [&](int column, const Vector& x) {
+                    for (int j = 0; j < states_; ++j) after_[std::size_t(n)](j, column) = x[std::size_t(j)];
+                };
+                if (done <= steps) set_after(first + steps - done, moved);
+                if (done != steps) continue;
+                set_after(first - 1, before);
+                set_after(first + steps, ramped);
+            }
+        }
+    }
+
     int steps_ = 0, states_ = 0, columns_ = 0;
     detail::PaddedMatrix outputs_;
     std::vector<double> on_demand_;            ///< [point][column]
@@ -222,8 +261,8 @@ struct ContactPropagator {
         }
         block_steps = pieces > ContactBlock::points ? 0 : ContactBlock::points / pieces;
         if (block_steps > 0) {
-            block_in_contact = ContactBlock(in_contact, pieces, system, {&rows[0], 2}, rows[2]);
-            block_apart = ContactBlock(apart, pieces, system, {&rows[3], 1}, rows[4]);
+            block_in_contact = ContactBlock(in_contact, pieces, system, {&rows[0], 3});
+            block_apart = ContactBlock(apart, pieces, system, {&rows[3], 2});
         }
         outputs = detail::PaddedMatrix(int(rows.size()), states + 2);
         for (std::size_t i = 0; i < rows.size(); ++i)

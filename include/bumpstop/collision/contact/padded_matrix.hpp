@@ -80,6 +80,12 @@ class PaddedMatrix {
         for (double& value : a.column_) value *= f;
         return a;
     }
+    PaddedMatrix transposed() const {
+        PaddedMatrix turned(columns_, columns_);
+        for (int j = 0; j < columns_; ++j)
+            for (int i = 0; i < columns_; ++i) turned(j, i) = (*this)(i, j);
+        return turned;
+    }
     /// 1-norm: the greatest sum of a column's magnitudes.
     double norm() const {
         double most = 0;
