@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import math
 import numbers
 import os
@@ -65,7 +66,12 @@ def _file_in(folder: Path, wanted: str) -> str:
 
 
 def read_text(
-    path: str | os.PathLike[str], wanted: str, *, field: str | None = None, max_bytes: int = MAX_BYTES
+    path: str | os.PathLike[str],
+    wanted: str,
+    *,
+    field: str | None = None,
+    max_bytes: int = MAX_BYTES,
+    of_device: bool = False,
 ) -> str:
     """The text of a file, without the mark that editors on Windows begin UTF-8 with.
 
@@ -74,6 +80,8 @@ def read_text(
         wanted: what it should have been, as errors say it.
         field: what errors are about; they then quote the path. None: the path itself.
         max_bytes: longer files are refused, as a device would never end.
+        of_device: programs of instruments on Windows may have written it: UTF-16 with its mark, and Windows-1252 where
+            it is not UTF-8, are taken, too. Numbers are the same in all of them.
 
     Raises:
         InputError: the file cannot be read, is too long, or is not UTF-8.
@@ -90,10 +98,13 @@ def read_text(
         raise InputError(name, f"{quoted}cannot be read ({why})", wanted) from None
     if len(content) > max_bytes:
         raise InputError(name, f"{quoted}is longer than {max_bytes} bytes", wanted)
+    marked = of_device and content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     try:
-        return content.decode("utf-8-sig")
+        return content.decode("utf-16" if marked else "utf-8-sig")
     except UnicodeDecodeError as error:
-        problem = f"{quoted}is not UTF-8 text (byte {error.start + 1})"
+        if of_device and not marked:
+            return content.decode("cp1252", "replace")
+        problem = f"{quoted}is not {'UTF-16' if marked else 'UTF-8'} text (byte {error.start + 1})"
         raise InputError(name, problem, f"{wanted}, saved as UTF-8") from None
 
 

@@ -54,6 +54,23 @@ def test_decimal_and_thousands_marks(tmp_path: Path, text: str, expected: list[f
     assert _numbers(tmp_path / "t.csv", text) == pytest.approx(expected, rel=1e-15, nan_ok=True)
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252", "utf-16", "utf-16-be"])
+def test_texts_of_devices(tmp_path: Path, encoding: str) -> None:
+    path, text = tmp_path / "t.csv", "Prüfstelle;Zeit [µs];Größe\nGreifer;0,5;1\nMüller;1,5;2\n"
+    mark = "\ufeff" if encoding == "utf-16-be" else ""
+    path.write_bytes((mark + text).encode(encoding))
+    table = read_text_table(path, "wanted a table")
+    assert list(table.names) == ["Prüfstelle", "Zeit [µs]", "Größe"]
+    assert table.numbers(1) == [0.5, 1.5]
+
+
+def test_half_a_character_of_utf_16(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_bytes("a;b\n1;2\n".encode("utf-16")[:-1])
+    with pytest.raises(InputError, match="is not UTF-16 text"):
+        read_text_table(path, "wanted a table")
+
+
 def test_a_column_before_others_with_commas_keeps_its_points(tmp_path: Path) -> None:
     assert _numbers(tmp_path / "t.csv", "a;b\n0.001;9,84\n1.002;1,962\n", 0) == [0.001, 1.002]
 

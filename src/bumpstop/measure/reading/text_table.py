@@ -102,7 +102,8 @@ def read_text_table(path: Path, wanted: str, *, max_bytes: int = MAX_BYTES) -> T
     Raises:
         InputError: the file cannot be read, or holds no table.
     """
-    lines = [line for line in read_text(path, wanted, max_bytes=max_bytes).splitlines() if line.strip(" \t,;")]
+    text = read_text(path, wanted, max_bytes=max_bytes, of_device=True)
+    lines = [line for line in text.splitlines() if line.strip(" \t,;")]
     if not lines:
         raise InputError(str(path), "is empty", wanted)
     separator = _separator(lines)
