@@ -103,7 +103,7 @@ def test_speed_limits_say_so() -> None:
         {"uncertainty.reaction.latency_s": {"interval": [0.0, 0.02]}}
     )
     summary = run(TrajectorySpeedLimits(path)).summary
-    assert summary["notes"][0].startswith("This is the scenario as given: that 1 of its numbers")
+    assert summary["notes"][0].startswith("This is the scenario as given: that one of its numbers is")
 
 
 def test_a_campaign_says_so(tmp_path: Path) -> None:

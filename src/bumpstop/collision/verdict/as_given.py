@@ -36,6 +36,7 @@ def as_given(scenario: Scenario) -> list[str]:
     if not inputs:
         return []
     return [
-        f"This is the scenario as given: that {inputs} of its numbers are uncertain ([uncertainty]) is left out. See "
-        "bumpstop.evaluate_uncertain, or bumpstop evaluate."
+        f"This is the scenario as given: that {'one' if inputs == 1 else inputs} of its numbers "
+        f"{'is' if inputs == 1 else 'are'} uncertain ([uncertainty]) is left out. See bumpstop.evaluate_uncertain, or "
+        "bumpstop evaluate."
     ]
