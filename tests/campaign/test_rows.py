@@ -111,3 +111,19 @@ def test_a_robot_in_millimetres_is_a_note(tmp_path: Path) -> None:
     (tmp_path / "c.toml").write_text(f"poses = 1\nspeeds_mm_s = [50]\n{text}")
     summary = load_campaign(tmp_path / "c.toml").summarise([])
     assert any(note.startswith("spring: The lengths of") for note in summary["notes"])
+
+
+def test_what_a_choice_sets_is_not_assumed(tmp_path: Path) -> None:
+    """Each setup is asked, not the scenario that it starts from."""
+    assumed = 'assumed = ["contact.stiffness_N_m", "reaction.joint_acceleration_rad_s2"]\n'
+    spring = SPRING.replace("reaction =", f"{assumed}reaction =")
+    body = '[[bodies]]\nname = "{}"\nkeys = {{ contact.stiffness_N_m = {} }}\n'
+    bodies = body.format("soft", 60000) + body.format("stiff", 600000)
+    (tmp_path / "c.toml").write_text(f"poses = 1\nspeeds_mm_s = [50]\n{spring}{bodies}")
+    (note,) = load_campaign(tmp_path / "c.toml").summarise([])["notes"]
+    assert note.startswith("spring: reaction.joint_acceleration_rad_s2 is ASSUMED")
+    bodies += '[[bodies]]\nname = "given"\n'
+    (tmp_path / "c.toml").write_text(f"poses = 1\nspeeds_mm_s = [50]\n{spring}{bodies}")
+    measured, given = load_campaign(tmp_path / "c.toml").summarise([])["notes"]
+    assert measured.startswith("spring soft and one more answer: reaction.joint_acceleration_rad_s2 is ASSUMED")
+    assert given.startswith("spring given: contact.stiffness_N_m, reaction.joint_acceleration_rad_s2 are ASSUMED")

@@ -17,6 +17,7 @@ from bumpstop.study.range import Range
 from bumpstop.study.requirement.requirement import require_curve, solve_requirement
 from cli.support import run as command
 
+HAND = Path("examples/01_hand_downward.toml")
 UNCERTAIN = Path("examples/07_hand_uncertain.toml")
 _SAID = "This is the scenario as given: that 5 of its numbers are uncertain ([uncertainty]) is left out."
 
@@ -34,6 +35,24 @@ def test_a_requirement_says_so() -> None:
     assert known.value == found.value
     rows = require_curve(uncertain(), "motion.speed", Range.parse("contact.padding=2e4:4e4:2", uncertain()))
     assert all(row["notes"] == list(found.notes) for row in rows)
+
+
+def test_what_is_looked_for_is_not_assumed() -> None:
+    """Its value is the answer: a note that lists it beside one that does not says both."""
+    keys = ["contact.area_cm2", "reaction.joint_acceleration_rad_s2"]
+    scenario = uncertain().without_uncertainty().with_values({"assumed": keys})
+    (note,) = solve_requirement(scenario, "reaction.joint_acceleration_rad_s2").notes
+    assert note.startswith("contact.area_cm2 is ASSUMED")
+    both = [note for note in solve_requirement(scenario, "motion.speed").notes if "ASSUMED" in note]
+    assert [note.split(" are ")[0] for note in both] == [", ".join(keys)]
+
+
+def test_what_a_curve_varies_is_not_assumed(tmp_path: Path) -> None:
+    keys = ["contact.area_cm2", "reaction.joint_acceleration_rad_s2"]
+    (tmp_path / "s.toml").write_text(f"assumed = {json.dumps(keys)}\n" + HAND.read_text())
+    vary = ("--vary", "motion.speed", "--vary", "reaction.joint_acceleration_rad_s2=4:6:2")
+    notes = [line for line in command("require", tmp_path / "s.toml", *vary).out.splitlines() if "ASSUMED" in line]
+    assert [note.split(" is ")[0] for note in notes] == ["note: contact.area_cm2"]
 
 
 def test_doubtful_lengths_of_the_robot_are_said(tmp_path: Path) -> None:

@@ -109,8 +109,7 @@ class Campaign(ShardedJob):
                     raise InputError("verdict.clamped_limit", problem_text, "wanted 'quasi_static' for a campaign")
                 evaluate_batch(problem, np.empty((0, problem.robot.dof)), np.empty((0, 3)))
             except InputError as error:
-                where = " ".join(each.name for each in self.setups[number] if each.name != "any")
-                raise InputError(error.field, f"{where}: {error.problem}", error.valid) from None
+                raise InputError(error.field, f"{self._name(number)}: {error.problem}", error.valid) from None
 
     # --- Setups and motions -------------------------------------------------------------------------------------
 
@@ -137,6 +136,9 @@ class Campaign(ShardedJob):
         if isinstance(self.directions, int):
             return spread_directions("sphere", np.array([0.0, 0.0, -1.0]), self.directions)
         return np.array([DIRECTIONS[name] for name in self.directions])
+
+    def _name(self, setup: int) -> str:
+        return " ".join(choice.name for choice in self.setups[setup] if choice.name != "any")
 
     def scenario_of(self, setup: int) -> Scenario:
         """The scenario of a setup: the robot's, with the keys of all its choices."""
@@ -239,9 +241,8 @@ class Campaign(ShardedJob):
         found |= summarise(nearest.passing(volumes), names, self.speeds_mm_s)
         looked_at = [self._warned(row) for _, row in sorted(nearest.of_setup.items())[:_WARNED_SETUPS]]
         found["fails_with_finer_steps"] = any(fails_with_finer_steps(each.warnings) for each in looked_at)
-        given = {each.name: doubts_as_given(each.scenario) for each in self.robots if each.scenario}
-        notes = [f"{name}: {note}" for name, told in given.items() for note in told]
-        notes += told_once(looked_at, [note for told in given.values() for note in told])
+        notes, doubts = self._doubts(), {note for each in self._given for note in each.warnings}
+        notes += told_once(looked_at, doubts)
         if len(nearest.of_setup) > _WARNED_SETUPS:
             notes.append(
                 f"Warnings beside verdicts were looked for in the first {_WARNED_SETUPS} of {len(nearest.of_setup)} "
@@ -249,14 +250,27 @@ class Campaign(ShardedJob):
             )
         return found | ({"notes": notes} if notes else {})
 
+    @cached_property
+    def _given(self) -> list[AnswerWarnings]:
+        """Of each setup what is assumed and doubted: a choice may set what the robot's scenario only assumes."""
+        return [AnswerWarnings(self._name(n), doubts_as_given(self.scenario_of(n))) for n in range(len(self.setups))]
+
+    def _doubts(self) -> list[str]:
+        """What is assumed and doubted of all setups of a robot, then of some."""
+        notes, each = [], len(self.setups) // len(self.robots)
+        for i, robot in enumerate(self.robots):
+            given = self._given[i * each : (i + 1) * each]
+            common = [note for note in given[0].warnings if all(note in told.warnings for told in given)]
+            notes += [f"{robot.name}: {note}" for note in common] + told_once(given, common)
+        return notes
+
     def _warned(self, row: Mapping[str, Any]) -> AnswerWarnings:
         """What ``bumpstop evaluate`` says beside the verdict of a row."""
         setup, direction = row["setup"], row["direction"]
         q = self.joint_positions(setup, [row["pose"]])[0]
         velocity = self.direction_vectors[direction] * row["speed_mm_s"] / 1e3
         found = warnings_of(lambda: through_pose(self.scenario_of(setup), q, velocity))
-        choices = [choice.name for choice in self.setups[setup] if choice.name != "any"]
-        answer = f"{' '.join(choices)}, pose {row['pose']}, direction {direction} at {row['speed_mm_s']:g} mm/s"
+        answer = f"{self._name(setup)}, pose {row['pose']}, direction {direction} at {row['speed_mm_s']:g} mm/s"
         return AnswerWarnings(answer, found)
 
     def lines(self, summary: Mapping[str, Any]) -> list[str]:  # noqa: D102

@@ -12,7 +12,7 @@ from bumpstop.study.speed.motion_duration import duration_s
 from bumpstop.study.variable import Variable
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Collection, Iterable, Sequence
 
     from bumpstop.arrays import FloatArray
     from bumpstop.collision import Scenario
@@ -66,7 +66,7 @@ def through_pose(scenario: Scenario, q: FloatArray, velocity: FloatArray) -> Sce
     return scenario.with_values(pose | {"motion.velocity_mm_s": (1e3 * velocity).tolist()})
 
 
-def told_once(found: Iterable[AnswerWarnings], known: Sequence[str] = ()) -> list[str]:
+def told_once(found: Iterable[AnswerWarnings], known: Collection[str] = ()) -> list[str]:
     """Every sentence once, with the first answer that it is beside; those that differ by figures are one.
 
     Args:

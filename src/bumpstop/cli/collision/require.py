@@ -50,7 +50,6 @@ def require(
     With [uncertainty] the value that was found is judged with it: 3 where it fails, 4 where it is inconclusive.
     """
     from bumpstop.cli.progress import progress
-    from bumpstop.collision.verdict.as_given import doubts_as_given
     from bumpstop.study import to_jsonable
     from bumpstop.study.answer_warnings import AnswerWarnings, told_once
     from bumpstop.study.range import Range
@@ -86,7 +85,7 @@ def require(
         typer.echo(json.dumps(to_jsonable({"curve": rows}), allow_nan=False, indent=2))
     else:
         _print_curve(rows, Variable(name).label(checked), against.variable.label(checked))
-        given = doubts_as_given(checked)
+        given = [note for note in rows[0]["notes"] if all(note in row["notes"] for row in rows)]
         beside = [
             AnswerWarnings(f"{row['against']['variable']} = {row['against']['value']:.6g}", row["notes"])
             for row in rows

@@ -276,7 +276,8 @@ class _Answer:
         warnings: tuple[str, ...] = ()
         if value is not None:
             warnings = warnings_of(lambda: self.search.variable.apply(self.search.scenario, value))
-        given = doubts_as_given(self.search.scenario)
+        # What is looked for is not assumed.
+        given = doubts_as_given(self.search.variable.apply(self.search.scenario, self.search.most_conservative))
         return Requirement(
             variable=self.search.variable.name,
             unit=self.unit,
