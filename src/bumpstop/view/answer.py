@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 from bumpstop.arrays import finite_or_none
 from bumpstop.collision import evaluate
+from bumpstop.collision.verdict.two_phase_use import TwoPhaseUse
 from bumpstop.view.latest import SupersededError
 
 if TYPE_CHECKING:
@@ -157,6 +158,23 @@ class Answer:
         return sorted(found, key=lambda limit: limit[1])
 
     @property
-    def lowest_limit_N(self) -> float:
-        """The limit that is met first [N]; infinite without one."""
-        return min((force for _, force in self.limits_N), default=math.inf)
+    def marked_limits_N(self) -> list[tuple[str, float]]:
+        """The limit that is met first [N], or those of two phases; none that is infinite."""
+        limits = self.limits_N
+        if self.result.problem.transient_limits is None:
+            limits = [("limit", force) for _, force in limits[:1]]
+        return [(name, force) for name, force in limits if math.isfinite(force)]
+
+    @property
+    def peak_limit_N(self) -> float:
+        """What no peak may pass whenever it comes [N]: the limit met first, or that at first; infinite without one."""
+        return max((force for _, force in self.marked_limits_N), default=math.inf)
+
+    @property
+    def p99_share(self) -> float:
+        """The share of the limits that one collision in a hundred passes; 0 without limits."""
+        result, limits, first = self.result, self.result.problem.limits, self.result.problem.transient_limits
+        if limits is not None and first is not None and self.peak_limit_N > 0:
+            return TwoPhaseUse.of(result, first, limits).utilisation(0.01)
+        p99 = result.peak_force.quantile(0.99)
+        return 0.0 if math.isinf(self.peak_limit_N) else p99 / self.peak_limit_N if self.peak_limit_N else math.inf

@@ -120,7 +120,7 @@ def _style() -> AbstractContextManager[None]:
 
 def _highest(answer: Answer) -> float:
     value = answer.result.peak_force.quantile(0.9999)
-    limit = answer.lowest_limit_N
+    limit = answer.peak_limit_N
     return max(value if math.isfinite(value) else 0.0, 1.1 * limit if math.isfinite(limit) else 0.0, 1.0)
 
 
@@ -171,11 +171,12 @@ def _draw_distribution(axes: Axes, answer: Answer, top: float | None) -> None:
         axes.stairs(density, edges, color=LAW)
         axes.set_ylim(0, 1.3 * float(density.max()))
     axes.set_xlim(0, high)
-    limit = answer.lowest_limit_N
-    if limit < high:
-        axes.axvspan(limit, high, facecolor="none", edgecolor=LIMIT, alpha=0.5, hatch="///", linewidth=0)
-        axes.axvline(limit, color=LIMIT, linestyle="--")
-        _label(axes, limit, 0.97, f"limit {number(limit)} N", LIMIT)
+    if answer.peak_limit_N < high:
+        axes.axvspan(answer.peak_limit_N, high, facecolor="none", edgecolor=LIMIT, alpha=0.5, hatch="///", linewidth=0)
+    for limit, force in answer.marked_limits_N:
+        if force < high:
+            axes.axvline(force, color=LIMIT, linestyle="--")
+            _label(axes, force, 0.97, f"{limit} {number(force)} N", LIMIT)
     p99 = result.peak_force.quantile(0.99)
     if math.isfinite(p99) and p99 < high:
         axes.axvline(p99, color=EVENT, linestyle="-.")

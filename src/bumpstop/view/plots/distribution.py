@@ -46,8 +46,8 @@ def distribution_plot(answer: Answer, before: Answer | None = None) -> Html:
     if others.size and before is not None:
         top = max(top, float(before.result.peak_force.density(others).max()))
     chart = Chart(title, (low, high), (0.0, 1.35 * top), labels=("peak force [N]", "density [1/N]"), name=name)
-    if answer.lowest_limit_N < high:
-        chart.beyond(answer.lowest_limit_N)
+    if answer.peak_limit_N < high:
+        chart.beyond(answer.peak_limit_N)
     x, y = stairs(edges, density)
     chart.area(x, y, AREA, LAW)
     if others.size and before is not None:
@@ -70,7 +70,8 @@ def exceedance_plot(answer: Answer) -> Html:
     if not edges.size:
         return nothing(title, "No figure: too few collisions have a force with a bound.", name)
     low, high = _range(answer, edges, np.zeros(0))
-    x = np.unique(np.append(np.linspace(low, high, _TAIL_POINTS), min(answer.lowest_limit_N, high)))
+    marked = [min(force, high) for _, force in answer.marked_limits_N]
+    x = np.unique(np.append(np.linspace(low, high, _TAIL_POINTS), marked))
     tail = np.maximum([result.peak_force.exceedance(float(force)) for force in x], _MIN_PROBABILITY)
     chart = Chart(
         title, (low, high), (_MIN_PROBABILITY, 1.0), labels=("peak force [N]", "probability"), log_y=True, name=name
@@ -79,10 +80,10 @@ def exceedance_plot(answer: Answer) -> Html:
     accepted = answer.scenario.verdict.accepted_probability
     if answer.limits_N:
         chart.horizontal(accepted, f"accepted {accepted:g}")
-        limit = answer.lowest_limit_N
-        if limit <= high:
-            chart.vertical(limit, f"limit {number(limit)} N")
-            chart.mark(limit, float(tail[int(np.searchsorted(x, limit))]))
+        for limit, force in answer.marked_limits_N:
+            if force <= high:
+                chart.vertical(force, f"{limit} {number(force)} N")
+                chart.mark(force, float(tail[int(np.searchsorted(x, force))]))
     return chart.svg()
 
 
@@ -90,7 +91,7 @@ def _range(answer: Answer, edges: np.ndarray, others: np.ndarray) -> tuple[float
     """From zero, unless that wastes half the width; to the lowest limit, unless it is far away."""
     both = np.concatenate([edges, others])
     low, high = float(both.min()), float(both.max())
-    limit = answer.lowest_limit_N
+    limit = answer.peak_limit_N
     if low < 0.5 * high or limit < low:
         low = 0.0
     if high < limit < low + _MAX_STRETCH * (high - low):

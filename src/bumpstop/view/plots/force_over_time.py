@@ -25,7 +25,7 @@ def force_over_time_plot(answer: Answer) -> Html:
     bad, median = rollouts.nearest(0.99), rollouts.nearest(0.5)
     end = 1.1 * max(_end(bad), _end(median), 0.02)
     top = max(bad.peak_force, median.peak_force, 1.0)
-    limit = answer.lowest_limit_N
+    limit = answer.peak_limit_N
     if limit < 1.6 * top:
         top = max(top, limit)
     top *= 1.45  # room for the word on detection above a peak that it comes with
@@ -43,8 +43,9 @@ def force_over_time_plot(answer: Answer) -> Html:
         at = float(rollout.time[int(np.argmax(rollout.force))])
         name = "p99" if dash is None else "median"
         chart.mark(1e3 * at, rollout.peak_force, f"{name} {number(rollout.peak_force)} N", LAW, below=name == "median")
-    if limit <= top:
-        chart.horizontal(limit, f"limit {number(limit)} N")
+    for name, force in answer.marked_limits_N:
+        if force <= top:
+            chart.horizontal(force, f"{name} {number(force)} N")
     if bad.detection is not None and bad.detection < end:
         chart.vertical(1e3 * bad.detection, "detected", EVENT, dash="8 3 2 3")
     return chart.svg()

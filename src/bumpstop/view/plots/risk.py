@@ -108,7 +108,7 @@ def body_parts_plot(answer: Answer, superseded: Callable[[], bool]) -> Html:
             )
         except InputError:
             continue
-        share, text = _share_of_limit(there.result.peak_force.quantile(0.99), there.lowest_limit_N)
+        share, text = _share_of_limit(there)
         rows.append((share, region.name, region.label, text))
     rows.sort(key=lambda row: -row[0])
     # The worst, and the one on screen.
@@ -139,11 +139,11 @@ def tornado_plot(answer: Answer) -> Html:
     return chart.svg(axes=False)
 
 
-def _share_of_limit(p99: float, limit: float) -> tuple[float, str]:
-    """A force as a share of a limit [N], and the text of its bar."""
-    if limit == 0:
-        return math.inf, "not permitted"
-    if math.isinf(limit):
-        return 0.0, "no limit"
-    share = p99 / limit
+def _share_of_limit(answer: Answer) -> tuple[float, str]:
+    """The p99 of the peak force as a share of what is allowed, and the text of its bar."""
+    share = answer.p99_share
+    if answer.peak_limit_N == 0:
+        return share, "not permitted"
+    if math.isinf(answer.peak_limit_N):
+        return share, "no limit"
     return share, use_percent(share) if math.isfinite(share) else UNBOUNDED
