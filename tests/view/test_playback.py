@@ -42,7 +42,8 @@ def run_without_data(rows: slice) -> Any:
     residual[7, 2] = -18.0
     residual[rows] = np.nan
     notes = ("There was no data.",)
-    return SimpleNamespace(residual=residual, threshold=np.full((ROWS, ARM.dof), 20.0), events=(), notes=notes)
+    t = recording().t
+    return SimpleNamespace(t=t, residual=residual, threshold=np.full((ROWS, ARM.dof), 20.0), events=(), notes=notes)
 
 
 def test_a_trajectory_is_over_where_its_study_is() -> None:
@@ -67,6 +68,19 @@ def test_a_recording_without_data_is_not_within_its_thresholds() -> None:
     assert np.isnan(playback.shown_values).sum() == 10
     # A line before and one after, beside the one of the threshold.
     assert len(re.findall("<polyline", str(playback.chart(0.0)))) == 3
+
+
+def test_a_run_has_rows_of_its_own() -> None:
+    """Fitted dynamics fill gaps of a recording: residuals behind them stood at other times, or beyond the end."""
+    whole, run = recording(), run_without_data(slice(20, 30))
+    run.residual[40, 2] = -30.0
+    playback = recorded_playback(Recorded(whole.rows(np.r_[:15, 35:ROWS]), run), ARM)
+    assert playback.worst == 40
+    assert playback.words_at(4.05) == "4.050 s: largest residual over its threshold 1.5, threshold 1: over"
+    assert playback.words_at(2.55) == "2.550 s: no data"
+    np.testing.assert_array_equal(playback.time, whole.t)
+    np.testing.assert_allclose(playback.pose_at(4.0), whole.q[40])
+    assert playback.places.shape == (ROWS, 3)
 
 
 @pytest.mark.parametrize("run", [None, run_without_data(slice(None))])

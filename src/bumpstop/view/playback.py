@@ -143,20 +143,22 @@ def trajectory_playback(
 
 
 def recorded_playback(recorded: Recorded, robot: Robot) -> Playback:
-    """A recording with its residuals, where a detector ran over it."""
+    """A recording with its residuals, where a detector ran over it: its rows may be others than the recording's."""
     recording, run = recorded.recording, recorded.run
-    kept = np.unique(np.linspace(0, recording.t.size - 1, _MAX_PLACES).astype(int))
-    places = robot.pose(recording.q[kept])[:, :3, 3]
+    t = recording.t if run is None else run.t
+    q = np.column_stack([np.interp(t, recording.t, column) for column in recording.q.T])
+    kept = np.unique(np.linspace(0, t.size - 1, _MAX_PLACES).astype(int))
+    places = robot.pose(q[kept])[:, :3, 3]
     if run is None:
-        none = np.full(recording.t.size, np.nan)
+        none = np.full(t.size, np.nan)
         return Playback(
-            recording.t, recording.q, places, recording.t[kept], none, none + np.inf,
+            t, q, places, t[kept], none, none + np.inf,
             "no residual", "no detector given", none > 0, 0, unknown="no detector given",
         )  # fmt: skip
     with np.errstate(invalid="ignore"):
         share = np.fmax.reduce(np.abs(run.residual) / run.threshold, axis=1)
     return Playback(
-        recording.t, recording.q, places, share[kept], share, np.ones(recording.t.size),
+        t, q, places, share[kept], share, np.ones(t.size),
         "largest residual over its threshold", "threshold", share > 1, int(np.nan_to_num(share, nan=-1.0).argmax()),
         tuple(event.t for event in run.events),
     )  # fmt: skip
