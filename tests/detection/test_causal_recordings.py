@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -78,6 +79,12 @@ def test_from_a_bag_to_a_detector_of_a_loop(tmp_path: Path, capsys: pytest.Captu
     assert "causal = true (tuned with false)" in run("detector", str(made), *of, "--thresholds", str(limits))
     run("tune", str(bag), *of, "--causal", "--until", "10", "--per-hour", "30", "--save", str(limits))
     assert Thresholds.load(limits).causal is True
+    # Without settings they are those of the thresholds, as of the command.
+    model = DynamicsFit.load(tmp_path / "arm.toml").model
+    told = json.loads(run("detect", str(bag), *of, "--thresholds", str(limits), "--json"))
+    found = detect(Recording.load(bag), robot, model, Thresholds.load(limits))
+    assert [event.t for event in found.events] == [event["t"] for event in told["events"]]
+    assert dict(found.settings) == told["settings"]
     assert "tuned with" not in run("detector", str(made), *of, "--thresholds", str(limits))
     assert "fitted_link all" in made.read_text()
     settings = DetectorSettings(causal=True, period_s=log.dt)

@@ -59,7 +59,7 @@ def detect(
         robot: with inertia, unless dynamics are fitted.
         model: of currents; or a model of dynamics; or None, where the robot's own inertia predicts recorded torque.
         thresholds: by joint.
-        settings: everything else.
+        settings: everything else; None: as the thresholds say they were found, else the defaults.
         rearm_s: as for :meth:`Detector.run`.
 
     Raises:
@@ -70,11 +70,13 @@ def detect(
     from bumpstop.identification.dynamics.dynamics_model import DynamicsModel
     from bumpstop.identification.fit_verdict import as_sentences, fit_faults
 
-    if not isinstance(model, DynamicsModel) or (settings is not None and settings.causal):
-        return Detector(robot, model, thresholds, settings).run(recording, rearm_s=rearm_s)
-    given = _checked_settings(settings or DetectorSettings(), model, robot, recording.q)
-    check_rearm(rearm_s)
     law = Thresholds.of(thresholds, robot.dof, [joint.name for joint in robot.joints])
+    causal = law.causal if settings is None else settings.causal
+    if not isinstance(model, DynamicsModel) or causal:
+        return Detector(robot, model, law, settings).run(recording, rearm_s=rearm_s)
+    given = settings or DetectorSettings(**law.settings_looking_ahead)
+    given = _checked_settings(given, model, robot, recording.q)
+    check_rearm(rearm_s)
     if law.model_errors > 0:
         raise InputError("model_errors", "is not available with fitted dynamics", "they have no errors of currents")
     doubt = stamped_by_a_pc(recording)

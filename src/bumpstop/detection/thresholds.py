@@ -127,6 +127,11 @@ class Thresholds:
         return {name: value for name in _SETTINGS if (value := getattr(self, name)) is not None}
 
     @property
+    def settings_looking_ahead(self) -> dict[str, Any]:
+        """Those of the settings that residuals of fitted dynamics have which look ahead."""
+        return {name: value for name, value in self.settings.items() if name in ("residual", "frozen_s")}
+
+    @property
     def beyond_constant(self) -> list[str]:
         """Names of what these thresholds have beside ``constant``."""
         parts = {

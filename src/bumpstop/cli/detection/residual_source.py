@@ -226,7 +226,7 @@ class Watcher:
             raise InputError("--gravity", "is for joint models", "dynamics know how they were mounted")
         causal = more.get("causal", tuned.get("causal", False) if self.causal is None else self.causal)
         if fitted and not causal:
-            tuned = {name: value for name, value in tuned.items() if name in ("residual", "frozen_s")}
+            tuned = {} if thresholds is None else thresholds.settings_looking_ahead
         chosen = tuned | {name: value for name, value in given.items() if value is not None} | load | more
         with as_options(DETECTOR_OPTIONS):
             settings = DetectorSettings(**chosen)
