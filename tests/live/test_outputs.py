@@ -139,6 +139,7 @@ def test_mcap_files_open_in_both_readers_with_what_was_judged(tmp_path: Path) ->
     assert (alarm.fast_joints, len(alarm.fast), np.isinf(alarm.fast_threshold).all()) == ([], 6, True)
     assert alarm.joints == [NAMES[1]]  # type: ignore[attr-defined]
     np.testing.assert_array_equal(alarm.best_force, heard.alarms[0].event.force)  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(alarm.best_force_sd, heard.alarms[0].event.force_sd)  # type: ignore[attr-defined]
     assert [message.name for message in read["/bumpstop/state"]][:2] == ["no_data", "monitoring"]  # type: ignore[attr-defined]
     # The file is a recording again: what was watched can be looked at once more.
     again = Recording.load(path, topic="/joint_states", max_bad=0.1)
@@ -184,6 +185,7 @@ def test_a_command_gets_the_alarm_and_is_ended_in_time(tmp_path: Path) -> None:
     assert summary.problems == ("--on-collision: killed after 0.2 s, alarm 1",)
     alarm = json.loads(told.read_text())
     assert alarm["best_force_N"] == heard.alarms[0].event.force.tolist()
+    assert alarm["best_force_sd_N"] == heard.alarms[0].event.force_sd.tolist()
     time.sleep(0.6)
     assert not late.exists(), "what the command had started was not ended with it"
 
@@ -262,10 +264,10 @@ def test_a_force_that_is_not_known_is_null_and_nan(tmp_path: Path) -> None:
     lines.close()
     written = [json.loads(line) for line in (tmp_path / "unknown.jsonl").read_text().splitlines()]
     (told,) = [line for line in written if line["kind"] == "alarm"]
-    assert (told["force_N"], told["best_force_N"]) == (None, None)
+    assert (told["force_N"], told["best_force_N"], told["best_force_sd_N"]) == (None, None, None)
     messages = RosMessages(NAMES)
     read = messages._store.deserialize_cdr(messages.alarm(alarm), ALARM)
-    assert np.isnan([*read.best_force, read.force]).all()
+    assert np.isnan([*read.best_force, *read.best_force_sd, read.force]).all()
 
 
 def test_a_payload_that_nobody_declared_is_told(tmp_path: Path) -> None:

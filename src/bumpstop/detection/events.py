@@ -11,6 +11,7 @@ import numpy as np
 
 from bumpstop import _native
 from bumpstop.arrays import FloatArray
+from bumpstop.detection.best_force import BestForceNoise
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,6 +36,8 @@ class Event:
         force_along: along the direction asked for, by least squares [N].
         force_along_sd: its standard deviation; infinite: the direction loads no joint that counts [N].
         force: (3,) shortest force at the point asked for that fits best, base frame; NaN: no joint counts there [N].
+        force_sd: (3,) standard deviations of its components, by the noise of the residual; it is known along directions
+            that load a joint, and zero along others [N].
         leftover: what that force leaves over, in standard deviations of the noise, of the worst joint.
         link: name of the likeliest link; None: no joint is monitored.
         possible_links: all whose contact could explain the residual within three standard deviations.
@@ -55,6 +58,7 @@ class Event:
     force_along: float
     force_along_sd: float
     force: FloatArray
+    force_sd: FloatArray
     leftover: float
     link: str | None
     possible_links: tuple[str, ...]
@@ -62,12 +66,18 @@ class Event:
 
     @classmethod
     def of(
-        cls, links: Sequence[str], contact: _native.ContactEstimate, span: _native.EventSpan, **fields: Any
+        cls,
+        links: Sequence[str],
+        noise: BestForceNoise,
+        contact: _native.ContactEstimate,
+        span: _native.EventSpan,
+        **fields: Any,
     ) -> Event:
         """An event from what its residual says of a contact, and how long it lasts.
 
         Args:
             links: (n,) names, of the joint that moves each.
+            noise: of the force at the point asked for.
             contact: of its residual.
             span: of the event.
             fields: the other attributes.
@@ -80,6 +90,7 @@ class Event:
             force_along=contact.force_along,
             force_along_sd=contact.force_along_sd,
             force=np.array(contact.force),
+            force_sd=noise.sd(fields["q"], fields["residual"], fields["hidden"]),
             leftover=contact.leftover,
             link=links[contact.link] if contact.link >= 0 else None,
             possible_links=tuple(links[i] for i in bits(contact.possible)),
@@ -87,11 +98,12 @@ class Event:
         )
 
     @classmethod
-    def of_loop(cls, links: Sequence[str], found: _native.DetectorEvent) -> Event:
-        """The same of a control loop's event; ``links`` as for :meth:`of`."""
+    def of_loop(cls, links: Sequence[str], noise: BestForceNoise, found: _native.DetectorEvent) -> Event:
+        """The same of a control loop's event; ``links`` and ``noise`` as for :meth:`of`."""
         n = len(links)
         return cls.of(
             links,
+            noise,
             found.contact,
             found.span,
             t=found.t,
@@ -131,7 +143,7 @@ class Event:
 
     def to_json(self) -> dict[str, Any]:
         """For programs; joints are numbered from 1."""
-        told = math.isfinite(self.force_along_sd)
+        told, best = math.isfinite(self.force_along_sd), np.isfinite(self.force).all()
         return {
             "t": self.t,
             "begin_s": self.t,
@@ -147,7 +159,8 @@ class Event:
             "force_interval_N": list(self.force_interval) if told else None,
             "standing_joints": [j + 1 for j in self.standing],
             "hidden_Nm": self.hidden.tolist(),
-            "best_force_N": self.force.tolist() if np.isfinite(self.force).all() else None,
+            "best_force_N": self.force.tolist() if best else None,
+            "best_force_sd_N": self.force_sd.tolist() if best else None,
             "link": self.link,
             "possible_links": list(self.possible_links),
             "payload_change_kg": self.payload_change_kg,

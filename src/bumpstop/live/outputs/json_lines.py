@@ -148,6 +148,7 @@ def alarm_json(alarm: CollisionAlarm, names: Sequence[str]) -> dict[str, Any]:
         "force_N",
         "force_interval_N",
         "best_force_N",
+        "best_force_sd_N",
         "link",
         "possible_links",
         "payload_change_kg",

@@ -54,6 +54,7 @@ float64 force
 float64 force_low
 float64 force_high
 float64[3] best_force
+float64[3] best_force_sd
 string link
 string[] possible_links
 """,
@@ -159,6 +160,7 @@ class RosMessages:
             force_low=low,
             force_high=high,
             best_force=event.force,
+            best_force_sd=np.where(np.isfinite(event.force), event.force_sd, math.nan),
             link=event.link or "",
             possible_links=list(event.possible_links),
         )
