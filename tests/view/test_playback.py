@@ -13,6 +13,7 @@ import polars as pl
 import pytest
 
 import bumpstop as bs
+from bumpstop.detection.detection_run import STATES
 from bumpstop.model import Robot
 from bumpstop.recording import Recording
 from bumpstop.study import TrajectorySpeedLimits
@@ -42,8 +43,10 @@ def run_without_data(rows: slice) -> Any:
     residual[7, 2] = -18.0
     residual[rows] = np.nan
     notes = ("There was no data.",)
-    t = recording().t
-    return SimpleNamespace(t=t, residual=residual, threshold=np.full((ROWS, ARM.dof), 20.0), events=(), notes=notes)
+    return SimpleNamespace(
+        t=recording().t, residual=residual, threshold=np.full((ROWS, ARM.dof), 20.0), events=(), notes=notes,
+        state=np.full(ROWS, STATES.index("monitoring")),
+    )  # fmt: skip
 
 
 def test_a_trajectory_is_over_where_its_study_is() -> None:
@@ -68,6 +71,15 @@ def test_a_recording_without_data_is_not_within_its_thresholds() -> None:
     assert np.isnan(playback.shown_values).sum() == 10
     # A line before and one after, beside the one of the threshold.
     assert len(re.findall("<polyline", str(playback.chart(0.0)))) == 3
+
+
+def test_an_alarm_of_the_band_pass_channel_is_told() -> None:
+    """Its residual is within its threshold then, and that was all that was said."""
+    run = run_without_data(slice(20, 30))
+    run.state[5:9] = STATES.index("alarm")
+    playback = recorded_playback(Recorded(recording(), run), ARM)
+    said = [playback.words_at(t).rpartition(": ")[2] for t in playback.time[[4, 5, 8, 9]]]
+    assert said == ["within", "within, an alarm stands", "within, an alarm stands", "within"]
 
 
 def test_a_run_has_rows_of_its_own() -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from bumpstop.detection.detection_run import STATES
 from bumpstop.report.colours import EVENT, LAW
 from bumpstop.report.markup import Html
 from bumpstop.terminal import number
@@ -42,6 +43,7 @@ class Playback:
         over: (N,) rows that are over their limit.
         worst: row in which the value is nearest its limit, or farthest over it.
         alarms: times [s].
+        alarmed: (N,) rows in which an alarm stands, also of the band-pass channel; None: nothing raises any.
         unknown: what is said where the value is not known.
     """
 
@@ -56,6 +58,7 @@ class Playback:
     over: npt.NDArray[np.bool_]
     worst: int
     alarms: tuple[float, ...] = ()
+    alarmed: npt.NDArray[np.bool_] | None = None
     unknown: str = "no data"
 
     def pose_at(self, t: float) -> FloatArray:
@@ -70,11 +73,12 @@ class Playback:
             return f"{t:.3f} s: {self.unknown}"
         pairs = ((self.value_label, self.value), (self.limit_label, self.limit))
         said = ", ".join(_figure(label, float(value[row])) for label, value in pairs)
+        standing = ", an alarm stands" if self.alarmed is not None and self.alarmed[row] else ""
         if not self.over[row]:
-            return f"{t:.3f} s: {said}: within"
+            return f"{t:.3f} s: {said}: within{standing}"
         # A study looks as far ahead as a collision that begins here can go.
         ahead = "" if self.value[row] > self.limit[row] else ", a collision that begins here gets faster"
-        return f"{t:.3f} s: {said}: over{ahead}"
+        return f"{t:.3f} s: {said}: over{ahead}{standing}"
 
     def chart(self, t: float) -> Html:
         """Value and limit over time, the time that is shown, and alarms."""
@@ -160,5 +164,5 @@ def recorded_playback(recorded: Recorded, robot: Robot) -> Playback:
     return Playback(
         t, q, places, share[kept], share, np.ones(t.size),
         "largest residual over its threshold", "threshold", share > 1, int(np.nan_to_num(share, nan=-1.0).argmax()),
-        tuple(event.t for event in run.events),
+        tuple(event.t for event in run.events), run.state == STATES.index("alarm"),
     )  # fmt: skip
