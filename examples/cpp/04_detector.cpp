@@ -29,7 +29,7 @@ static std::vector<bumpstop::DetectorSample> read_samples(const char* path, int 
             const double value = std::strtod(at, &end);
             found = end != at;
             at = *end == ',' ? end + 1 : end;
-            return value;
+            return found ? value : std::nan("");  // an empty cell is no zero
         };
         sample.t = number();
         for (int j = 0; j < joints; ++j) sample.q[j] = number();
