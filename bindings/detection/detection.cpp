@@ -208,6 +208,7 @@ void bind_detection(nb::module_& module) {
         .def_ro("force_along", &ContactEstimate::force_along)
         .def_ro("force_along_sd", &ContactEstimate::force_along_sd)
         .def_ro("force", &ContactEstimate::force)
+        .def_ro("force_sd", &ContactEstimate::force_sd)
         .def_ro("leftover", &ContactEstimate::leftover)
         .def_ro("misfit", &ContactEstimate::misfit);
     nb::class_<EventSpan>(module, "EventSpan", "How long an event lasts, and how large its residuals get.")

@@ -19,15 +19,19 @@ struct ContactEstimate {
     /// Least-squares force of minimum norm at the given point [N, base frame]; NaN where no joint with a usable residual
     /// feels a force there.
     Vector3 force{};
+    /// Standard deviations of its components by the noise of the residual; they are zero along directions that load no
+    /// joint, whatever acts there [N].
+    Vector3 force_sd{};
     double leftover = 0;                      ///< largest |r_j - fit_j| / sd_j with that force, over monitored joints
     std::array<double, max_joints> misfit{};  ///< by link: sum ((r_j - fit_j) / sd_j)^2 of the best wrench there
 };
 
 namespace detail {
 
-/// Minimum-norm least-squares solution x of row' x = right; NaN where all rows are zero. Behind its `columns` entries
-/// `row` has a unit matrix.
-inline Vector3 min_norm_solution(double (&row)[3][max_joints + 3], int columns, const double* right) noexcept {
+/// Minimum-norm least-squares solution x of row' x = right, and its standard deviation where each of `right` has one of
+/// 1; NaN where all rows are zero. Behind its `columns` entries `row` has a unit matrix.
+inline std::array<Vector3, 2> min_norm_solution(double (&row)[3][max_joints + 3], int columns,
+                                                const double* right) noexcept {
     make_rows_orthogonal<3>(row, columns, 3);
     double square[3] = {}, share[3] = {};
     for (int e = 0; e < 3; ++e)
@@ -36,12 +40,14 @@ inline Vector3 min_norm_solution(double (&row)[3][max_joints + 3], int columns, 
             share[e] += row[e][j] * right[j];
         }
     const double largest = std::max({square[0], square[1], square[2]});
-    constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
-    if (!(largest > 0)) return {unknown, unknown, unknown};
-    Vector3 x{};
+    Vector3 x{}, sd{};
+    if (!(largest > 0)) x.fill(std::numeric_limits<double>::quiet_NaN());
     for (int e = 0; e < 3; ++e)
-        for (int k = 0; k < 3 && square[e] > 1e-9 * largest; ++k) x[k] += share[e] / square[e] * row[e][columns + k];
-    return x;
+        for (int k = 0; k < 3 && square[e] > 1e-9 * largest; ++k) {
+            x[k] += share[e] / square[e] * row[e][columns + k];
+            sd[k] = std::hypot(sd[k], row[e][columns + k] / std::sqrt(square[e]));
+        }
+    return {x, largest > 0 ? sd : x};
 }
 
 /// Subtracts from `right` its projection on the columns (modified Gram-Schmidt with pivoting); returns their rank.
@@ -132,7 +138,9 @@ inline ContactEstimate estimate_contact(const Chain& chain, const Posture<double
     }
     out.force_along = along_square > 0 ? along / along_square : 0;
     if (along_square > 0) out.force_along_sd = 1 / std::sqrt(along_square);
-    out.force = detail::min_norm_solution(lever, columns, right);
+    const auto [force, force_sd] = detail::min_norm_solution(lever, columns, right);
+    out.force = force;
+    out.force_sd = force_sd;
     for (int j = 0; j < n; ++j) {
         double fit = 0;
         if (j <= point.link && std::isfinite(out.force[0])) {

@@ -10,7 +10,6 @@ import numpy as np
 
 from bumpstop import _native
 from bumpstop.arrays import FloatArray, as_float_array
-from bumpstop.detection.best_force import BestForceNoise
 from bumpstop.detection.contact_place import contact_place
 from bumpstop.detection.detection_run import FAULTS, DetectionRun, frozen_notes
 from bumpstop.detection.events import Event
@@ -167,7 +166,7 @@ class Detector(LoopDetector):
             late=(flags & 2) != 0,
             masked_while_arming=(flags & 4) != 0,
             payload_changed=(flags & 8) != 0,
-            events=tuple(Event.of_loop(self.links, self.best_force_noise, event) for event in events),
+            events=tuple(Event.of_loop(self.links, event) for event in events),
             notes=(
                 *self.notes,
                 *window_notes(self.settings, period),
@@ -183,12 +182,6 @@ class Detector(LoopDetector):
     def links(self) -> list[str]:
         """(n,) names of the links, of the joint that moves each."""
         return [joint.link for joint in self.robot.joints]
-
-    @property
-    def best_force_noise(self) -> BestForceNoise:
-        """How well the force of an event is known."""
-        link, point = self._contact
-        return BestForceNoise(self.robot.chain, link, np.asarray(point, dtype=np.float64), self.noise_sd)
 
     @property
     def in_words(self) -> dict[str, Any]:

@@ -11,7 +11,6 @@ import numpy as np
 
 from bumpstop import _native
 from bumpstop.arrays import FloatArray
-from bumpstop.detection.best_force import BestForceNoise
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,7 +36,7 @@ class Event:
         force_along_sd: its standard deviation; infinite: the direction loads no joint that counts [N].
         force: (3,) shortest force at the point asked for that fits best, base frame; NaN: no joint counts there [N].
         force_sd: (3,) standard deviations of its components, by the noise of the residual; it is known along directions
-            that load a joint, and zero along others [N].
+            that load a joint, and zero along others; NaN with the force [N].
         leftover: what that force leaves over, in standard deviations of the noise, of the worst joint.
         link: name of the likeliest link; None: no joint is monitored.
         possible_links: all whose contact could explain the residual within three standard deviations.
@@ -66,18 +65,12 @@ class Event:
 
     @classmethod
     def of(
-        cls,
-        links: Sequence[str],
-        noise: BestForceNoise,
-        contact: _native.ContactEstimate,
-        span: _native.EventSpan,
-        **fields: Any,
+        cls, links: Sequence[str], contact: _native.ContactEstimate, span: _native.EventSpan, **fields: Any
     ) -> Event:
         """An event from what its residual says of a contact, and how long it lasts.
 
         Args:
             links: (n,) names, of the joint that moves each.
-            noise: of the force at the point asked for.
             contact: of its residual.
             span: of the event.
             fields: the other attributes.
@@ -90,7 +83,7 @@ class Event:
             force_along=contact.force_along,
             force_along_sd=contact.force_along_sd,
             force=np.array(contact.force),
-            force_sd=noise.sd(fields["q"], fields["residual"], fields["hidden"]),
+            force_sd=np.array(contact.force_sd),
             leftover=contact.leftover,
             link=links[contact.link] if contact.link >= 0 else None,
             possible_links=tuple(links[i] for i in bits(contact.possible)),
@@ -98,12 +91,11 @@ class Event:
         )
 
     @classmethod
-    def of_loop(cls, links: Sequence[str], noise: BestForceNoise, found: _native.DetectorEvent) -> Event:
-        """The same of a control loop's event; ``links`` and ``noise`` as for :meth:`of`."""
+    def of_loop(cls, links: Sequence[str], found: _native.DetectorEvent) -> Event:
+        """The same of a control loop's event; ``links`` as for :meth:`of`."""
         n = len(links)
         return cls.of(
             links,
-            noise,
             found.contact,
             found.span,
             t=found.t,

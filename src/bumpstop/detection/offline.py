@@ -195,7 +195,6 @@ def _judge(detector: Detector, found: OfflineResidual, rearm_s: float) -> _Judge
     events = tuple(
         Event.of(
             detector.links,
-            detector.best_force_noise,
             detector.explain(motion.q[row], residual[row], motion.qd[row]),
             spans[k],
             hidden=detector.hidden(motion.qd[row]),

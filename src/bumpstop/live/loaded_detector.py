@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from bumpstop import _native
-from bumpstop.detection.best_force import BestForceNoise
 from bumpstop.detection.contact_place import contact_place
 from bumpstop.errors import InputError
 from bumpstop.text_files import as_path, read_text
@@ -41,7 +40,6 @@ class LoadedDetector:
         fitted: its dynamics are fitted.
         force_at: where the forces of alarms are given: the tip, a link or a point of one [m], in words.
         direction: they are given along it, base frame.
-        best_force_noise: how well the force of an alarm is known.
     """
 
     path: str
@@ -58,7 +56,6 @@ class LoadedDetector:
     fitted: bool
     force_at: str
     direction: tuple[float, float, float]
-    best_force_noise: BestForceNoise
     description: _native.DetectorDescription
 
     @classmethod
@@ -96,12 +93,6 @@ class LoadedDetector:
                 found.links, found.contact_link, found.contact_point, found.tip_name, found.tip_origin
             ),
             direction=(settings.direction[0], settings.direction[1], settings.direction[2]),
-            best_force_noise=BestForceNoise(
-                _chain_of(text),
-                found.contact_link,
-                np.array(found.contact_point),
-                np.array(settings.noise_sd[: len(found.joints)]),
-            ),
             description=found,
         )
 
@@ -142,13 +133,3 @@ class LoadedDetector:
             latched: the first alarm stands for good, so that nothing behind it is another event.
         """
         return self.description.detector(latched)
-
-
-def _chain_of(text: str) -> _native.Chain:
-    """The geometry of a file that the kernels have read."""
-    rows = [line.split() for line in text.splitlines() if line.strip()]
-    origin, rotation, axis = (
-        np.array([row[1:] for row in rows if row[0] == key], dtype=np.float64) for key in ("origin", "rotation", "axis")
-    )
-    kinds = [row[1] == "prismatic" for row in rows if row[0] == "joint"]
-    return _native.Chain(kinds, origin, rotation.reshape(-1, 3, 3), axis / np.linalg.norm(axis, axis=1, keepdims=True))

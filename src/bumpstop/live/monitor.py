@@ -287,7 +287,7 @@ class Monitor:
 
     def _alarm(self, tick: MonitorTick, fast: FloatArray) -> None:
         self.alarms += 1
-        event = Event.of_loop(self.detector.links, self.detector.best_force_noise, self._kernel.event())
+        event = Event.of_loop(self.detector.links, self._kernel.event())
         alarm = CollisionAlarm(
             stamp_s=tick.sample.stamp_s,
             number=self.alarms,

@@ -160,7 +160,7 @@ class RosMessages:
             force_low=low,
             force_high=high,
             best_force=event.force,
-            best_force_sd=np.where(np.isfinite(event.force), event.force_sd, math.nan),
+            best_force_sd=event.force_sd,
             link=event.link or "",
             possible_links=list(event.possible_links),
         )
