@@ -89,6 +89,20 @@ def test_the_way_to_a_first_point_that_comes_later_is_named() -> None:
     assert [rows.time[0] for rows, *_ in new.messages] == [1, 1]
 
 
+def test_what_a_message_that_is_not_understood_leaves_is_not_known() -> None:
+    data = json.loads((EXAMPLES / "planned.json").read_text())
+    first, second = (part["joint_trajectory"] for part in data["trajectory"])
+    for point in second["points"]:
+        point["time_from_start"]["sec"] += 1
+    between = {"joint_names": first["joint_names"], "points": [{"positions": [1.0] * 6}]}
+    gripper = {"joint_names": ["finger"], "points": [{"positions": [1.0]}]}
+    for message, known in ((between, False), (gripper, True)):
+        data["trajectory"].insert(1, {"joint_trajectory": message})
+        found = read_messages(Path("x.json"), json.dumps(data).encode(), cell())
+        assert [bool(segment.why) for segment in found.segments] == ([False] * 2 if known else [False, True, False])
+        data["trajectory"].pop(1)
+
+
 @pytest.mark.parametrize(
     ("change", "why"),
     [

@@ -108,6 +108,7 @@ def read_bag_trajectories(path: Path, cell: Cell) -> BagProgram:
 
     found: list[tuple[int, int, MessageRows, Sequence[TrajectorySegment]]] = []
     not_understood: list[tuple[int, str]] = []
+    own, stands = {joint.name for joint in cell.robot.joints}, cell.start
     with Reader(path) as reader:
         store = _store(reader)
         for number, (connection, _, body) in enumerate(reader.messages()):
@@ -115,6 +116,7 @@ def read_bag_trajectories(path: Path, cell: Cell) -> BagProgram:
                 continue
             if connection.msgtype not in store.fielddefs:
                 not_understood.append((number + 1, f"{connection.topic}: the bag does not define {connection.msgtype}"))
+                stands = None
                 continue
             try:
                 message = store.deserialize_cdr(bytes(body), connection.msgtype)
@@ -125,10 +127,11 @@ def read_bag_trajectories(path: Path, cell: Cell) -> BagProgram:
                 rows = _rows(trajectory, cell)
                 if isinstance(rows, str):
                     not_understood.append((number + 1, f"{name}: {rows}"))
+                    stands = stands if own.isdisjoint(trajectory.joint_names) else None
                 else:
                     lines = list(range(1, len(rows.time) + 1))
-                    before = found[-1][2] if found else None
-                    found.append((number, place, rows, segments_of(name, rows, lines, cell, before)))
+                    found.append((number, place, rows, segments_of(name, rows, lines, cell, stands)))
+                    stands = rows.position[-1]
     return BagProgram("ROS bag", path, found, not_understood)
 
 

@@ -82,16 +82,21 @@ def read_messages(path: Path, source: bytes, cell: Cell) -> MessageProgram:
     documents = (parse_json if json else parse_yaml)(source, str(path))
     found: list[tuple[MessageRows, Sequence[TrajectorySegment], Sequence[Value]]] = []
     not_understood = []
+    own, stands = {joint.name for joint in cell.robot.joints}, cell.start
     for name, message in _trajectories(documents):
         line = source.count(b"\n", 0, message.start) + 1
         rows = _rows(message, cell)
         if isinstance(rows, str):
             not_understood.append((line, f"{name}: {rows}"))
+            names = message.get("joint_names")
+            moves = names is None or not own.isdisjoint(item.text for item in names.items)
+            stands = None if moves else stands
             continue
         points = message.get("points")
         assert points is not None
         lines = [source.count(b"\n", 0, point.start) + 1 for point in points.items]
-        found.append((rows, segments_of(name, rows, lines, cell, found[-1][0] if found else None), points.items))
+        found.append((rows, segments_of(name, rows, lines, cell, stands), points.items))
+        stands = rows.position[-1]
     if not found and not not_understood:
         raise InputError(str(path), "holds no JointTrajectory", "wanted joint_names and points")
     return MessageProgram("ROS trajectory", source, found, not_understood)

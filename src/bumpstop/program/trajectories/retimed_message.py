@@ -74,7 +74,7 @@ class MessageRows:
 
 
 def segments_of(
-    name: str, rows: MessageRows, lines: Sequence[int], cell: Cell, before: MessageRows | None
+    name: str, rows: MessageRows, lines: Sequence[int], cell: Cell, stands: FloatArray | None
 ) -> list[TrajectorySegment]:
     """The segments of a message, numbered where there are several.
 
@@ -82,8 +82,8 @@ def segments_of(
         name: of the message.
         rows: its points.
         lines: of the file, of every point.
-        cell: whose joint acceleration counts where the message shows none, and whose start where none was before.
-        before: the points of the message before it; None of the first.
+        cell: whose joint acceleration counts where the message shows none.
+        stands: joint positions before it (dof,); None: not known.
     """
 
     def segment(called: str, first: int, last: int, why: str = "") -> TrajectorySegment:
@@ -100,7 +100,6 @@ def segments_of(
             why=why,
         )
 
-    stands = cell.start if before is None else before.position[-1]
     found = []
     if rows.time[0] > 0 and (stands is None or float(np.abs(rows.position[0] - stands).max()) > MIN_TURN):
         # The controller goes to the first point in that time, from wherever the arm is.
