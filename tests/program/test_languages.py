@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bumpstop.program.interpreter import Interpreter, Visit
 from bumpstop.program.languages.krl import read_krl
@@ -192,6 +193,78 @@ def test_krl_moves_without_a_speed_get_one() -> None:
     assert ptp.slots[0].value is None
     assert lin.slots[0].edit(0.123456).text == "  $VEL.CP=0.1234\n"
     assert ptp.slots[0].edit(7.9).text.count("=7\n") == 6
+
+
+@pytest.mark.parametrize(
+    ("quotient", "known"), [("3/2", None), ("4/2", 2.0), ("-7/7*2", -2.0), ("2.5/2", 1.25), ("N/2", None)]
+)
+def test_krl_cuts_the_rest_off_a_quotient_of_integers(quotient: str, known: float | None) -> None:
+    """Of a number that may be an integer or not the quotient is known where it is whole."""
+    text = f"DEF a()\nDECL INT N=5\n$VEL_AXIS=20\nPTP {{A1 {quotient},A2 -85,A3 88,A4 -93,A5 -90,A6 0}}\nEND\n"
+    ((visit,),) = chains(read_krl(text.encode()))
+    assert (visit.leg is not None) == (known is not None)
+    if visit.leg is not None and known is not None:
+        assert math.degrees(visit.leg.q[-1, 0]) == pytest.approx(known)
+
+
+def test_what_the_arm_carries_is_said_to_be_the_robots() -> None:
+    said = "what the arm carries is set, and not followed: the load of the scenario's robot is judged"
+    assert read_urscript(b"set_payload(5)\n").notes == (f"line 1: {said}",)
+    assert read_krl(b"DEF a()\n$LOAD={M 5}\nEND\n").notes == (f"line 2: {said}",)
+    move = b"MoveAbsJ [[17,-85,88,-93,-90,0],[9E9]],v100,fine,tool0\\TLoad:=l;\n"
+    read = read_rapid(b"PROC a()\nGripLoad l;\n" + move + b"ENDPROC\n")
+    assert read.notes == (f"line 2: {said}", f"line 3: {said}")
+
+
+def test_a_stop_point_of_rapid_stays_one_with_another_size() -> None:
+    own = "CONST zonedata own:=[TRUE,50,50,50,1,1,1];\n"
+    for zone, blend in (("fine\\Z:=50", 0.0), ("own\\Z:=50", 0.0), ("z10\\Z:=50", 0.05), ("z10\\Z:=x", None)):
+        text = f"{own}PROC a()\nMoveAbsJ [[17,-85,88,-93,-90,0],[9E9]],v100,{zone},tool0;\nENDPROC\n"
+        ((visit,),) = chains(read_rapid(text.encode()))
+        assert (visit.move.blend, bool(visit.why)) == (blend or 0.0, blend is None)
+
+
+POSE = "X -600,Y -350,Z 550,A 0,B 0,C 180"  # the arm gets there at 16, -90, 103, -103, -90 and 106 degrees
+OTHER = "the posture that is written beside its target is another one than the arm gets to"
+
+
+@pytest.mark.parametrize(
+    ("move", "why"),
+    [
+        (f"PTP {{{POSE}}}", ""),
+        (f"PTP {{{POSE},S 2,T 26}}", ""),
+        (f"PTP {{{POSE},S 2,T 27}}", OTHER),
+        (f"LIN {{{POSE},S 2,T 27}}", ""),
+        ("MoveJ [[-600,-350,550],[0,1,0,0],[0,-2,1,0],[9E9]],v20,fine,tool0;", ""),
+        ("MoveJ [[-600,-350,550],[0,1,0,0],[0,-1,1,0],[9E9]],v20,fine,tool0;", OTHER),
+        ("MoveL [[-600,-350,550],[0,1,0,0],[0,-1,1,0],[9E9]],v20,fine,tool0;", ""),
+    ],
+)
+def test_a_joint_move_to_another_posture_is_not_judged(move: str, why: str) -> None:
+    if move.startswith("Move"):
+        start = "MoveAbsJ [[17,-85,88,-93,-90,0],[9E9]],v100,fine,tool0;\n"
+        read = read_rapid(f"PROC a()\n{start}{move}\nENDPROC\n".encode())
+    else:
+        start = "$VEL.CP=0.2\n$VEL_AXIS=20\nPTP {A1 17,A2 -85,A3 88,A4 -93,A5 -90,A6 0}\n"
+        read = read_krl(f"DEF a()\n{start}{move}\nEND\n".encode())
+    assert [visit.why for chain in chains(read) for visit in chain] == ["", why]
+
+
+def test_a_joint_move_that_a_nearer_posture_shortens_is_not_judged() -> None:
+    """The tool turns by more than half a turn on the way, or the line there leads the arm round."""
+    near = "the arm has a nearer posture for its target than on its line there"
+    draw, told = np.random.default_rng(5), []
+    for _ in range(20):
+        q = cell().start + draw.uniform(-1.7, 1.7, 6)  # type: ignore[operator]
+        pose = cell().robot.pose(q)
+        x = [*pose[:3, 3].tolist(), *Rotation.from_matrix(pose[:3, :3]).as_rotvec().tolist()]
+        ((visit,),) = chains(read_urscript(f"movej(p{x})\n".encode()))
+        told.append(visit.why)
+        if visit.leg is not None:
+            # What is judged turns no further than the arm needs to.
+            assert np.linalg.norm(visit.leg.q[-1] - visit.leg.q[0]) < np.linalg.norm(q - visit.leg.q[0]) + 2e-3
+    assert near in told
+    assert "" in told
 
 
 def test_a_speed_that_nothing_said_is_written(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from bumpstop.program.languages.statements import (
     Target,
     Wait,
 )
-from bumpstop.program.motion.kinematics import joint_line, tool_arc, tool_line, transform
+from bumpstop.program.motion.kinematics import joint_line, other_posture, tool_arc, tool_line, transform
 from bumpstop.program.motion.path import Leg
 from bumpstop.program.state import State, agreed, alike, equal
 
@@ -145,7 +145,10 @@ class Interpreter:
                 self._waits = True
 
     def _loop(self, node: Loop, state: State, depth: int) -> None:
-        if not node.certain and self._may_move((node,)):
+        if not self._may_move((node,)):
+            # It may go round until something happens.
+            self._waits = self._waits or not node.certain
+        elif not node.certain:
             self._end_blend()
         before, heads, ends = state.copy(), [state.copy()], list[State]()
         self._breaks.append([])
@@ -328,9 +331,10 @@ class Interpreter:
             if state.q is None:
                 return begin, None
             q = tool_line(robot, state.q, state.frame @ transform(target.pose), state.tool)
-        if isinstance(q, str):
-            return q, None
-        return (q, q[-1]) if move.linear else (joint_line(q[0], q[-1]), q[-1])
+        if isinstance(q, str) or move.linear:
+            return q, None if isinstance(q, str) else q[-1]
+        why = other_posture(robot, q[0], q[-1], target.within)
+        return (why, None) if why else (joint_line(q[0], q[-1]), q[-1])
 
     def _arc(self, move: Move, via: Target, state: State) -> FloatArray | str:
         if via.why:

@@ -109,6 +109,10 @@ class Blocks:
         """A move says its time, and not how it speeds up."""
         self.note(line, "its time says nothing of its ramps; half of it is taken to speed up, the most speed it allows")
 
+    def note_load(self, line: int) -> None:
+        """What the arm carries is set."""
+        self.note(line, "what the arm carries is set, and not followed: the load of the scenario's robot is judged")
+
     def begin_function(self, statement: Statement, name: str, *, first: bool) -> None:
         """A function; ``first``: a program may begin with it."""
         name = name.lower()

@@ -89,7 +89,8 @@ class Reader:
         left: Expression = part()
         while not self.failed and (operator := self.take(*operators)):
             right = part()
-            left = Expression("binary", left.start, right.end, operator.text, (left, right))
+            name = operator.kind if operator.kind == "division" else operator.text
+            left = Expression("binary", left.start, right.end, name, (left, right))
         return left
 
     def _unknown(self) -> Expression:
@@ -262,8 +263,11 @@ def _binary(expression: Expression, constants: Mapping[str, Expression], depth: 
     left, right = (number_of(item, constants, depth=depth + 1) for item in expression.items)
     if left is None or right is None:
         return None
-    if expression.name == "/":
-        return left / right if right else None
+    if expression.name in ("/", "division"):
+        found = left / right if right else math.nan
+        # Where two whole numbers may be integers the rest is cut off.
+        cut = expression.name == "division" and left.is_integer() and right.is_integer() and not found.is_integer()
+        return None if cut or not right else found
     return {"+": left + right, "-": left - right, "*": left * right}[expression.name]
 
 

@@ -15,10 +15,9 @@ from bumpstop.program.languages.expression import (
     behind,
     number_of,
     read_expression,
-    resolved,
     split_at,
 )
-from bumpstop.program.languages.rotation import from_euler_zyx
+from bumpstop.program.languages.krl_data import arc_place, frame_of_record, pose_or_axes
 from bumpstop.program.languages.statements import (
     Frame,
     Frames,
@@ -36,7 +35,7 @@ _TOKENS = re.compile(
     r"(?P<comment>;[^\n\r]*|(?<![^\n])&[^\n\r]*)|(?P<newline>\r?\n)|(?P<space>[ \t\r\f\v]+)"
     r"|(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
     r"|(?P<name>[$#]?[A-Za-z_][A-Za-z0-9_$]*(?:\.[A-Za-z_][A-Za-z0-9_]*)*)|(?P<string>\"[^\"\n\r]*\")"
-    r"|(?P<operator>==|<>|<=|>=|[-+*/=<>()\[\]{},:!?'])"
+    r"|(?P<division>/)|(?P<operator>==|<>|<=|>=|[-+*=<>()\[\]{},:!?'])"
 )
 _TYPES = frozenset(("e6pos", "pos", "e6axis", "axis", "frame", "real", "int", "bool", "char"))
 _FUNCTIONS = ("def", "deffct")
@@ -60,6 +59,7 @@ _OPERATORS = frozenset(_OPERATOR_WORDS.split())
 _HARMLESS_WORDS = "wait halt continue pulse defdat enddat ext extfct signal enum struc ini anout"
 _DECLARATIONS = ("defdat", "enddat", "ext", "extfct", "signal", "enum", "struc")
 _HARMLESS = frozenset(_HARMLESS_WORDS.split())
+_WAITS = ("wait", "halt", "pulse", "anout")
 _JUMPS: Mapping[str, Jump] = {"exit": "loop", "return": "function"}
 # Other motions: the arm is elsewhere after them, and that is all.
 _OTHER_MOTIONS = frozenset(
@@ -74,7 +74,11 @@ _SETTINGS = {
 }
 _FRAMES: tuple[Frame, ...] = ("tool", "base")
 # System variables that neither move the arm nor say how it moves, and those that change tool or base.
-_OUTPUTS, _REFRAMING = ("$out", "$anout", "$timer", "$flag", "$cycflag", "$apo"), ("$ipo_", "$act_")
+_OUTPUTS, _REFRAMING = ("$out", "$anout", "$timer", "$flag", "$cycflag", "$apo"), "$act_"
+# Those that may turn the tool in another way or move what targets are given in, and what they are where they do not.
+_ORDINARY = {"$ori_type": "#var", "$circ_type": "#base", "$ipo_mode": "#base", "$robroot": ""}
+# System variables that a program uses without stopping its look ahead at the moves that follow.
+_AHEAD = ("$vel", "$acc", "$apo", "$tool", "$base", "$load", "$out_c", *_ORDINARY)
 # Of a blend whose distance is not known: half of the way, which nothing goes beyond [m].
 _UNKNOWN_BLEND = 1e3
 _MAX_AXES = 12  # of an arm and what it carries or rides on
@@ -99,12 +103,22 @@ def read_krl(source: bytes, data: bytes = b"") -> ReadProgram:
             names.append(function_name(head))
     constants = assignments.constants()
     blocks, counts = Blocks(names, KRL_PURE, _JUMPS, _FRAMES), dict[str, tuple[float, float]]()
+    before = ""
     for statement in tree.statements:
         if words := statement.words:
-            if words[0].text.lower() == "for" and len(words) > 1:
+            first = words[0].text.lower()
+            if first == "for" and len(words) > 1:
                 # What the index of a setting runs through is said by the loop before it.
                 counts[words[1].text.lower()] = _bounds(words, constants) or (math.nan, math.nan)
+            elif assigned(words, "=") is not None:
+                counts.pop(first, None)
+            waits = first in _WAITS or (before != "continue" and _looks_no_further(words))
+            for node in [Wait(statement.line)] * waits:
+                blocks.add(node)
             _add(blocks, statement, tree, constants, counts)
+            for node in [Wait(statement.line)] * waits:
+                blocks.add(node)  # in the block that begins here, too
+            before = first
     functions = blocks.finish()
     # A module begins with its first function; the others are its own.
     main = "" if does_something(functions.get("", ())) else next((name for name in names), None)
@@ -118,6 +132,11 @@ def read_krl(source: bytes, data: bytes = b"") -> ReadProgram:
         main=main if main is not None and blocks.may_be_first(main) else None,
         frames=_FRAMES,
     )
+
+
+def _looks_no_further(words: list[Token]) -> bool:
+    """Whether the program runs a statement when the arm has come there, and no earlier: it uses inputs or outputs."""
+    return any(text.startswith("$") and not text.startswith(_AHEAD) for text in (word.text.lower() for word in words))
 
 
 def _head(words: list[Token]) -> list[Token] | None:
@@ -233,13 +252,16 @@ def _add(
         blocks.jump(statement, first)
     elif first in _HARMLESS or _without_type(words)[1]:
         blocks.evaluate(statement, words[1:])
-        if first in ("wait", "halt"):
-            blocks.add(Wait(statement.line))
     elif (target := assigned(words, "=")) is not None:
         blocks.evaluate(statement, words[target[1] + 1 :])
         if not _set(blocks, statement, constants, counts) and first.startswith("$") and not first.startswith(_OUTPUTS):
-            named = {"$tool": _FRAMES[:1], "$base": _FRAMES[1:]}.get(first.partition(".")[0])
-            reframes = named or (_FRAMES if first.startswith(_REFRAMING) else ())
+            if words[-1].text.lower() == _ORDINARY.get(first):
+                return
+            if first.startswith("$load"):
+                blocks.note_load(statement.line)
+            named: dict[str, tuple[Frame, ...]] = {"$tool": _FRAMES[:1], "$base": _FRAMES[1:]}
+            named |= dict.fromkeys(_ORDINARY, ("shift",))
+            reframes = named.get(first.partition(".")[0]) or (_FRAMES if first.startswith(_REFRAMING) else ())
             blocks.opaque(statement, moves=False, resets=not reframes, reframes=reframes)
     elif first == "bas" or first.startswith("$"):
         blocks.opaque(statement, moves=False)
@@ -289,7 +311,7 @@ def _set(
         return False
     at = texts.index("=")
     name, value = texts[0], read_expression(words[at + 1 :])
-    if name in ("$tool", "$base") and at == 1 and (pose := _frame(value, constants)) is not None:
+    if name in ("$tool", "$base") and at == 1 and (pose := frame_of_record(value, constants)) is not None:
         blocks.add(Frames(statement.line, "tool" if name == "$tool" else "base", pose))
         return True
     if name not in _SETTINGS:
@@ -337,58 +359,9 @@ def _move(blocks: Blocks, statement: Statement, tree: SyntaxTree, constants: Map
         line=statement.line,
         word=words[0].text,
         linear=linear,
-        target=Target(why=why) if why else _target(read_expression(parts[-1]), constants),
+        target=Target(why=why) if why else pose_or_axes(read_expression(parts[-1]), constants),
         measure="tool" if linear else "axes",
         default=default,
         blend=blend,
-        via=_place(read_expression(parts[0]), constants) if kind == "circ" else None,
+        via=arc_place(read_expression(parts[0]), constants) if kind == "circ" else None,
     )
-
-
-def _place(expression: Expression | None, constants: Mapping[str, Expression]) -> Target:
-    """The point that an arc goes through; its orientation does not count, and may be missing."""
-    found = resolved(expression, constants)
-    values = _record(found, constants) if found is not None and found.kind == "record" else None
-    if values is None or not {"X", "Y", "Z"} <= set(values):
-        return Target(why="the point its arc goes through is not known before the program runs")
-    return Target(pose=(*(values[name] / 1e3 for name in "XYZ"), 0.0, 0.0, 0.0))
-
-
-def _target(expression: Expression | None, constants: Mapping[str, Expression]) -> Target:
-    found = resolved(expression, constants)
-    unknown = Target(why="its target is not known before the program runs")
-    if found is None or found.kind != "record":
-        return unknown
-    values = _record(found, constants)
-    if values is None:
-        return unknown
-    external = tuple((name, value) for name, value in values.items() if re.fullmatch(r"E[1-6]", name))
-    axes = [name for name in values if re.fullmatch(r"A[1-7]", name)]
-    if axes:
-        if sorted(axes) != [f"A{j + 1}" for j in range(len(axes))]:
-            return Target(why="its target leaves axes as they are, which is not followed")
-        return Target(joints=tuple(math.radians(values[name]) for name in sorted(axes)), external=external)
-    pose = _frame(found, constants)
-    if pose is None:
-        return Target(why="its target leaves X to C as they are")
-    return Target(pose=pose, external=external)
-
-
-def _record(expression: Expression, constants: Mapping[str, Expression]) -> dict[str, float] | None:
-    values = {}
-    for key, item in zip(expression.keys, expression.items, strict=True):
-        value = number_of(item, constants)
-        if value is None or key in values:
-            return None
-        values[key] = value
-    return values
-
-
-def _frame(expression: Expression | None, constants: Mapping[str, Expression]) -> tuple[float, ...] | None:
-    """Translation [m] and rotation vector [rad] of a record of X, Y, Z [mm] and A, B, C [deg]."""
-    found = resolved(expression, constants)
-    values = _record(found, constants) if found is not None and found.kind == "record" else None
-    if values is None or not {"X", "Y", "Z", "A", "B", "C"} <= set(values):
-        return None
-    x, y, z = (values[name] / 1e3 for name in "XYZ")
-    return (x, y, z, *from_euler_zyx(values["A"], values["B"], values["C"]))

@@ -307,6 +307,8 @@ def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
         blocks.evaluate(statement, words[1:])
         if first in _WAITS:
             blocks.add(Wait(statement.line))
+        if first == "gripload":
+            blocks.note_load(statement.line)
     elif len(words) == 1 and words[0].kind == "name" and first not in _LINES:
         blocks.call(statement, first)
     elif first == "velset":
@@ -349,6 +351,8 @@ def _add_move(blocks: Blocks, statement: Statement, words: list[Token], constant
         why = "its zone is not known before the program runs"
     elif slot.time and (blend > 0 or (slot.value or 0.0) < MIN_TIME_S):
         why = f"its time T is given with a zone, or is below {MIN_TIME_S:g} s"
+    if "tload" in tool.switches:
+        blocks.note_load(statement.line)
     if slot is not None and slot.time:
         blocks.note_time(statement.line)
     blocks.add(

@@ -91,17 +91,20 @@ def _slot(start: int, end: int, value: float, template: str) -> SpeedSlot:
 
 def zone_of(argument: Argument, constants: Mapping[str, Expression]) -> float | None:
     """How far before the target the arm goes over into the next move [m]."""
-    if "z" in argument.switches:
-        value = number_of(argument.switches["z"], constants)
-        return None if value is None else value / 1e3
     written = argument.value
     assert written is not None
-    if written.kind == "name" and written.name.lower() in _ZONES and written.name.lower() not in constants:
-        return _ZONES[written.name.lower()] / 1e3
-    found = resolved(written, constants)
-    if found is None or found.kind != "list" or len(found.items) < 2:
-        return None
-    fine, zone = number_of(found.items[0], constants), number_of(found.items[1], constants)
+    name = written.name.lower()
+    fine: float | None
+    zone: float | None
+    if written.kind == "name" and name in _ZONES and name not in constants:
+        fine, zone = float(name == "fine"), _ZONES[name]
+    else:
+        found = resolved(written, constants)
+        if found is None or found.kind != "list" or len(found.items) < 2:
+            return None
+        fine, zone = (number_of(item, constants) for item in found.items[:2])
+    if "z" in argument.switches:
+        zone = number_of(argument.switches["z"], constants)  # a stop point stays one
     return None if fine is None or zone is None else 0.0 if fine else zone / 1e3
 
 
@@ -131,7 +134,17 @@ def pose_target(argument: Argument, constants: Mapping[str, Expression]) -> Targ
     if pose is None:
         return unknown
     place = (x + d / 1e3 for x, d in zip(pose[:3], offset, strict=True))
-    return Target(pose=(*place, *pose[3:]), external=_external(found, 3, constants))
+    within = _quadrants(found, constants)
+    return Target(pose=(*place, *pose[3:]), external=_external(found, 3, constants), within=within)
+
+
+def _quadrants(target: Expression, constants: Mapping[str, Expression]) -> tuple[tuple[int, float, float], ...]:
+    """Where ``confdata`` has axes 1, 4 and 6: in quarters of a turn from zero on."""
+    found = resolved(target.items[2], constants) if len(target.items) > 2 else None
+    values = [number_of(item, constants) for item in found.items[:3]] if found is not None else []
+    quarter = math.pi / 2
+    axes = zip((0, 3, 5), values, strict=False)
+    return tuple((axis, value * quarter, (value + 1) * quarter) for axis, value in axes if value is not None)
 
 
 def _external(

@@ -82,12 +82,14 @@ class Target:
         pose: translation [m] and rotation vector [rad] of the tool in the base frame, six numbers, or None.
         why: neither is known; else empty.
         external: external axes that the target names and where they go, in the language's units; None: not known.
+        within: least and greatest position of joints, by number from 0, that the target names beside its pose [rad].
     """
 
     joints: tuple[float, ...] | None = None
     pose: tuple[float, ...] | None = None
     why: str = ""
     external: tuple[tuple[str, float | None], ...] = ()
+    within: tuple[tuple[int, float, float], ...] = ()
 
 
 @dataclass(frozen=True)

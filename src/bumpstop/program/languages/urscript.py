@@ -33,6 +33,7 @@ _HARMLESS_WORDS = (
 )
 _HARMLESS = frozenset(_HARMLESS_WORDS.split())
 _WAITS = frozenset(("sleep", "popup", "stopj", "stopl"))
+_LOADS = frozenset(("set_payload", "set_payload_mass", "set_target_payload"))
 _JUMPS: Mapping[str, Jump] = {"break": "loop", "continue": "round", "return": "function", "halt": "program"}
 _BLOCKS = frozenset(("if", "elif", "else", "while", "def", "sec", "thread"))
 _SIGNS = ("=", "+=", "-=", "*=", "/=", "%=")
@@ -139,6 +140,8 @@ def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
 def _add_call(blocks: Blocks, statement: Statement, call: Expression, constants: Mapping[str, Expression]) -> None:
     if call.name in _PLACES or call.name == "set_tcp" or call.name in _HARMLESS:
         blocks.evaluate(statement, statement.words[1:])
+    if call.name in _LOADS:
+        blocks.note_load(statement.line)
     if call.name in _WAITS:
         blocks.add(Wait(statement.line))
     elif call.name in _PLACES:

@@ -19,6 +19,9 @@ _STEP_M, _STEP_RAD, _MIN_SAMPLES, _MAX_SAMPLES = 0.005, 0.03, 12, 400
 _CLOSE, _ITERATIONS, _MAX_JUMP = 1e-9, 30, 0.5
 # Three points lie on a line where their triangle is this flat.
 _FLAT = 1e-6
+# Postures of an arm are looked for from so many places, each joint so far from where it stands [rad]; one is another or
+# nearer where it is by more than this [rad].
+_SEEDS, _SPREAD, _APART = 24, 2.0, 1e-3
 # Damping of the least squares as a share of the distance that is left: none at the end.
 _DAMPING = 0.05
 
@@ -82,6 +85,36 @@ def tool_arc(robot: Robot, q0: FloatArray, via: FloatArray, target: FloatArray, 
         return np.asarray(begin + centre + np.outer(np.cos(angle * s), x) + np.outer(np.sin(angle * s), y))
 
     return _followed(robot, q0, target, tool, radius * angle, place)
+
+
+def other_posture(
+    robot: Robot, q0: FloatArray, q1: FloatArray, within: Sequence[tuple[int, float, float]]
+) -> str:  # fmt: skip
+    """Why a joint move to a pose may end in another posture than one that reaches it; empty where nothing says so.
+
+    A controller goes to the posture that is written beside the pose, or to the nearest. Which is nearest of an arm of
+    more than six joints is not known.
+
+    Args:
+        robot: the arm.
+        q0: joint positions at the begin (dof,).
+        q1: those at the pose (dof,).
+        within: least and greatest position of joints, by number from 0, of the posture that is written [rad].
+    """
+    if any(j < robot.dof and not low - _APART <= q1[j] <= high + _APART for j, low, high in within):
+        return "the posture that is written beside its target is another one than the arm gets to"
+    if robot.dof != 6:
+        return ""
+    target, near = robot.pose(q1), float(np.linalg.norm(q1 - q0)) - _APART
+    turns = np.array([2 * math.pi * (joint.kind != "prismatic") for joint in robot.joints])
+    seeds = np.random.default_rng(0).uniform(-_SPREAD, _SPREAD, (_SEEDS, 6))
+    for q in (q1, *(_solve(robot, q0 + seed, target, np.eye(4)) for seed in seeds)):
+        if q is not None:
+            beside = q - turns * np.round((q - q0) / (2 * math.pi))
+            inside = bool(((beside >= robot.lower) & (beside <= robot.upper)).all())
+            if inside and float(np.linalg.norm(beside - q0)) < near:
+                return "the arm has a nearer posture for its target than on its line there"
+    return ""
 
 
 def _followed(

@@ -1,0 +1,58 @@
+"""What a program sets and waits for between its moves."""
+
+from __future__ import annotations
+
+import pytest
+
+from program.test_flow import FRAME, KRL_SPEEDS, LIN, absj, j, krl, ptp, rapid, urscript, whys
+
+
+@pytest.mark.parametrize(
+    ("between", "leaves_open"),
+    [
+        ("WHILE B\nX=1\nENDWHILE\n", True),
+        ("FOR I=1 TO 6\nX=1\nENDFOR\n", False),
+        ("$OUT[1]=TRUE\n", True),
+        ("CONTINUE\n$OUT[1]=TRUE\n", False),
+        ("$OUT_C[1]=TRUE\n", False),
+        ("IF $IN[1] THEN\nX=1\nENDIF\n", True),
+        ("REPEAT\nX=1\nUNTIL $IN[1]\n", True),
+        ("PULSE($OUT[1],TRUE,0.5)\n", True),
+        ("P=$POS_ACT\n", True),
+        ("$VEL_AXIS=30\n$ACC.CP=1\n", False),
+    ],
+)
+def test_what_stops_the_look_ahead_of_krl_leaves_the_corner_open(between: str, leaves_open: bool) -> None:
+    text = f"DEF a()\n{KRL_SPEEDS}{ptp(17)[:-1]} C_PTP\n{between}{ptp(27)}END\n"
+    waits = "the program waits before the move that it is blended into"
+    assert whys(krl(text)) == [waits if leaves_open else "", ""]
+    # From round to round, too.
+    rounds = f"DEF a()\n{KRL_SPEEDS}LOOP\n{between}{ptp(17)}{ptp(27)[:-1]} C_PTP\nENDLOOP\nEND\n"
+    assert (waits in whys(krl(rounds))) == leaves_open
+
+
+def test_a_loop_that_waits_for_something_leaves_the_corner_open() -> None:
+    waits = "the program waits before the move that it is blended into"
+    loop = "while get_digital_in(1) == False:\nsync()\nend\n"
+    assert whys(urscript(f"{j(0.5, 0.1)}{loop}{j(0.2)}")) == [waits, ""]
+    loop = "WHILE DInput(di1)=0 DO\nENDWHILE\n"
+    text = f"PROC main()\n{absj(17).replace('fine', 'z50')}{loop}{absj(27)}ENDPROC\n"
+    assert whys(rapid(text)) == [waits, ""]
+
+
+@pytest.mark.parametrize("setting", ["$ORI_TYPE=#CONSTANT", "$CIRC_TYPE=#PATH", "$IPO_MODE=#TCP", "$ROBROOT=R"])
+def test_poses_are_not_known_where_the_tool_turns_otherwise(setting: str) -> None:
+    frames = "$TOOL={X 0,Y 0,Z 0,A 0,B 0,C 0}\n$BASE={X 0,Y 0,Z 0,A 0,B 0,C 0}\n"
+    assert whys(krl(f"DEF a()\n{setting}\n{frames}{KRL_SPEEDS}{ptp(17)}{LIN}END\n")) == ["", FRAME]
+
+
+def test_what_is_ordinary_is_understood() -> None:
+    ordinary = "$ORI_TYPE=#VAR\n$CIRC_TYPE=#BASE\n$IPO_MODE=#BASE\n"
+    read = krl(f"DEF a()\n{KRL_SPEEDS}{ordinary}{ptp(17)}{LIN}END\n")
+    assert whys(read) == ["", ""]
+    assert not read.not_understood
+
+
+def test_an_index_that_is_assigned_is_no_longer_the_loops() -> None:
+    text = f"FOR I=1 TO 6\n$VEL_AXIS[I]=100\nENDFOR\nI=2\n$VEL_AXIS[I]=10\n{ptp(17)}"
+    assert whys(krl(f"DEF a()\n{text}END\n")) == ["its speed may be one of several"]
