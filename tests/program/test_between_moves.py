@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from program.test_flow import FRAME, KRL_SPEEDS, LIN, absj, j, krl, ptp, rapid, urscript, whys
+from program.test_flow import FRAME, KRL_SPEEDS, LIN, absj, j, krl, ptp, rapid, urscript, visits, whys
 
 
 @pytest.mark.parametrize(
@@ -56,3 +56,20 @@ def test_what_is_ordinary_is_understood() -> None:
 def test_an_index_that_is_assigned_is_no_longer_the_loops() -> None:
     text = f"FOR I=1 TO 6\n$VEL_AXIS[I]=100\nENDFOR\nI=2\n$VEL_AXIS[I]=10\n{ptp(17)}"
     assert whys(krl(f"DEF a()\n{text}END\n")) == ["its speed may be one of several"]
+
+
+def test_a_blend_distance_that_is_set_further_down_is_not_in_force() -> None:
+    corner, apo = f"{LIN[:-1]} C_DIS\n", "$APO.CDIS=5\n"
+    for text, blend in ((f"{apo}{corner}{ptp(3)}", 0.005), (f"{corner}{ptp(3)}{apo}", 1000.0)):
+        found = visits(krl(f"DEF a()\n{KRL_SPEEDS}{ptp(17)}{text}END\n"))
+        assert [visit.move.blend for visit in found] == [0.0, blend, 0.0]
+
+
+@pytest.mark.parametrize("kind", ["LIN", "PTP"])
+def test_half_a_turn_goes_either_way_round(kind: str) -> None:
+    """Which is decided by digits of the pose, and by encoders."""
+    said = "the tool turns by half a turn, and which way round is not known"
+    for degrees in (180, -179.99, 179.99, 179.9):
+        turned = LIN.replace("LIN", kind).replace("A 0", f"A {degrees}")
+        told = whys(krl(f"DEF a()\n{KRL_SPEEDS}{ptp(17)}{LIN}{turned}END\n"))
+        assert told == ["", "", said if degrees != 179.9 else ""]

@@ -336,9 +336,11 @@ def _move(blocks: Blocks, statement: Statement, tree: SyntaxTree, constants: Map
     words = statement.words
     kind = words[0].text.lower()
     linear = kind != "ptp"
-    blend, why, rest = 0.0, "", words[1:]
+    blend, why, rest, set_to = 0.0, "", words[1:], constants.get("$apo.cdis")
     while rest and rest[-1].text.lower() in _BLENDS:
-        distance = number_of(constants.get("$apo.cdis"), constants) if rest[-1].text.lower() == "c_dis" else None
+        # What is set further down is not in force yet.
+        told = rest[-1].text.lower() == "c_dis" and set_to is not None and set_to.start < words[0].start
+        distance = number_of(set_to, constants) if told else None
         if distance is None and not blend:
             blocks.note(statement.line, "how far it is blended is not known; half of the way is taken")
         blend = max(blend, _UNKNOWN_BLEND if distance is None else distance / 1e3)

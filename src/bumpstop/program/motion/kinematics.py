@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 _STEP_M, _STEP_RAD, _MIN_SAMPLES, _MAX_SAMPLES = 0.005, 0.03, 12, 400
 # A sample is found when the pose is this near [m and rad]; joints that turn more from one sample to the next jump.
 _CLOSE, _ITERATIONS, _MAX_JUMP = 1e-9, 30, 0.5
+# A turn this near to half of one goes either way round, as digits and encoders have it [rad].
+_HALF_TURN = 1e-3
 # Three points lie on a line where their triangle is this flat.
 _FLAT = 1e-6
 # Postures of an arm are looked for from so many places, each joint so far from where it stands [rad]; one is another or
@@ -145,6 +147,8 @@ def _followed(
         if float(np.abs(q - rows[-1]).max()) > _MAX_JUMP:
             return f"joints jump after {i - 1} of {n} parts of the way, at a singularity"
         rows.append(q)
+    if float(np.linalg.norm(turn)) > math.pi - _HALF_TURN:
+        return "the tool turns by half a turn, and which way round is not known"
     return np.array(rows)
 
 
