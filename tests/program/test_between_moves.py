@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from bumpstop.program.interpreter import Interpreter
+from program.corpora import cell
 from program.test_flow import FRAME, KRL_SPEEDS, LIN, absj, j, krl, ptp, rapid, urscript, visits, whys
 
 
@@ -73,3 +75,18 @@ def test_half_a_turn_goes_either_way_round(kind: str) -> None:
         turned = LIN.replace("LIN", kind).replace("A 0", f"A {degrees}")
         told = whys(krl(f"DEF a()\n{KRL_SPEEDS}{ptp(17)}{LIN}{turned}END\n"))
         assert told == ["", "", said if degrees != 179.9 else ""]
+
+
+def test_a_program_of_rapid_that_may_run_in_cycles_says_where_they_begin() -> None:
+    """Its first move goes from where main ends, unless the arm stands there already."""
+    said = "line 3: in cycles it begins where main ends; that is not judged"
+    for body, note in (
+        (f"{absj(17)}{absj(27)}", [said]),
+        (f"{absj(17)}{absj(27)}{absj(17)}", []),
+        (f"{absj(17)}Outside;\n", [said]),
+        (f"WHILE TRUE DO\n{absj(17)}{absj(27)}ENDWHILE\n", []),
+        (f"{absj(17)}{absj(27)}EXIT;\n", []),
+    ):
+        told = Interpreter(rapid(f"PROC main()\n{body}ENDPROC\n"), cell().robot, cell().start, "program")
+        assert len(told.chains()) == body.count("MoveAbsJ") + body.startswith("WHILE")
+        assert told.notes == note

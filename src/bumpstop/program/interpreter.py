@@ -78,6 +78,7 @@ class Interpreter:
             field_name: how errors call the program.
         """
         self._program, self._robot, self._start, self._field = program, robot, start, field_name
+        self.notes: list[str] = []
         self._visits = self._steps = 0
         self._chains: list[list[Visit]] = []
         # The move before is blended; the program has waited since the move before.
@@ -95,13 +96,16 @@ class Interpreter:
         Raises:
             InputError: the program runs through too many moves.
         """
-        functions, main = self._program.functions, self._program.main
+        functions, main, again = self._program.functions, self._program.main, range(0)
         if main is not None and main in functions:
-            self._function(main, State(self._start), 0)
+            self._function(main, state := State(self._start), 0)
+            self._goes_on, once = False, len(self._chains)
+            if self._program.cycles and not state.dead:
+                self._function(main, state, 0)
+                again = range(once, len(self._chains))
         self._goes_on = False
         called = set(called_by(functions.values()))
-        text = " ".join(text for _, text in self._program.not_understood).lower()
-        mentioned = set(re.findall(r"\w+", text))
+        mentioned = set(re.findall(r"\w+", " ".join(text for _, text in self._program.not_understood).lower()))
         # What is called by something not understood begins anywhere, too; what calls itself alone as well.
         anywhere = [name for name in functions if name != main and (name not in called or name in mentioned)]
         for name in (*anywhere, *functions):
@@ -112,11 +116,15 @@ class Interpreter:
                 self._end_blend()
         found: dict[object, list[tuple[Visit, ...]]] = {}
         each: list[tuple[Visit, ...]] = []
-        for chain in self._chains:
+        for number, chain in enumerate(self._chains):
             same = found.setdefault(_identity(chain), [])
-            if not any(_same_motion(chain, other) for other in same):
+            if any(_same_motion(chain, other) for other in same):
+                continue
+            if number not in again:
                 same.append(tuple(chain))
                 each.append(same[-1])
+            elif not self.notes and not all(visit.still for visit in chain):
+                self.notes = [f"line {chain[0].move.line}: in cycles it begins where main ends; that is not judged"]
         return each
 
     def _run(self, body: Sequence[Node], state: State, depth: int) -> None:
@@ -287,14 +295,13 @@ class Interpreter:
 
     def _visit(self, move: Move, state: State) -> tuple[Visit, FloatArray | None]:
         slots, why = _slots(move, state, self._robot.dof)
-        why = move.why or why
         q, end = self._samples(move, state)
         others = [
             f"external axis {axis} may move, too, and is not followed"
             for axis, value in move.target.external
             if value is None or value != state.external.get(axis, value)
         ]
-        why = why or "".join(others[:1])
+        why = move.why or why or "".join(others[:1])
         if isinstance(q, str):
             return Visit(move, None, slots, why if why else q), end
         if float(np.abs(q - q[0]).max()) < _AWAY and not others:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from glob import escape as glob_escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -152,13 +152,14 @@ def _commanded(path: Path, cell: Cell, max_speed: float) -> Source | None:
 
 def _text_program(path: Path, ending: str, cell: Cell, max_speed: float) -> TextProgram:
     read = _read(path, ending)
-    chains = Interpreter(read, cell.robot, cell.start, str(path)).chains()
+    interpreter = Interpreter(read, cell.robot, cell.start, str(path))
+    chains = interpreter.chains()
     every = [MoveSegment(chain, cell.robot, cell.joint_acceleration, max_speed) for chain in chains]
     if not every:
         raise InputError(str(path), f"has no move that is understood as {read.language}", "see docs/how_to/program.md")
     still = sorted({segment.lines[0] for segment in every if segment.still})
     moving = sorted((segment for segment in every if not segment.still), key=lambda segment: segment.lines)
-    return TextProgram(read, moving, still)
+    return TextProgram(replace(read, notes=(*read.notes, *interpreter.notes)), moving, still)
 
 
 def _read(path: Path, ending: str) -> ReadProgram:

@@ -255,10 +255,10 @@ def _add(
     elif (target := assigned(words, "=")) is not None:
         blocks.evaluate(statement, words[target[1] + 1 :])
         if not _set(blocks, statement, constants, counts) and first.startswith("$") and not first.startswith(_OUTPUTS):
-            if words[-1].text.lower() == _ORDINARY.get(first):
-                return
             if first.startswith("$load"):
                 blocks.note_load(statement.line)
+            if first.startswith("$load") or words[-1].text.lower() == _ORDINARY.get(first):
+                return
             named: dict[str, tuple[Frame, ...]] = {"$tool": _FRAMES[:1], "$base": _FRAMES[1:]}
             named |= dict.fromkeys(_ORDINARY, ("shift",))
             reframes = named.get(first.partition(".")[0]) or (_FRAMES if first.startswith(_REFRAMING) else ())

@@ -38,8 +38,8 @@ class Value:
     keys: tuple[str, ...] = ()
 
     def get(self, key: str) -> Value | None:
-        """The value of a key; None where there is none, or this is no map."""
-        return self.items[self.keys.index(key)] if key in self.keys else None
+        """The value of a key; None where there is none or more than one, or this is no map."""
+        return self.items[self.keys.index(key)] if self.keys.count(key) == 1 else None
 
     def number(self) -> float | None:
         """Of a scalar; None where it is no finite number."""

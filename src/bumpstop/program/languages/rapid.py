@@ -178,6 +178,7 @@ def read_rapid(source: bytes) -> ReadProgram:
         constants,
         main="main" if "main" in functions else blocks.only_first(functions),
         frames=("shift",),
+        cycles="main" in functions,
     )
 
 

@@ -232,6 +232,7 @@ class ReadProgram:
         notes: what was taken for granted.
         main: the function that the program begins with, whose start is the cell's; None: not known which.
         frames: what the language's statements and functions set, of tool, frame and displacement.
+        cycles: where it ends the controller may begin it again.
     """
 
     language: str
@@ -242,3 +243,4 @@ class ReadProgram:
     constants: Mapping[str, Expression] = field(default_factory=dict)
     main: str | None = ""
     frames: tuple[Frame, ...] = ()
+    cycles: bool = False
