@@ -100,6 +100,7 @@ def test_what_a_message_that_is_not_understood_leaves_is_not_known() -> None:
         data["trajectory"].insert(1, {"joint_trajectory": message})
         found = read_messages(Path("x.json"), json.dumps(data).encode(), cell())
         assert [bool(segment.why) for segment in found.segments] == ([False] * 2 if known else [False, True, False])
+        assert found.moves_unseen != known
         data["trajectory"].pop(1)
 
 

@@ -12,6 +12,8 @@ import bumpstop as bs
 from bumpstop.collision.verdict.finer_steps import STEPS_DECIDE
 from bumpstop.program.cell import Cell
 from bumpstop.program.evaluation import evaluate_program
+from bumpstop.program.languages.rapid import read_rapid
+from bumpstop.program.source import TextProgram
 from cli.support import run
 from program.corpora import EXAMPLES, segments
 
@@ -115,3 +117,23 @@ def test_finer_steps_count_of_every_body() -> None:
         judged = both.judge(motion)
         assert judged.conclusion == "inconclusive"
         assert judged.warnings == alone.warnings
+
+
+def test_a_program_is_not_passed_whose_last_statement_is_not_understood(tmp_path: Path) -> None:
+    """Which may move the arm as fast as it likes: no move that is understood comes after it."""
+    said = "what is not understood may move the arm, and is not judged"
+    for line, status in (("speedl([0,0,-2,0,0,0], 3, 5)", 4), ("set_tcp(pose)", 0), ("set_payload(1)", 0)):
+        path = program(tmp_path, 0.02)
+        path.write_text(f"{path.read_text()}{line}\n")
+        done = command(path, {}, "--json", "--only-slower")
+        found = json.loads(done.out)
+        assert done.status == status, line
+        assert found["segments"][0]["present"]["outcome"] == "PASS"
+        assert (said in found["notes"]) == (status == 4) == (found["present"] == found["written"] == "INCONCLUSIVE")
+
+
+def test_what_only_leads_elsewhere_moves_nothing() -> None:
+    go = "MoveAbsJ [[17,-85,88,-93,-90,0],[9E9]],v100,fine,tool0;\n"
+    for text, unseen in (("ERROR\nTRYNEXT;\n", False), ("SearchL di1,p,p,v10,t;\n", True), ("GOTO a;\na:\n", False)):
+        read = read_rapid(f"PROC main()\n{go}{text}ENDPROC\n".encode())
+        assert TextProgram(read, ()).moves_unseen == unseen

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 _WORDS = {"acceptable": "PASS", "not_acceptable": "FAIL"}
 _MAX_SPEED_MM_S = (1.0, 1e4)
+_UNSEEN = "what is not understood may move the arm, and is not judged"
 # An acceptable speed that could be raised by less stays: what is written once is written so again.
 _WORTH_IT = 1.02
 
@@ -108,12 +109,16 @@ class ProgramResult:
     @property
     def present(self) -> str:
         """``"PASS"``, ``"FAIL"`` or ``"INCONCLUSIVE"`` of the program as it is."""
-        return _worst(one.present for one in self.segments)
+        return _worst([*(one.present for one in self.segments), *self._unseen])
 
     @property
     def written_outcome(self) -> str:
         """The same of the program as it is written."""
-        return _worst(one.written for one in self.segments)
+        return _worst([*(one.written for one in self.segments), *self._unseen])
+
+    @property
+    def _unseen(self) -> Sequence[Judgement]:
+        return [Judgement(None, _UNSEEN)] if self.source.moves_unseen else []
 
     @property
     def factors(self) -> Mapping[Segment, float]:
@@ -137,7 +142,7 @@ class ProgramResult:
                 found.append(AnswerWarnings(f"segment {number} as written", one.written.warnings))
             if one.refused is not None:
                 found.append(AnswerWarnings(f"segment {number} faster, which is not written", one.refused.warnings))
-        return (*slower, *told_once(found, self.assumptions))
+        return (*(one.reason for one in self._unseen), *slower, *told_once(found, self.assumptions))
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 from bumpstop.errors import InputError
 from bumpstop.output_files import write_bytes
 from bumpstop.program.interpreter import Interpreter
+from bumpstop.program.languages.blocks import moves_unseen
 from bumpstop.program.languages.statements import SpeedSlot
 from bumpstop.program.languages.syntax import edited
 from bumpstop.program.segment import MoveSegment, Segment
@@ -40,6 +41,11 @@ class Source(Protocol):
     @property
     def not_understood(self) -> Sequence[tuple[int, str]]:
         """Lines and their text."""
+        ...
+
+    @property
+    def moves_unseen(self) -> bool:
+        """Something that is not understood may move the arm."""
         ...
 
     @property
@@ -75,6 +81,10 @@ class TextProgram:
     @property
     def not_understood(self) -> Sequence[tuple[int, str]]:  # noqa: D102
         return self.read.not_understood
+
+    @property
+    def moves_unseen(self) -> bool:  # noqa: D102
+        return any(moves_unseen(body) for body in self.read.functions.values())
 
     @property
     def notes(self) -> Sequence[str]:  # noqa: D102

@@ -34,7 +34,12 @@ class Blocks:
     """
 
     def __init__(
-        self, functions: Iterable[str], pure: frozenset[str], jumps: Mapping[str, Jump], frames: tuple[Frame, ...]
+        self,
+        functions: Iterable[str],
+        pure: frozenset[str],
+        jumps: Mapping[str, Jump],
+        frames: tuple[Frame, ...],
+        leading: str,
     ) -> None:
         """Prepare.
 
@@ -43,6 +48,7 @@ class Blocks:
             pure: functions of the language that only compute.
             jumps: words of the language that leave a loop, a function or the program.
             frames: what the language's statements and functions may set.
+            leading: words of statements that are not understood, but only lead to others or come from them.
         """
         self.functions: dict[str, tuple[Node, ...]] = {}
         self.not_understood: list[tuple[int, str]] = []
@@ -50,6 +56,7 @@ class Blocks:
         # Which of two functions of one name is called is not known.
         self._names = {name for name, count in Counter(functions).items() if count == 1}
         self._pure, self._jumps, self._frames = pure - self._names, jumps, frames
+        self._leading = frozenset(leading.split())
         self._never_first: set[str] = set()
         self._open = [_Open("function", 0)]
 
@@ -73,9 +80,10 @@ class Blocks:
             resets: speeds may be others afterwards.
             reframes: what may be another one afterwards; None: all that the language sets.
         """
-        text = statement.text
+        text, words = statement.text, [word.text.lower() for word in statement.words]
         self.not_understood.append((statement.line, text))
-        self.add(Opaque(statement.line, text, moves, resets, self._frames if reframes is None else reframes))
+        leads = words[0] in self._leading or words[1:] == [":"]
+        self.add(Opaque(statement.line, text, moves, resets, self._frames if reframes is None else reframes, leads))
         for word in statement.words:
             if word.kind == "name" and word.text.lower() in self._jumps:
                 # Whether it jumps is not known.
@@ -215,6 +223,16 @@ def does_something(body: Sequence[Node]) -> bool:
         isinstance(node, (Move, Call))
         or (isinstance(node, Loop) and does_something(node.body))
         or (isinstance(node, Branch) and any(does_something(inner) for inner in node.bodies))
+        for node in body
+    )
+
+
+def moves_unseen(body: Sequence[Node]) -> bool:
+    """Whether something in a body is not understood and may move the arm itself."""
+    return any(
+        (isinstance(node, Opaque) and node.moves and not node.leads)
+        or (isinstance(node, Loop) and moves_unseen(node.body))
+        or (isinstance(node, Branch) and any(moves_unseen(inner) for inner in node.bodies))
         for node in body
     )
 

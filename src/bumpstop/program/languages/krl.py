@@ -60,6 +60,7 @@ _HARMLESS_WORDS = "wait halt continue pulse defdat enddat ext extfct signal enum
 _DECLARATIONS = ("defdat", "enddat", "ext", "extfct", "signal", "enum", "struc")
 _HARMLESS = frozenset(_HARMLESS_WORDS.split())
 _WAITS = ("wait", "halt", "pulse", "anout")
+_LEADING = "goto interrupt brake resume"
 _JUMPS: Mapping[str, Jump] = {"exit": "loop", "return": "function"}
 # Other motions: the arm is elsewhere after them, and that is all.
 _OTHER_MOTIONS = frozenset(
@@ -102,7 +103,7 @@ def read_krl(source: bytes, data: bytes = b"") -> ReadProgram:
         if (head := _head(statement.words)) is not None:
             names.append(function_name(head))
     constants = assignments.constants()
-    blocks, counts = Blocks(names, KRL_PURE, _JUMPS, _FRAMES), dict[str, tuple[float, float]]()
+    blocks, counts = Blocks(names, KRL_PURE, _JUMPS, _FRAMES, _LEADING), dict[str, tuple[float, float]]()
     before = ""
     for statement in tree.statements:
         if words := statement.words:

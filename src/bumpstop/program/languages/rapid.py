@@ -81,6 +81,7 @@ _HARMLESS = frozenset(_HARMLESS_WORDS.split())
 _CHANGING = frozenset(("incr", "decr", "add", "clear"))
 _WAITS = frozenset(("waittime", "waitdi", "waitdo", "waituntil", "waitai", "waitrob", "stop"))
 _JUMPS: Mapping[str, Jump] = {"return": "function", "exit": "program", "exitcycle": "program"}
+_LEADING = "error undo backward trynext retry raise goto connect isignaldi isignaldo itimer isleep iwatch"
 _DATA = frozenset(("const", "pers", "var", "local", "task"))
 _MOVES = {"movel": True, "movej": False, "moveabsj": False, "movec": True}
 
@@ -164,7 +165,7 @@ def read_rapid(source: bytes) -> ReadProgram:
         if (head := _head(words)) is not None:
             names.append(function_name(head))
     constants = assignments.constants()
-    blocks = Blocks(names, RAPID_PURE, _JUMPS, ("shift",))
+    blocks = Blocks(names, RAPID_PURE, _JUMPS, ("shift",), _LEADING)
     for statement in tree.statements:
         if _plain(statement):
             _add(blocks, statement, constants)

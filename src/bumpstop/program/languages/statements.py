@@ -156,6 +156,7 @@ class Opaque:
         moves: the arm may be elsewhere afterwards.
         resets: speeds may be others afterwards.
         reframes: what may be another one afterwards, tool, frame or displacement.
+        leads: it moves nothing itself, and leads to other statements or comes from them.
     """
 
     line: int
@@ -163,6 +164,7 @@ class Opaque:
     moves: bool = True
     resets: bool = False
     reframes: tuple[Frame, ...] = ()
+    leads: bool = False
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,7 @@ def read_urscript(source: bytes) -> ReadProgram:
                 assignments.add(parameter.text, None)
         _assign(assignments, words)
     constants = assignments.constants()
-    blocks = Blocks(names, URSCRIPT_PURE, _JUMPS, ("tool",))
+    blocks = Blocks(names, URSCRIPT_PURE, _JUMPS, ("tool",), "thread run kill join")
     for statement in tree.statements:
         if statement.words:
             _add(blocks, statement, constants)

@@ -40,6 +40,7 @@ class BagProgram:
     path: Path
     messages: Sequence[tuple[int, int, MessageRows, Sequence[TrajectorySegment]]]
     not_understood: Sequence[tuple[int, str]]
+    moves_unseen: bool
     notes: Sequence[str] = ()
 
     @property
@@ -108,7 +109,7 @@ def read_bag_trajectories(path: Path, cell: Cell) -> BagProgram:
 
     found: list[tuple[int, int, MessageRows, Sequence[TrajectorySegment]]] = []
     not_understood: list[tuple[int, str]] = []
-    own, stands = {joint.name for joint in cell.robot.joints}, cell.start
+    own, stands, unseen = {joint.name for joint in cell.robot.joints}, cell.start, False
     with Reader(path) as reader:
         store = _store(reader)
         for number, (connection, _, body) in enumerate(reader.messages()):
@@ -116,7 +117,7 @@ def read_bag_trajectories(path: Path, cell: Cell) -> BagProgram:
                 continue
             if connection.msgtype not in store.fielddefs:
                 not_understood.append((number + 1, f"{connection.topic}: the bag does not define {connection.msgtype}"))
-                stands = None
+                stands, unseen = None, True
                 continue
             try:
                 message = store.deserialize_cdr(bytes(body), connection.msgtype)
@@ -127,12 +128,13 @@ def read_bag_trajectories(path: Path, cell: Cell) -> BagProgram:
                 rows = _rows(trajectory, cell)
                 if isinstance(rows, str):
                     not_understood.append((number + 1, f"{name}: {rows}"))
-                    stands = stands if own.isdisjoint(trajectory.joint_names) else None
+                    if not own.isdisjoint(trajectory.joint_names):
+                        stands, unseen = None, True
                 else:
                     lines = list(range(1, len(rows.time) + 1))
                     found.append((number, place, rows, segments_of(name, rows, lines, cell, stands)))
                     stands = rows.position[-1]
-    return BagProgram("ROS bag", path, found, not_understood)
+    return BagProgram("ROS bag", path, found, not_understood, unseen)
 
 
 def _store(reader: Any) -> Any:

@@ -36,6 +36,7 @@ class MessageProgram:
     source: bytes
     messages: Sequence[tuple[MessageRows, Sequence[TrajectorySegment], Sequence[Value]]]
     not_understood: Sequence[tuple[int, str]]
+    moves_unseen: bool
     notes: Sequence[str] = ()
 
     @property
@@ -82,15 +83,15 @@ def read_messages(path: Path, source: bytes, cell: Cell) -> MessageProgram:
     documents = (parse_json if json else parse_yaml)(source, str(path))
     found: list[tuple[MessageRows, Sequence[TrajectorySegment], Sequence[Value]]] = []
     not_understood = []
-    own, stands = {joint.name for joint in cell.robot.joints}, cell.start
+    own, stands, unseen = {joint.name for joint in cell.robot.joints}, cell.start, False
     for name, message in _trajectories(documents):
         line = source.count(b"\n", 0, message.start) + 1
         rows = _rows(message, cell)
         if isinstance(rows, str):
             not_understood.append((line, f"{name}: {rows}"))
             names = message.get("joint_names")
-            moves = names is None or not own.isdisjoint(item.text for item in names.items)
-            stands = None if moves else stands
+            if names is None or not own.isdisjoint(item.text for item in names.items):
+                stands, unseen = None, True
             continue
         points = message.get("points")
         assert points is not None
@@ -99,7 +100,7 @@ def read_messages(path: Path, source: bytes, cell: Cell) -> MessageProgram:
         stands = rows.position[-1]
     if not found and not not_understood:
         raise InputError(str(path), "holds no JointTrajectory", "wanted joint_names and points")
-    return MessageProgram("ROS trajectory", source, found, not_understood)
+    return MessageProgram("ROS trajectory", source, found, not_understood, unseen)
 
 
 def _trajectories(documents: Sequence[Value]) -> Iterator[tuple[str, Value]]:

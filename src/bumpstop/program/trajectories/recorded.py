@@ -40,6 +40,7 @@ class RecordedProgram:
     position: FloatArray
     notes: Sequence[str]
     not_understood: Sequence[tuple[int, str]] = ()
+    moves_unseen: bool = False
 
     def file_name(self, path: Path) -> str:  # noqa: D102
         return f"{path.stem}.csv"
