@@ -6,7 +6,7 @@ import pytest
 
 from bumpstop.program.interpreter import Interpreter
 from program.corpora import cell
-from program.test_flow import FRAME, KRL_SPEEDS, LIN, absj, j, krl, ptp, rapid, urscript, visits, whys
+from program.test_flow import FRAME, KRL_SPEEDS, LIN, absj, begins, j, krl, ptp, rapid, urscript, visits, whys
 
 
 @pytest.mark.parametrize(
@@ -90,3 +90,11 @@ def test_a_program_of_rapid_that_may_run_in_cycles_says_where_they_begin() -> No
         told = Interpreter(rapid(f"PROC main()\n{body}ENDPROC\n"), cell().robot, cell().start, "program")
         assert len(told.chains()) == body.count("MoveAbsJ") + body.startswith("WHILE")
         assert told.notes == note
+
+
+def test_a_function_of_the_program_hides_an_instruction_of_its_name() -> None:
+    text = f"PROC main()\n{absj(17)}Reset;\n{absj(27)}ENDPROC\nPROC Reset()\n{absj(3)}ENDPROC\n"
+    assert begins(rapid(text)) == [0.0, 17.0, 3.0]
+    assert begins(urscript(f"def sync():\n{j(0.3)}end\n{j(0.5)}sync()\n{j(0.2)}")) == [0.0, 0.5, 0.3]
+    twice = f"PROC Reset()\n{absj(3)}ENDPROC\n" * 2
+    assert begins(rapid(f"PROC main()\n{absj(17)}Reset;\n{absj(27)}ENDPROC\n{twice}"))[:2] == [0.0, None]

@@ -64,6 +64,10 @@ def test_urscript_defaults_and_arguments() -> None:
         ("set_tcp(tool())\nmovel(p[-0.7,-0.17,0.6,3.1,0,0])", "tool or frame"),
         ("movel(p[5,0,0,0,0,0])", "cannot follow"),
         ("movej({A}, w=1)", "argument is not understood"),
+        ("movej({A}, a=1, 3)", "argument is not understood"),
+        ("movej({A}, v=0.1, v=3)", "argument is not understood"),
+        ("movej({A}, 1, 0.1, v=3)", "argument is not understood"),
+        ("movej({A}, 1, 0.1, 0, 0, 1)", "argument is not understood"),
     ],
 )
 def test_what_depends_on_what_is_not_known_is_named(text: str, why: str) -> None:

@@ -54,7 +54,9 @@ class Blocks:
         self.not_understood: list[tuple[int, str]] = []
         self.notes: list[str] = []
         # Which of two functions of one name is called is not known.
-        self._names = {name for name, count in Counter(functions).items() if count == 1}
+        counts = Counter(functions)
+        self.own = frozenset(counts)
+        self._names = {name for name, count in counts.items() if count == 1}
         self._pure, self._jumps, self._frames = pure - self._names, jumps, frames
         self._leading = frozenset(leading.split())
         self._never_first: set[str] = set()

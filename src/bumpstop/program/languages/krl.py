@@ -79,7 +79,7 @@ _OUTPUTS, _REFRAMING = ("$out", "$anout", "$timer", "$flag", "$cycflag", "$apo")
 # Those that may turn the tool in another way or move what targets are given in, and what they are where they do not.
 _ORDINARY = {"$ori_type": "#var", "$circ_type": "#base", "$ipo_mode": "#base", "$robroot": ""}
 # System variables that a program uses without stopping its look ahead at the moves that follow.
-_AHEAD = ("$vel", "$acc", "$apo", "$tool", "$base", "$load", "$out_c", *_ORDINARY)
+_AHEAD = ("$vel", "$acc", "$apo", "$tool", "$base", "$load", "$nullframe", "$out_c", *_ORDINARY)
 # Of a blend whose distance is not known: half of the way, which nothing goes beyond [m].
 _UNKNOWN_BLEND = 1e3
 _MAX_AXES = 12  # of an arm and what it carries or rides on

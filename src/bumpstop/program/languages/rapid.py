@@ -305,7 +305,7 @@ def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
         blocks.opaque(statement, moves=False)
     elif first == "module":
         pass  # what stands in brackets are its attributes, and no call
-    elif first in _HARMLESS or first in _CHANGING:
+    elif (first in _HARMLESS or first in _CHANGING) and first not in blocks.own:
         blocks.evaluate(statement, words[1:])
         if first in _WAITS:
             blocks.add(Wait(statement.line))

@@ -138,6 +138,9 @@ def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
 
 
 def _add_call(blocks: Blocks, statement: Statement, call: Expression, constants: Mapping[str, Expression]) -> None:
+    if call.name.lower() in blocks.own:
+        blocks.evaluate(statement, statement.words)
+        return
     if call.name in _PLACES or call.name == "set_tcp" or call.name in _HARMLESS:
         blocks.evaluate(statement, statement.words[1:])
     if call.name in _LOADS:
@@ -164,7 +167,10 @@ def _move(statement: Statement, call: Expression, constants: Mapping[str, Expres
     arguments = {name: call.argument(name, i) for i, name in enumerate(places)}
     acceleration, speed = _DEFAULTS[call.name]
     why = ""
-    if len(call.items) > len(places) or any(key and key not in places for key in call.keys):
+    plain = list(call.keys).count("")
+    named = [*places[:plain], *call.keys[plain:]]
+    # Each once, and those without a name first.
+    if plain > len(places) or len(set(named)) < len(call.keys) or not set(named) <= set(places):
         why = "an argument is not understood"
     values: dict[str, float] = {"a": acceleration, "v": speed, "t": 0.0, "r": 0.0}
     for name, meaning in (("a", "acceleration"), ("v", "speed"), ("t", "time"), ("r", "blend radius")):
