@@ -253,9 +253,7 @@ def test_a_force_that_is_not_known_is_null_and_nan(tmp_path: Path) -> None:
     """Where the joints in front of the point say nothing, the kernels give NaN."""
     _, heard = monitored(tmp_path)
     nowhere = np.full(3, math.nan)
-    event = replace(
-        heard.alarms[0].event, force_along_sd=math.inf, force=nowhere, force_sd=nowhere, leftover=math.nan
-    )
+    event = replace(heard.alarms[0].event, force_along_sd=math.inf, force=nowhere, force_sd=nowhere, leftover=math.nan)
     alarm = replace(heard.alarms[0], event=event)
     assert event.to_json()["best_force_N"] is None
     assert "not detectable" in event.cells(["Nm"] * 6)

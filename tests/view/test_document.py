@@ -343,7 +343,7 @@ def test_two_phases_are_not_judged_by_the_later_limit_alone() -> None:
     assert gone.word == "ACCEPTABLE"
     assert gone.marked_limits_N == [("limit later", 140.0), ("limit at first", 280.0)]
     assert 140.0 < gone.result.peak_force.quantile(0.99) < 280.0
-    assert bars_of(gone)["Hand/Finger"] == "65 %"
+    assert bars_of(gone)["Hand/Finger"] == "65.1 %"
     assert ">limit later 140 N<" in str(exceedance_plot(gone))
     drawn = str(distribution_plot(gone))
     assert ">limit later 140 N<" in drawn

@@ -89,9 +89,7 @@ def tool_arc(robot: Robot, q0: FloatArray, via: FloatArray, target: FloatArray, 
     return _followed(robot, q0, target, tool, radius * angle, place)
 
 
-def other_posture(
-    robot: Robot, q0: FloatArray, q1: FloatArray, within: Sequence[tuple[int, float, float]]
-) -> str:  # fmt: skip
+def other_posture(robot: Robot, q0: FloatArray, q1: FloatArray, within: Sequence[tuple[int, float, float]]) -> str:
     """Why a joint move to a pose may end in another posture than one that reaches it; empty where nothing says so.
 
     A controller goes to the posture that is written beside the pose, or to the nearest. Which is nearest of an arm of
