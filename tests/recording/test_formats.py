@@ -56,6 +56,15 @@ def test_windows_lines_comments_and_blank_lines(tmp_path: Path) -> None:
     assert Recording.load(path).q[:, 0].tolist() == [1, 2]
 
 
+def test_a_line_that_tells_spreadsheets_the_separator_is_no_header(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("sep=;\nt;q_1\n0,0;1,5\n1,0;2,5\n")
+    assert Recording.load(path).q[:, 0].tolist() == [1.5, 2.5]
+    # Without names the line is none of them, though it has as many fields as the rows.
+    path.write_text('"sep=;"\n0,0;1,5\n1,0;2,5\n')
+    assert Recording.load(path, columns=COLUMNS | {"position": {"columns": [2]}}).q[:, 0].tolist() == [1.5, 2.5]
+
+
 def test_a_last_line_without_an_end_is_a_row_too(tmp_path: Path) -> None:
     """Also where some lines are left out."""
     path = tmp_path / "run.csv"

@@ -14,6 +14,7 @@ from bumpstop.recording.formats.table import Table, side_by_side
 
 WRONG_COUNT = "wrong field count"
 _BOM = b"\xef\xbb\xbf"
+_OF_SPREADSHEETS = re.compile(rb'\s*"?sep=.?"?\s*', re.IGNORECASE)  # tells them the separator, above the header
 _AT_ONCE = 1 << 18  # bytes whose marks are looked for
 
 
@@ -194,13 +195,13 @@ def _first_line(body: bytes) -> tuple[int, bytes]:
     while start < len(body):
         end = body.find(b"\n", start)
         line = body[start : end if end >= 0 else len(body)]
-        if line.strip() and not line.lstrip().startswith(b"#"):
+        if line.strip() and not line.lstrip().startswith(b"#") and not _OF_SPREADSHEETS.fullmatch(line):
             separator = _separator(line)
             fields, named = _fields(line, separator), _fields(comment.lstrip(b"#").strip(), separator)
             if comment and len(named) == len(fields) and are_numbers(fields):
                 return skipped - 1, comment
             return skipped, line
-        comment = line if line.strip() else comment
+        comment = line if line.lstrip().startswith(b"#") else comment
         skipped += 1
         start = end + 1 if end >= 0 else len(body)
     return skipped, b""
