@@ -146,7 +146,7 @@ def test_joints_in_any_order() -> None:
     assert [point["velocities"][::-1] for point in new] == [point["velocities"] for point in same]
 
 
-def bag(folder: Path, mcap: bool) -> Path:
+def bag(folder: Path, mcap: bool, *, base_moves: bool = False) -> Path:
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -175,9 +175,27 @@ def bag(folder: Path, mcap: bool) -> Path:
         one = writer.add_connection("/plan", joint_type, typestore=store)
         writer.write(one, 2, bytes(store.serialize_cdr(made[0], joint_type)))
         other = writer.add_connection("/moveit", robot_type, typestore=store)
-        multi = types["trajectory_msgs/msg/MultiDOFJointTrajectory"](header, [], [])
+        still = types["trajectory_msgs/msg/MultiDOFJointTrajectoryPoint"](
+            [], [], [], types["builtin_interfaces/msg/Duration"](1, 0)
+        )
+        multi = types["trajectory_msgs/msg/MultiDOFJointTrajectory"](header, [], [still] * base_moves)
         writer.write(other, 3, bytes(store.serialize_cdr(types[robot_type](made[1], multi), robot_type)))
     return folder / "bag"
+
+
+@pytest.mark.parametrize("kind", ["file", "bag"])
+def test_a_base_that_moves_leaves_the_program_open(kind: str, tmp_path: Path) -> None:
+    if kind == "bag":
+        found: Any = read_bag_trajectories(bag(tmp_path, True, base_moves=True), cell())
+    else:
+        data = json.loads((EXAMPLES / "planned.json").read_text())
+        part = data["trajectory"][0]
+        point = {"transforms": [{"translation": {"x": 1}}], "time_from_start": {"sec": 1}}
+        part["multi_dof_joint_trajectory"] = {"joint_names": ["base"], "points": [point]}
+        found = read_messages(Path("x.json"), json.dumps(data).encode(), cell())
+    assert found.moves_unseen
+    assert any("moves what the arm stands on" in text for _, text in found.not_understood)
+    assert found.segments
 
 
 @pytest.mark.parametrize("mcap", [True, False])

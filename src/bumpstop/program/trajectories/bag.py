@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.errors import InputError
-from bumpstop.program.trajectories.retimed_message import MessageRows, retimed_rows, segments_of
+from bumpstop.program.trajectories.retimed_message import BASE_MOVES, MessageRows, retimed_rows, segments_of
 
 if TYPE_CHECKING:
     from bumpstop.program.cell import Cell
@@ -123,6 +123,9 @@ def read_bag_trajectories(path: Path, cell: Cell) -> BagProgram:
                 message = store.deserialize_cdr(bytes(body), connection.msgtype)
             except Exception as error:
                 raise InputError(str(path), f"message {number + 1} cannot be read ({error})") from None
+            if _moves_base(connection.msgtype, message):
+                not_understood.append((number + 1, f"{connection.topic} {number + 1}: {BASE_MOVES}"))
+                unseen = True
             for place, trajectory in enumerate(_trajectories(connection.msgtype, message)):
                 name = f"{connection.topic} {number + 1}" + (f"[{place}]" if place else "")
                 rows = _rows(trajectory, cell)
@@ -166,6 +169,11 @@ def _trajectories(kind: str, message: Any) -> Iterator[Any]:
     else:
         for part in message.trajectory:
             yield part.joint_trajectory
+
+
+def _moves_base(kind: str, message: Any) -> bool:
+    parts = [] if kind == _JOINT else [message] if kind == _ROBOT else message.trajectory
+    return any(len(part.multi_dof_joint_trajectory.points) > 0 for part in parts)
 
 
 def _rows(trajectory: Any, cell: Cell) -> MessageRows | str:

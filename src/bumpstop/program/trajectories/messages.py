@@ -13,7 +13,7 @@ from bumpstop.errors import InputError
 from bumpstop.output_files import write_bytes
 from bumpstop.program.languages.message_syntax import Value, parse_json, parse_yaml
 from bumpstop.program.languages.syntax import Edit, edited
-from bumpstop.program.trajectories.retimed_message import MessageRows, retimed_rows, segments_of
+from bumpstop.program.trajectories.retimed_message import BASE_MOVES, MessageRows, retimed_rows, segments_of
 
 if TYPE_CHECKING:
     from bumpstop.program.cell import Cell
@@ -86,6 +86,10 @@ def read_messages(path: Path, source: bytes, cell: Cell) -> MessageProgram:
     own, stands, unseen = {joint.name for joint in cell.robot.joints}, cell.start, False
     for name, message in _trajectories(documents):
         line = source.count(b"\n", 0, message.start) + 1
+        if _moves_base(message):
+            not_understood.append((line, f"{name}: {BASE_MOVES}"))
+            unseen = True
+            continue
         rows = _rows(message, cell)
         if isinstance(rows, str):
             not_understood.append((line, f"{name}: {rows}"))
@@ -124,6 +128,12 @@ def _trajectories(documents: Sequence[Value]) -> Iterator[tuple[str, Value]]:
 
     for number, document in enumerate(documents, start=1):
         yield from inside(document, f"message {number}" if len(documents) > 1 else "")
+
+
+def _moves_base(message: Value) -> bool:
+    """Whether this is a MultiDOFJointTrajectory that moves something."""
+    points = message.get("points")
+    return points is not None and any(point.get("transforms") is not None for point in points.items)
 
 
 def _rows(message: Value, cell: Cell) -> MessageRows | str:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from bumpstop.program.cell import Cell
     from bumpstop.program.segment import Segment
 
+BASE_MOVES = "a MultiDOFJointTrajectory moves what the arm stands on, and is not followed"
 # Wide enough for any arm and any unit slip, narrow enough that no product of them overflows [s, rad or m, per second].
 _MAX = {"time": 1e7, "position": 1e4, "velocity": 1e4}
 
