@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bumpstop.arrays import FloatArray
 from bumpstop.collision.trajectory.trajectory_file import read_rows
 from bumpstop.program.source import Source, read_source
 from bumpstop.program.trajectories.bag import BagProgram, read_bag_trajectories
@@ -43,9 +44,10 @@ def test_only_times_and_rates_change(name: str) -> None:
     again = read_messages(Path(name), new, cell())
     for old, other in zip(found.segments, again.segments, strict=True):
         assert (old.position == other.position).all()
-        assert np.allclose(other.time - other.time[0], old.at(0.5).time, atol=2e-9)
+        time, velocity, _ = old.rows_at(0.5)
+        assert np.allclose(other.time - other.time[0], time, atol=2e-9)
         assert other.velocity is not None
-        assert np.allclose(other.velocity, old.at(0.5).velocity, atol=1e-12)  # type: ignore[arg-type]
+        assert np.allclose(other.velocity, velocity, atol=1e-12)
         # Velocities are those of the times: the cubics through them turn no joint back.
         t = np.linspace(0, other.given.duration, 500)
         assert (np.diff(other.given.at(t)[:, 0]) >= -1e-7).all()
@@ -58,6 +60,42 @@ def test_evaluate_reads_what_is_written(tmp_path: Path) -> None:
     rows = read_rows(tmp_path / "new.yaml", cell().robot)
     assert np.allclose(rows.time, segment.at(0.7).time, atol=2e-9)
     assert np.allclose(rows.velocity, segment.at(0.7).velocity, atol=1e-12)  # type: ignore[arg-type]
+
+
+def quintic(share: FloatArray) -> tuple[FloatArray, ...]:
+    """Positions, velocities and accelerations of a quintic from rest to rest, at shares of its 6.5 s."""
+    s, t = share[:, None], 6.5
+    begin, way = np.array([0, -1.57, 1.57, -1.57, -1.57, 0]), np.array([0.4, 0.27, -0.07, -0.2, 0, 0])
+    rate, bend = 30 * (s - s**2) ** 2 / t, 60 * s * (1 - s) * (1 - 2 * s) / t**2
+    return begin + (10 * s**3 - 15 * s**4 + 6 * s**5) * way, rate * way, bend * way
+
+
+def of_quintic(rows: int) -> MessageProgram:
+    share = np.linspace(0, 1, rows)
+    names = ("time_from_start", "positions", "velocities", "accelerations")
+    values = zip(*(part.tolist() for part in (6.5 * share, *quintic(share))), strict=True)
+    points = [dict(zip(names, point, strict=True)) for point in values]
+    message = {"joint_names": [joint.name for joint in cell().robot.joints], "points": points}
+    return read_messages(Path("m.json"), json.dumps(message).encode(), cell())
+
+
+@pytest.mark.parametrize("rows", [2, 3, 7, 40])
+def test_points_with_accelerations_are_joined_by_quintics(rows: int) -> None:
+    """As controllers of ROS join them: the same motion, however many points tell it."""
+    (segment,) = of_quintic(rows).segments
+    share = np.linspace(0, 1, 2000)
+    position, velocity, _ = quintic(share)
+    assert np.allclose(segment.given.at(6.5 * share), position, atol=1e-6)
+    assert np.allclose(segment.given.at(6.5 * share, 1), velocity, atol=1e-5)
+
+
+@pytest.mark.parametrize("rows", [3, 7])
+def test_points_with_accelerations_are_written_as_they_are_judged(rows: int) -> None:
+    found = of_quintic(rows)
+    (segment,) = found.segments
+    (again,) = read_messages(Path("m.json"), found.written({segment: 0.6}), cell()).segments
+    t = np.linspace(0, segment.at(0.6).duration, 500)
+    assert np.allclose(again.given.at(t, 1), segment.at(0.6).at(t, 1), atol=1e-6)
 
 
 def changed(change: dict[str, Any]) -> bytes:
@@ -210,8 +248,9 @@ def test_bags(mcap: bool, tmp_path: Path) -> None:
     assert (source.segments[1].position == plain.segments[1].position).all()
     source.write({source.segments[0]: 0.5}, tmp_path / "new")
     again = read_bag_trajectories(tmp_path / "new", cell())
-    assert np.allclose(again.segments[0].time, source.segments[0].at(0.5).time, atol=2e-9)
-    assert np.allclose(again.segments[0].velocity, source.segments[0].at(0.5).velocity)  # type: ignore[arg-type]
+    time, velocity, _ = source.segments[0].rows_at(0.5)
+    assert np.allclose(again.segments[0].time, time, atol=2e-9)
+    assert np.allclose(again.segments[0].velocity, velocity)  # type: ignore[arg-type]
     with Reader(path) as before, Reader(tmp_path / "new") as after:
         old, new = ([(c.topic, t, bytes(body)) for c, t, body in reader.messages()] for reader in (before, after))
     assert [one[:2] for one in old] == [one[:2] for one in new]

@@ -187,12 +187,13 @@ def _rows(trajectory: Any, cell: Cell) -> MessageRows | str:
             return f"point {number} has no positions of all joints"
         if len(point.velocities) not in (0, len(known)) or not np.isfinite(point.velocities).all():
             return f"point {number} has not one velocity for each joint"
-        if len(point.accelerations) not in (0, len(known)):
+        if len(point.accelerations) not in (0, len(known)) or not np.isfinite(point.accelerations).all():
             return f"point {number} has not one acceleration for each joint"
     return MessageRows.checked(
         [point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec for point in points],
         [point.positions for point in points],
         [point.velocities for point in points if len(point.velocities)],
+        [point.accelerations for point in points if len(point.accelerations)],
         [written.index(name) for name in known],
         [known.index(name) for name in written],
     )

@@ -148,7 +148,7 @@ def _rows(message: Value, cell: Cell) -> MessageRows | str:
     # Column of the message for every joint of the robot, and the other way round.
     column = [written.index(name) for name in known]
     order = [known.index(name) for name in written]
-    times, position, velocity = [], [], []
+    times, position, velocity, acceleration = [], [], [], []
     for number, point in enumerate(points.items, start=1):
         t, q, qd = point.get("time_from_start"), point.get("positions"), point.get("velocities")
         at = None if t is None else _seconds(t)
@@ -162,12 +162,13 @@ def _rows(message: Value, cell: Cell) -> MessageRows | str:
             if rates is None or len(rates) != len(known):
                 return f"point {number} has not one velocity for each joint"
             velocity.append(rates)
-        acceleration = point.get("accelerations")
-        if acceleration is not None and acceleration.items:
-            values = acceleration.numbers()
+        qdd = point.get("accelerations")
+        if qdd is not None and qdd.items:
+            values = qdd.numbers()
             if values is None or len(values) != len(known):
                 return f"point {number} has not one acceleration for each joint"
-    return MessageRows.checked(times, position, velocity, column, order)
+            acceleration.append(values)
+    return MessageRows.checked(times, position, velocity, acceleration, column, order)
 
 
 def _seconds(value: Value) -> float | None:

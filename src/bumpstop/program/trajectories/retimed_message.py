@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 BASE_MOVES = "a MultiDOFJointTrajectory moves what the arm stands on, and is not followed"
 # Wide enough for any arm and any unit slip, narrow enough that no product of them overflows [s, rad or m, per second].
-_MAX = {"time": 1e7, "position": 1e4, "velocity": 1e4}
+_MAX = {"time": 1e7, "position": 1e4, "velocity": 1e4, "acceleration": 1e6}
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +44,7 @@ class MessageRows:
         time: Sequence[float],
         position: Sequence[Sequence[float]],
         velocity: Sequence[Sequence[float]],
+        acceleration: Sequence[Sequence[float]],
         column: Sequence[int],
         order: Sequence[int],
     ) -> MessageRows | str:
@@ -53,6 +54,7 @@ class MessageRows:
             time: of the points [s].
             position: of them, in the message's order.
             velocity: the same, or empty.
+            acceleration: the same, or empty.
             column: of the message for every joint of the robot.
             order: of the robot's joints in the message.
         """
@@ -61,17 +63,22 @@ class MessageRows:
             return f"has {len(t)} points"
         if not (np.diff(t) > 0).all():
             return f"point {int(np.argmax(np.diff(t) <= 0)) + 2} is not after the one before it"
-        if len(velocity) not in (0, len(t)):
-            return "velocities are given at some points only"
-        q = np.array(position, dtype=np.float64)[:, list(column)]
-        qd = np.array(velocity, dtype=np.float64)[:, list(column)] if velocity else None
-        given = {"time": t[:, None], "position": q} | ({} if qd is None else {"velocity": qd})
-        for what, values in given.items():
+        for what, given in (("velocities", velocity), ("accelerations", acceleration)):
+            if len(given) not in (0, len(t)):
+                return f"{what} are given at some points only"
+        q, qd, qdd = (
+            np.array(given, dtype=np.float64)[:, list(column)] if given else None
+            for given in (position, velocity, acceleration)
+        )
+        assert q is not None
+        for what, values in (("time", t[:, None]), ("position", q), ("velocity", qd), ("acceleration", qdd)):
+            if values is None:
+                continue
             most = np.abs(values).max(axis=1)
             far = np.flatnonzero(most > _MAX[what])
             if far.size:
                 return f"point {far[0] + 1} has a {what} of {most[far[0]]:.3g}, over {_MAX[what]:g}"
-        return cls(t, q, qd, None, tuple(order))
+        return cls(t, q, qd, qdd, tuple(order))
 
 
 def segments_of(
@@ -88,6 +95,8 @@ def segments_of(
     """
 
     def segment(called: str, first: int, last: int, why: str = "") -> TrajectorySegment:
+        # Without velocities a controller does not look at accelerations.
+        bent = None if rows.velocity is None else rows.acceleration
         return TrajectorySegment(
             called,
             lines[first : last + 1],
@@ -99,6 +108,7 @@ def segments_of(
             cell.joint_acceleration,
             dense=False,
             why=why,
+            acceleration=None if bent is None else bent[first : last + 1],
         )
 
     found = []
@@ -129,11 +139,10 @@ def retimed_rows(
         if factor == 1.0:
             continue
         first, last = segment.rows
-        motion = segment.at(factor)
         changed[first : last + 1] = True
-        step[first:last] = np.diff(motion.time)
-        acceleration[first : last + 1] = segment.accelerations(factor)
-        if velocity is not None and motion.velocity is not None:
-            velocity[first : last + 1] = motion.velocity
+        at, rate, acceleration[first : last + 1] = segment.rows_at(factor)
+        step[first:last] = np.diff(at)
+        if velocity is not None:
+            velocity[first : last + 1] = rate
     time = rows.time[0] + np.append(0.0, np.cumsum(step))
     return MessageRows(time, rows.position, velocity, acceleration, rows.order), changed

@@ -32,6 +32,8 @@ _SAMPLES = 1500  # of a segment
 _FULL = 0.7  # of the greatest speed: from the first peak that reaches it to the last the arm goes at its own speed
 _MAX_RAMP = 95.0  # percentile of the acceleration along the path
 _DIFFERENCE_S = 1e-4
+# A quintic is told by cubics of so much time [s], so many at least and at most.
+_PIECE_S, _PIECES = 0.01, (2, 64)
 
 
 def find_segments(
@@ -79,6 +81,33 @@ def _split_at_turns(speed: FloatArray, first: int, last: int) -> list[tuple[int,
     return list(pairwise(bounds))
 
 
+def _joined(
+    time: FloatArray, position: FloatArray, velocity: FloatArray | None, acceleration: FloatArray | None
+) -> Trajectory:
+    """The trajectory through rows; with accelerations by the quintics between them, in cubics of a short time."""
+    if velocity is None or acceleration is None or len(time) < 2:
+        return Trajectory(time, position, velocity)
+    step = np.diff(time)
+    count = np.clip(np.ceil(step / _PIECE_S), *_PIECES).astype(int)
+    row = np.repeat(np.arange(len(step)), count)
+    share = (np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)) / count[row]
+    h, s = step[row, None], share[:, None]
+    # In the share of the step, less what is at its begin and at its end.
+    way, rate = (position[1:] - position[:-1])[row], h * velocity[row]
+    bend = 0.5 * h**2 * acceleration[row]
+    a = way - rate - bend
+    b = h * velocity[row + 1] - rate - 2 * bend
+    c = h**2 * acceleration[row + 1] - 2 * bend
+    c3, c4, c5 = 10 * a - 4 * b + 0.5 * c, -15 * a + 7 * b - c, 6 * a - 3 * b + 0.5 * c
+    q = position[row] + s * (rate + s * (bend + s * (c3 + s * (c4 + s * c5))))
+    qd = (rate + s * (2 * bend + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))) / h
+    return Trajectory(
+        np.append(time[row] + share * step[row], time[-1]),
+        np.vstack([q, position[-1:]]),
+        np.vstack([qd, velocity[-1:]]),
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class TrajectorySegment:
     """A segment of a trajectory as a segment.
@@ -95,6 +124,7 @@ class TrajectorySegment:
         joint_acceleration: where the file shows none (dof,).
         dense: rows are added where it is timed anew; else it keeps its own.
         why: it cannot be judged; else empty.
+        acceleration: of the rows, as velocity. Where both are known a controller joins them by quintics.
     """
 
     name: str
@@ -107,6 +137,7 @@ class TrajectorySegment:
     joint_acceleration: FloatArray
     dense: bool
     why: str = ""
+    acceleration: FloatArray | None = None
 
     @property
     def lines(self) -> tuple[int, int]:  # noqa: D102
@@ -122,7 +153,7 @@ class TrajectorySegment:
     @cached_property
     def given(self) -> Trajectory:
         """As the file has it."""
-        return Trajectory(self.time - self.time[0], self.position, self.velocity)
+        return _joined(self.time - self.time[0], self.position, self.velocity, self.acceleration)
 
     @cached_property
     def _grid(self) -> tuple[FloatArray, FloatArray, FloatArray, float]:
@@ -164,11 +195,19 @@ class TrajectorySegment:
             position = self.given.at(self._file_time(motion, t, factor))
             position[0], position[-1] = self.position[0], self.position[-1]
             return Trajectory(t, position, self._rates(motion, t, factor))
-        grid, u, _, _ = self._grid
-        t = motion.times(np.interp(self.given.time, grid, u) / factor)
+        t, rate, change = self.rows_at(factor)
+        given = self.velocity is not None
+        return _joined(t, self.position, rate if given else None, None if self.acceleration is None else change)
+
+    def rows_at(self, factor: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The file's rows in the motion at another factor: times (rows,), joint rates and accelerations (rows, dof)."""
+        motion, (grid, u, _, _) = self._motion(factor), self._grid
+        t = motion.times(np.interp(self.time - self.time[0], grid, u) / factor)
         if (np.diff(t) <= 0).any():
             raise InputError("program", "rows of the file lie too close to each other", "leave some out")
-        return Trajectory(t, self.position, None if self.velocity is None else self._rates(motion, t, factor))
+        before, after = np.maximum(t - _DIFFERENCE_S, 0.0), np.minimum(t + _DIFFERENCE_S, motion.duration)
+        change = self._rates_between(motion, after, factor) - self._rates_between(motion, before, factor)
+        return t, self._rates(motion, t, factor), np.asarray(change / (after - before)[:, None])
 
     def _file_time(self, motion: PathMotion, t: FloatArray, factor: float) -> FloatArray:
         grid, u, _, _ = self._grid
@@ -183,13 +222,6 @@ class TrajectorySegment:
         speed = factor * np.interp(at, grid, envelope) * motion.at(t)[1]
         speed[0] = speed[-1] = 0.0
         return np.where(own[:, None] > 1e-9, rate / np.maximum(own, 1e-9)[:, None], 0.0) * speed[:, None]
-
-    def accelerations(self, factor: float) -> FloatArray:
-        """Joint accelerations at the rows of the motion at a factor (rows, dof)."""
-        motion, t = self._motion(factor), self.at(factor).time
-        before, after = np.maximum(t - _DIFFERENCE_S, 0.0), np.minimum(t + _DIFFERENCE_S, motion.duration)
-        change = self._rates_between(motion, after, factor) - self._rates_between(motion, before, factor)
-        return np.asarray(change / (after - before)[:, None])
 
     def _rates_between(self, motion: PathMotion, t: FloatArray, factor: float) -> FloatArray:
         ends = np.concatenate([[0.0], t, [motion.duration]])
