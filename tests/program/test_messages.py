@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+import bumpstop as bs
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.trajectory.trajectory_file import read_rows
+from bumpstop.program.evaluation import evaluate_program
 from bumpstop.program.source import Source, read_source
 from bumpstop.program.trajectories.bag import BagProgram, read_bag_trajectories
 from bumpstop.program.trajectories.messages import MessageProgram, read_messages
@@ -96,6 +98,27 @@ def test_points_with_accelerations_are_written_as_they_are_judged(rows: int) -> 
     (again,) = read_messages(Path("m.json"), found.written({segment: 0.6}), cell()).segments
     t = np.linspace(0, segment.at(0.6).duration, 500)
     assert np.allclose(again.given.at(t, 1), segment.at(0.6).at(t, 1), atol=1e-6)
+
+
+def test_a_segment_beside_a_slower_one_moves_as_it_was_judged(tmp_path: Path) -> None:
+    """What is written of the row where they meet, at no rest, holds for both."""
+    h = np.array([0, 0.5, 1, 0.5, 0])[:, None]
+    t, sign = np.array([6, 6, 6, 3, 3])[:, None], np.array([1, 1, 1, -1, -1])[:, None]
+    begin, way = np.array([0, -1.57, 1.57, -1.57, -1.57, 0]), np.array([0.4, 0.27, -0.07, -0.2, 0, 0])
+    q, qd, qdd = begin + (3 * h**2 - 2 * h**3) * way, sign * 6 * (h - h**2) / t * way, (6 - 12 * h) / t**2 * way
+    values = zip(q.tolist(), qd.tolist(), qdd.tolist(), (0, 3, 6, 7.5, 9), strict=True)
+    names = ("positions", "velocities", "accelerations", "time_from_start")
+    points = [dict(zip(names, value, strict=True)) for value in values]
+    message = {"joint_names": [joint.name for joint in cell().robot.joints], "points": points}
+    (tmp_path / "m.json").write_text(json.dumps(message))
+    scenario = bs.load_scenario(EXAMPLES / "cell.toml")
+    found = evaluate_program(tmp_path / "m.json", scenario, faster=False)
+    assert [one.present.conclusion for one in found.segments] == ["acceptable", "not_acceptable"]
+    assert found.written_outcome == "PASS"
+    found.source.write(found.factors, tmp_path / "new.json")
+    again = read_source(tmp_path / "new.json", cell(), 1.0)
+    for one, other in zip(found.segments, again.segments, strict=True):
+        assert cell().tool_speed(other.at(1.0)) == pytest.approx(one.written.tool_speed, rel=1e-3)
 
 
 def changed(change: dict[str, Any]) -> bytes:

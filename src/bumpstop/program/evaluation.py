@@ -27,6 +27,8 @@ _MAX_SPEED_MM_S = (1.0, 1e4)
 _UNSEEN = "what is not understood may move the arm, and is not judged"
 # An acceptable speed that could be raised by less stays: what is written once is written so again.
 _WORTH_IT = 1.02
+# What is timed anew only beside what changes is not looked at below this share of its speed.
+_LEAST_ANEW = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,8 +124,8 @@ class ProgramResult:
 
     @property
     def factors(self) -> Mapping[Segment, float]:
-        """Of the segments that are judged."""
-        return {one.segment: one.factor for one in self.segments if one.safe_factor > 0}
+        """Of the segments that are judged, or change with one that is."""
+        return {one.segment: one.factor for one in self.segments if one.safe_factor > 0 or one.factor != 1.0}
 
     @property
     def assumptions(self) -> tuple[str, ...]:
@@ -245,7 +247,10 @@ def _found(source: Source, segment: Segment, cell: Cell, max_speed: float, *, fa
 
 
 def _shared(source: Source, found: Sequence[SegmentResult]) -> dict[Segment, float]:
-    """Factor of every segment: the lowest of all that share a place with it, and 1 where that is not known."""
+    """Factor of every segment: the lowest of all that share a place with it, and 1 where that is not known.
+
+    What goes over into a segment that changes, and would stay, is timed anew at a little less than its speed.
+    """
     factors = {one.segment: one.factor if one.safe_factor > 0 else 1.0 for one in found}
     judged = {one.segment: one.safe_factor > 0 for one in found}
     changed = True
@@ -261,7 +266,15 @@ def _shared(source: Source, found: Sequence[SegmentResult]) -> dict[Segment, flo
             least = min([factor, *(lowest[place] for place in segment.places())])
             if least < factor:
                 factors[segment], changed = least, True
+    while anew := _beside_changed(factors):
+        factors.update(dict.fromkeys(anew, 1 / _WORTH_IT))
     return factors
+
+
+def _beside_changed(factors: Mapping[Segment, float]) -> Sequence[Segment]:
+    """What keeps its speed beside what is timed anew: its motion would end otherwise than it was judged."""
+    changed = {place for segment, factor in factors.items() if factor != 1.0 for place in segment.joins()}
+    return [one for one, factor in factors.items() if factor == 1.0 and not changed.isdisjoint(one.joins())]
 
 
 def _written(one: SegmentResult, factor: float, cell: Cell) -> SegmentResult:
@@ -275,7 +288,11 @@ def _written(one: SegmentResult, factor: float, cell: Cell) -> SegmentResult:
         motion: Trajectory = one.segment.at(factor)
     except InputError as error:
         return replace(one, factor=factor, written=Judgement(None, error.problem))
-    return replace(one, factor=factor, written=cell.judge(motion), written_s=motion.duration)
+    written = cell.judge(motion)
+    worse = one.present.conclusion == "acceptable" != written.conclusion
+    if worse and one.segment.joins() and factor > _LEAST_ANEW:
+        return _written(one, factor / _WORTH_IT, cell)  # timed anew at its own speed it may be harder
+    return replace(one, factor=factor, written=written, written_s=motion.duration)
 
 
 def _worst(judgements: Any) -> str:

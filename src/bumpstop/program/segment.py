@@ -68,6 +68,10 @@ class Segment(Protocol):
         """What its speed is written in; segments that share a place have one factor."""
         ...
 
+    def joins(self) -> Sequence[object]:
+        """Where it goes over into other segments, and does not rest: timed anew, each of them rests there."""
+        ...
+
     def line_at(self, t: float, motion: Trajectory) -> int:
         """Line of what moves at a time of a motion [s]."""
         ...
@@ -121,6 +125,9 @@ class MoveSegment:
 
     def places(self) -> Sequence[SpeedSlot]:  # noqa: D102
         return tuple(dict.fromkeys(slot for visit in self.visits if not visit.still for slot in visit.slots))
+
+    def joins(self) -> Sequence[object]:  # noqa: D102
+        return ()
 
     def may_obey(self, slot: SpeedSlot) -> bool:
         """Whether a setting may hold for one of its moves that does not say which setting holds for it."""

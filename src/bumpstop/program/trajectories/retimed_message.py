@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 BASE_MOVES = "a MultiDOFJointTrajectory moves what the arm stands on, and is not followed"
 # Wide enough for any arm and any unit slip, narrow enough that no product of them overflows [s, rad or m, per second].
 _MAX = {"time": 1e7, "position": 1e4, "velocity": 1e4, "acceleration": 1e6}
+
+_RESTS = 1e-9  # [per s, per s2] nothing changes where a row is written at rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,10 +96,17 @@ def segments_of(
         cell: whose joint acceleration counts where the message shows none.
         stands: joint positions before it (dof,); None: not known.
     """
+    # Without velocities a controller does not look at accelerations.
+    bent = None if rows.velocity is None else rows.acceleration
+
+    def at_rest(row: int) -> bool:
+        return all(one is None or float(np.abs(one[row]).max()) < _RESTS for one in (rows.velocity, bent))
+
+    bounds = find_segments(rows.time, rows.position, rows.velocity)
+    # Where one begins right where the one before it ends, what is written of that row holds for both.
+    meet = {first: object() for (_, last), (first, _) in pairwise(bounds) if first == last and not at_rest(first)}
 
     def segment(called: str, first: int, last: int, why: str = "") -> TrajectorySegment:
-        # Without velocities a controller does not look at accelerations.
-        bent = None if rows.velocity is None else rows.acceleration
         return TrajectorySegment(
             called,
             lines[first : last + 1],
@@ -109,6 +119,7 @@ def segments_of(
             dense=False,
             why=why,
             acceleration=None if bent is None else bent[first : last + 1],
+            shared=tuple(meet[row] for row in (first, last) if row in meet),
         )
 
     found = []
@@ -116,7 +127,6 @@ def segments_of(
         # The controller goes to the first point in that time, from wherever the arm is.
         why = f"how the arm gets to its first point in {rows.time[0]:.3g} s is not in the message"
         found.append(segment(f"{name}, first point", 0, 0, why))
-    bounds = find_segments(rows.time, rows.position, rows.velocity)
     for number, (first, last) in enumerate(bounds, start=1):
         found.append(segment(name if len(bounds) == 1 else f"{name}/{number}", first, last))
     return found

@@ -125,6 +125,7 @@ class TrajectorySegment:
         dense: rows are added where it is timed anew; else it keeps its own.
         why: it cannot be judged; else empty.
         acceleration: of the rows, as velocity. Where both are known a controller joins them by quintics.
+        shared: rows at which it goes over into another segment, and does not rest.
     """
 
     name: str
@@ -138,6 +139,7 @@ class TrajectorySegment:
     dense: bool
     why: str = ""
     acceleration: FloatArray | None = None
+    shared: tuple[object, ...] = ()
 
     @property
     def lines(self) -> tuple[int, int]:  # noqa: D102
@@ -149,6 +151,9 @@ class TrajectorySegment:
 
     def places(self) -> Sequence[object]:  # noqa: D102
         return ()
+
+    def joins(self) -> Sequence[object]:  # noqa: D102
+        return self.shared
 
     @cached_property
     def given(self) -> Trajectory:
