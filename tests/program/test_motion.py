@@ -54,6 +54,16 @@ def test_a_linear_move_stays_on_its_line_at_its_speed() -> None:
     assert speed.max() == pytest.approx(0.2, rel=2e-3)
 
 
+@pytest.mark.parametrize("speed", [1.0, 3.0])
+def test_a_short_line_speeds_up_as_it_is_told_however_fast_it_is_asked_to_go(speed: float) -> None:
+    """At the speed that is asked for joints would be at their limits; none gets there."""
+    (line,) = segments(f"movel(p[-0.45, -0.45, 0.45, 3.1, 0.2, 0.1], a=0.5, v={speed})")
+    way = float(np.linalg.norm(np.diff(cell().robot.pose(line.at(1.0).position[[0, -1]])[:, :3, 3], axis=0)))
+    # From rest to rest with ramps that are rounded: a quarter of the square is what they leave.
+    peak = math.sqrt(0.5 * way + (0.5 * RAMP_S / 2) ** 2) - 0.5 * RAMP_S / 2
+    assert cell().tool_speed(line.at(1.0)) == pytest.approx(peak, rel=3e-3)
+
+
 def test_a_move_of_a_given_time_takes_it() -> None:
     text = f"movej({FAR}, t=3)\nmovel(p[-0.45, -0.45, 0.45, 3.1, 0.2, 0.1], a=9, v=9, t=2.5)"
     for segment, time in zip(segments(text), (3.0, 2.5), strict=True):

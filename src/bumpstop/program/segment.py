@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
@@ -168,11 +169,20 @@ class MoveSegment:
         value = self.new_value(slot, factor)
         return 2 * float(self._path.way[number].sum()) / value if slot.time else value * slot.factor
 
+    @cached_property
+    def _reach(self) -> Sequence[float]:
+        """No move gets faster from rest to rest, in its measure: joints that would be at their limits are not yet."""
+        legs = [visit.leg for visit in self._moving if visit.leg is not None]
+        known = [leg.acceleration for leg in legs if leg.measure == "tool" and leg.acceleration is not None]
+        if len(known) < len(legs) or any(slot.time for slot in self.places()):
+            return [math.inf] * len(legs)
+        return [math.sqrt(max(known) * float(way.sum())) for way in self._path.way]
+
     def at(self, factor: float) -> Trajectory:  # noqa: D102
         return timed(*self._motion(factor))
 
     def _motion(self, factor: float) -> tuple[PiecewiseCubic, PathMotion]:
-        speeds = self._speeds(factor)
+        speeds = [np.minimum(*both) for both in zip(self._speeds(factor), self._reach, strict=True)]
         q, times = without_repeats(self._path, full_speed_times(self.robot, self._path, speeds))
         return motion_along(q, times, self._ramp(speeds), self.joint_acceleration)
 
@@ -208,7 +218,8 @@ class MoveSegment:
         written = min(slot.headroom(self.base_value(slot)) for slot in self.places())
         most = max(1.0, min(joints, tool, written))
         # A speed that a short way does not let the arm reach is not written: its ramps may be other ones.
-        return max(1.0, most * self._motion(most)[1].top)
+        reached = min(reach / float(speed.max()) for speed, reach in zip(self._speeds(most), self._reach, strict=True))
+        return max(1.0, most * self._motion(most)[1].top * min(1.0, reached))
 
     def bends(self, factor: float) -> FloatArray:  # noqa: D102
         path, motion = self._motion(factor)
