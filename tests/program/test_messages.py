@@ -150,6 +150,20 @@ def test_the_way_to_a_first_point_that_comes_later_is_named() -> None:
     assert [rows.time[0] for rows, *_ in new.messages] == [1, 1]
 
 
+def test_a_first_point_where_the_arm_stands_that_it_passes_at_a_rate_is_named() -> None:
+    stands = cell().start
+    assert stands is not None
+    names, way = [joint.name for joint in cell().robot.joints], np.array([0.5, 0, 0, 0, 0, 0])
+    for rate, known in ((0.0, True), (0.5, False)):
+        points = [
+            {"positions": stands.tolist(), "velocities": (rate * way).tolist(), "time_from_start": 2.0},
+            {"positions": (stands + way).tolist(), "velocities": [0] * 6, "time_from_start": 4.0},
+        ]
+        message = json.dumps({"joint_names": names, "points": points}).encode()
+        found = read_messages(Path("m.json"), message, cell()).segments
+        assert [bool(segment.why) for segment in found] == ([False] if known else [True, False])
+
+
 def test_what_a_message_that_is_not_understood_leaves_is_not_known() -> None:
     data = json.loads((EXAMPLES / "planned.json").read_text())
     first, second = (part["joint_trajectory"] for part in data["trajectory"])

@@ -123,7 +123,9 @@ def segments_of(
         )
 
     found = []
-    if rows.time[0] > 0 and (stands is None or float(np.abs(rows.position[0] - stands).max()) > MIN_TURN):
+    # From rest a point that is passed at a rate is reached with a swing back of 4/27 of the rate's way.
+    swing = 0.0 if rows.velocity is None else 4 / 27 * rows.time[0] * float(np.abs(rows.velocity[0]).max())
+    if rows.time[0] > 0 and (stands is None or float(np.abs(rows.position[0] - stands).max()) + swing > MIN_TURN):
         # The controller goes to the first point in that time, from wherever the arm is.
         why = f"how the arm gets to its first point in {rows.time[0]:.3g} s is not in the message"
         found.append(segment(f"{name}, first point", 0, 0, why))
