@@ -9,6 +9,8 @@ import numpy as np
 from bumpstop.collision.scenario.keys import drop_assumed, set_key
 from bumpstop.collision.scenario.settings_file import scenario_data
 from bumpstop.measure.parameters import CONTACT, has_key, nominal
+from bumpstop.measure.planning.gauge import gauge_of
+from bumpstop.register.situation import says
 from bumpstop.text_files import to_toml
 
 if TYPE_CHECKING:
@@ -29,7 +31,7 @@ def calibrated_values(calibration: Calibration, scenario: Scenario) -> dict[str,
     z = np.median(calibration.posterior.z, axis=0)
     values: dict[str, Any] = {}
     for found in calibration.found:
-        if not _carried(found, scenario):
+        if not _carried(calibration, found, scenario):
             continue
         index = parameters.index(found.key)
         values[found.key] = _rounded(parameters.each[index].changed(nominal(scenario, found.key), float(z[index])))
@@ -44,7 +46,7 @@ def uncertainty(calibration: Calibration, scenario: Scenario) -> dict[str, dict[
     """
     table: dict[str, dict[str, Any]] = {}
     for found in calibration.found:
-        if not _carried(found, scenario):
+        if not _carried(calibration, found, scenario):
             continue
         entry: dict[str, Any]
         if found.kind == "factor":
@@ -64,8 +66,10 @@ def uncertainty(calibration: Calibration, scenario: Scenario) -> dict[str, dict[
 def calibrated_toml(calibration: Calibration, scenario: Scenario) -> str:
     """The scenario with what was learned, as a file, and a comment for each key that changed."""
     data = scenario_data(scenario)
-    # What was said before of other keys stays.
-    spread = data.pop("uncertainty", {}) | uncertainty(calibration, scenario)
+    learned = uncertainty(calibration, scenario)
+    # What was said before of other keys stays; of items of a learned list, or of its other spelling, it does not.
+    before = data.pop("uncertainty", {}).items()
+    spread = {key: entry for key, entry in before if not says(learned, key.partition("[")[0])} | learned
     values = calibrated_values(calibration, scenario)
     lines = ["# Calibrated by measured peak forces. Values are medians; [uncertainty] has their spread."]
     lines += [f"# WARNING: {warning}" for warning in calibration.warnings]
@@ -73,7 +77,7 @@ def calibrated_toml(calibration: Calibration, scenario: Scenario) -> str:
         sure = f"factor {found.median:.3g} [{found.low:.3g}, {found.high:.3g}]"
         if found.kind == "shift":
             sure = f"{1e3 * found.median:+.3g} ms [{1e3 * found.low:+.3g}, {1e3 * found.high:+.3g}]"
-        if not _carried(found, scenario):
+        if not _carried(calibration, found, scenario):
             where = "of the gauge's pad" if found.key == CONTACT else "of other situations"
             lines.append(f"# {found.key}: {where}, {sure}; no key of this scenario")
         elif found.shown:
@@ -86,11 +90,13 @@ def calibrated_toml(calibration: Calibration, scenario: Scenario) -> str:
     return "\n".join(lines) + "\n" + to_toml(data) + "\n[uncertainty]\n" + _inline(spread)
 
 
-def _carried(found: FoundParameter, scenario: Scenario) -> bool:
-    """Whether the scenario has a place for it: the pad of a gauge is none of a body."""
+def _carried(calibration: Calibration, found: FoundParameter, scenario: Scenario) -> bool:
+    """Whether the scenario has a place for it: the pad of a gauge is none of a body, also of one with a stiffness."""
     if not has_key(scenario, found.key):
         return False
-    return found.key != CONTACT or scenario.contact.body is None or scenario.contact.stiffness_N_m is not None
+    conditions = calibration.ensemble.conditions
+    own = gauge_of(scenario).is_own and any(condition.situation.gauge.is_own for condition in conditions)
+    return found.key != CONTACT or own
 
 
 def _inline(table: dict[str, dict[str, Any]]) -> str:

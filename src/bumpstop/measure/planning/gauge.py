@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from bumpstop.collision.scenario.scenario import Scenario
 
 _OWN = "scenario"
+_STIFFNESS = ("contact.stiffness_N_m", "contact.stiffness_N_mm")
 # A spring that differs from the region's stiffness by more than this is named.
 _ALIKE = 1.25
 
@@ -49,9 +50,14 @@ class Gauge:
         return 1 / (1 / self.pad_N_m + 1 / self.spring_N_m)
 
     @property
+    def is_own(self) -> bool:
+        """Whether the scenario's own contact is the gauge."""
+        return self.device == _OWN
+
+    @property
     def words(self) -> str:
         """Device, spring and pad on one line."""
-        if self.device == _OWN:
+        if self.is_own:
             return f"as the scenario has it, {self.series_N_m / 1e3:.4g} N/mm"
         return (
             f"{self.device.replace('_', ' ')}: K2 {self.spring_N_m / 1e3:.4g} N/mm, pad {self.pad_shore_a:.3g} Shore A "
@@ -71,9 +77,15 @@ class Gauge:
 
     def measured(self, scenario: Scenario) -> Scenario:
         """The scenario with the gauge as what is hit: clamped to the ground, or with the body's mass on a slide."""
-        if self.device == _OWN:
+        if self.is_own:
             return scenario
-        changes: dict[str, Any] = {"contact.gauge_mass_kg": None, "contact.damping_Ns_m": 0.0}
+        # How well a body's stiffness is known says nothing of a pad.
+        known = {key: entry for key, entry in scenario.uncertainty.items() if key not in _STIFFNESS}
+        changes: dict[str, Any] = {
+            "uncertainty": known,
+            "contact.gauge_mass_kg": None,
+            "contact.damping_Ns_m": 0.0,
+        }
         if scenario.contact.kind == "free":
             return scenario.with_values(changes | {"contact.stiffness_N_m": self.series_N_m})
         return scenario.with_values(
