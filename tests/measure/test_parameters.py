@@ -12,6 +12,7 @@ import bumpstop as bs
 from bumpstop.collision import CollisionProblem
 from bumpstop.errors import InputError
 from bumpstop.measure.parameters import (
+    CONTACT,
     DECELERATION,
     GEARS,
     LATENCY,
@@ -69,6 +70,13 @@ def test_zero_is_the_scenario_and_one_a_standard_deviation() -> None:
 def test_spread_of_an_uncertain_input(spec: dict[str, Any], shift: bool, wanted: float | None) -> None:
     found = told_spread(spec, 0.01 if shift else [100.0, 200.0], shift=shift)
     assert found is None if wanted is None else found == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize(("key", "sd"), [("contact.stiffness_N_m", 6000.0), ("contact.stiffness_N_mm", 6.0)])
+def test_spread_of_a_stiffness_in_either_unit(key: str, sd: float) -> None:
+    said = {key: {"distribution": "normal", "sd": sd}}
+    parameters = Parameters.of([rigid(contact__body=None, contact__stiffness_N_m=60000.0, uncertainty=said)])
+    assert parameters.each[parameters.index(CONTACT)].sd == pytest.approx(0.1)
 
 
 def test_triangular_spread_against_draws() -> None:

@@ -24,6 +24,7 @@ GEARS = "arm.gear_stiffness_Nm_rad"
 SERVO = "arm.servo_bandwidth_hz"
 ROTORS = "arm.rotor_inertia_kg_m2"
 CONTACT = "contact.stiffness_N_m"
+_IN_N_MM = "contact.stiffness_N_mm"
 PADDING = "contact.padding_N_m"
 
 # What each key is, and the standard deviation of the logarithm of its factor before anything is measured. They are
@@ -220,8 +221,10 @@ def _latency_sd(scenario: Scenario) -> float:
 
 def _told(scenario: Scenario, key: str) -> float | None:
     """Standard deviation that ``[uncertainty]`` of a scenario gives a key; None: it says nothing of it."""
-    spec = (getattr(scenario, "uncertainty", None) or {}).get(key)
-    return None if spec is None else told_spread(spec, nominal(scenario, key), shift=key == LATENCY)
+    said = getattr(scenario, "uncertainty", None) or {}
+    if key == CONTACT and _IN_N_MM in said:
+        return told_spread(said[_IN_N_MM], nominal(scenario, key) / 1e3, shift=False)
+    return None if key not in said else told_spread(said[key], nominal(scenario, key), shift=key == LATENCY)
 
 
 def told_spread(spec: Mapping[str, Any], value: Any, *, shift: bool) -> float | None:
