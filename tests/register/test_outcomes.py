@@ -152,6 +152,16 @@ def test_a_value_that_is_set_has_no_source_in_the_register(tmp_path: Path) -> No
     assert found.outcome != "pass"
 
 
+def test_an_uncertain_input_has_its_source(tmp_path: Path) -> None:
+    row = {"name": "a", "uncertainty": {"contact.stiffness_N_m": {"distribution": "lognormal", "sigma": 0.1}}}
+    path = write_register(tmp_path, row)
+    interval = {"uncertainty.contact.area_cm2": {"interval": [1.8, 2.2]}}
+    (found,) = bs.evaluate_register(bs.load_register(path, changes=interval)).results
+    told = {one.key: one.source for one in found.inputs}
+    assert told["uncertainty.contact.stiffness_N_m.sigma"] == f"{path} [[situation]] 1"
+    assert told["uncertainty.contact.area_cm2.interval"] == "set when the register was read (--set)"
+
+
 def test_a_value_has_its_source_in_either_spelling(tmp_path: Path) -> None:
     measured, known = {"status": "measured", "source": "gauge"}, ("measured", "gauge")
     row = {"name": "a", "contact.area_cm2": 2.0, "contact.stiffness_N_mm": 40.0}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -80,9 +80,9 @@ def _scenario_inputs(situation: Situation) -> list[Input]:
             status, source = statement.status, statement.source
         elif key in scenario.assumed:
             status, source = "assumed", f"by {situation.scenario_file}"
-        elif says(situation.changed, key):
+        elif _gives(situation.changed, key):
             status, source = "given", "set when the register was read (--set)"
-        elif says(situation.given, key):
+        elif _gives(situation.given, key):
             status, source = "given", f"{situation.file} {situation.place}"
         elif says(given, key):
             status, source = "given", str(situation.scenario_file)
@@ -92,6 +92,11 @@ def _scenario_inputs(situation: Situation) -> list[Input]:
     if "area_cm2" not in scenario.contact.model_fields_set and scenario.contact.body is not None:
         found.append(Input(key="contact.area_cm2", value="1", kind="choice", status="assumed", source="nobody gave it"))
     return found
+
+
+def _gives(keys: Collection[str], key: str) -> bool:
+    """Whether one of some dotted keys gives a value; of an uncertain input they name no more than the whole of it."""
+    return says(keys, key) or any(each.startswith("uncertainty") and key.startswith(f"{each}.") for each in keys)
 
 
 def _limit_inputs(result: CollisionResult) -> list[Input]:
