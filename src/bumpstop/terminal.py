@@ -68,6 +68,11 @@ def counted(count: int, noun: str, verb: str = "") -> str:
     return f"{words} {verb if count == 1 else plural}" if verb else words
 
 
+def named(names: Sequence[str]) -> str:
+    """Names in a row for a sentence."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
 def correlation(value: float) -> str:
     """A rank correlation; ``"none"`` where there is none, as with a quantity that is everywhere the same."""
     return NONE if math.isnan(value) else f"{value:.3f}"

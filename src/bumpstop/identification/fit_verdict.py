@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from bumpstop.terminal import in_percent
+from bumpstop.terminal import in_percent, named
 
 if TYPE_CHECKING:
     from bumpstop.identification.comparison import JointScore
@@ -77,11 +77,6 @@ class FitVerdict:
             "warnings": list(self.warnings),
             **{name: x if x is not None and math.isfinite(x) else None for name, x in figures.items()},
         }
-
-
-def named(names: Sequence[str]) -> str:
-    """Names in a row for a sentence."""
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def as_sentences(faults: Sequence[str]) -> list[str]:

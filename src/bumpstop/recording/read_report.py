@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from bumpstop.terminal import named
+
 
 @dataclass(frozen=True, kw_only=True)
 class ReadReport:
@@ -48,8 +50,7 @@ class ReadReport:
         """The faults, and what moves the base that is taken to stand still."""
         if not self.base_motion:
             return self.faults
-        *others, last = [repr(name) for name in self.base_motion]
-        moving = f"{', '.join(others)} and {last}" if others else last
+        moving = named([repr(name) for name in self.base_motion])
         return (*self.faults, f"the base is taken to stand still, and is moved by {moving}")
 
     def with_payload(self, mass: float, center: Sequence[float]) -> ReadReport:

@@ -17,7 +17,6 @@ from bumpstop.identification.fit_verdict import (
     FitVerdict,
     fit_faults,
     gain_warnings,
-    named,
     reading_faults,
     reading_warnings,
     tell_score,
@@ -28,7 +27,7 @@ from bumpstop.identification.segments.recorded_columns import (
     doubtful_columns,
     tell_doubtful_columns,
 )
-from bumpstop.terminal import in_percent
+from bumpstop.terminal import in_percent, named
 
 if TYPE_CHECKING:
     from bumpstop.identification.drive.current_scores import CurrentComparison

@@ -18,7 +18,6 @@ from bumpstop.identification.fit_verdict import (
     FitVerdict,
     fit_faults,
     gain_warnings,
-    named,
     reading_faults,
     reading_warnings,
     tell_score,
@@ -32,7 +31,7 @@ from bumpstop.identification.segments.recorded_columns import (
 )
 from bumpstop.identification.segments.seen_motion import outside_fit
 from bumpstop.model import unit_of
-from bumpstop.terminal import in_percent
+from bumpstop.terminal import in_percent, named
 
 if TYPE_CHECKING:
     from bumpstop.identification.comparison import JointScore

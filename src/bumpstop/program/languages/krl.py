@@ -114,11 +114,11 @@ def read_krl(source: bytes, data: bytes = b"") -> ReadProgram:
             elif assigned(words, "=") is not None:
                 counts.pop(first, None)
             waits = first in _WAITS or (before != "continue" and _looks_no_further(words))
-            for node in [Wait(statement.line)] * waits:
-                blocks.add(node)
+            if waits:
+                blocks.add(Wait(statement.line))
             _add(blocks, statement, tree, constants, counts)
-            for node in [Wait(statement.line)] * waits:
-                blocks.add(node)  # in the block that begins here, too
+            if waits:
+                blocks.add(Wait(statement.line))  # in the block that begins here, too
             before = first
     functions = blocks.finish()
     # A module begins with its first function; the others are its own.

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.identification.fit_verdict import FitVerdict, named, reading_faults
+from bumpstop.identification.fit_verdict import FitVerdict, reading_faults
 from bumpstop.identification.segments.current_shift import tell_shifts
 from bumpstop.identification.segments.recorded_columns import doubtful_columns
-from bumpstop.terminal import in_percent
+from bumpstop.terminal import in_percent, named
 
 if TYPE_CHECKING:
     from bumpstop.recording import Recording
