@@ -173,10 +173,10 @@ def _draw_distribution(axes: Axes, answer: Answer, top: float | None) -> None:
     axes.set_xlim(0, high)
     if answer.peak_limit_N < high:
         axes.axvspan(answer.peak_limit_N, high, facecolor="none", edgecolor=LIMIT, alpha=0.5, hatch="///", linewidth=0)
-    for limit, force in answer.marked_limits_N:
+    for height, (limit, force) in zip((0.97, 0.75), answer.marked_limits_N, strict=False):
         if force < high:
             axes.axvline(force, color=LIMIT, linestyle="--")
-            _label(axes, force, 0.97, f"{limit} {number(force)} N", LIMIT)
+            _label(axes, force, height, f"{limit} {number(force)} N", LIMIT)
     p99 = result.peak_force.quantile(0.99)
     if math.isfinite(p99) and p99 < high:
         axes.axvline(p99, color=EVENT, linestyle="-.")
