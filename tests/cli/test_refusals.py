@@ -135,6 +135,9 @@ def test_an_empty_folder_is_not_the_current_one(
         ("contact.normal=[0, 0, 1]", "contact.normal: the contact point on tool0 does not move toward the body"),
         ("folder=/tmp", "folder: is not a key of a scenario"),
         ("made_by.seed=5", "made_by.seed: is not a key of a scenario; [made_by] only records how a result was made"),
+        ("pose_deg[2]=5", "'pose_deg[2]': is not a key of a scenario; did you mean 'pose_deg'"),
+        ("uncertainty.pose_deg[2]={interval=[9, 9.5]}", 'uncertainty."pose_deg[2]": 9 to 9.5 leaves out the value'),
+        ('uncertainty."pose_deg[2]"={interval=[9, 9.5]}', 'uncertainty."pose_deg[2]": 9 to 9.5 leaves out the value'),
         # Not KEY=VALUE.
         ("contact", "--set: 'contact' is not KEY=VALUE; for example --set contact.area_cm2=2"),
         ("", "--set: '' is not KEY=VALUE"),

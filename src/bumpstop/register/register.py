@@ -15,7 +15,7 @@ from bumpstop.collision.scenario.settings_file import files_of
 from bumpstop.errors import InputError
 from bumpstop.register.faults import RegisterError
 from bumpstop.register.register_file import RegisterFile, is_register, read_register
-from bumpstop.register.rows import FORMULA, MAX_NAME, Base, Fault, Row
+from bumpstop.register.rows import FORMULA, MAX_NAME, Base, Fault, Row, is_set
 from bumpstop.register.situation import Situation
 from bumpstop.text_files import as_path
 
@@ -107,7 +107,7 @@ class _Reader:
             if isinstance(base, InputError):
                 error = InputError(f"{row.where}, scenario", _words(base), base.valid)
                 of_row = "scenario" in row.values or not row.place
-                faults += [*row.own_faults(), Fault("scenario", of_row, error if row.place else base)]
+                faults += [*row.own_faults(), Fault("scenario", "scenario", of_row, error if row.place else base)]
             else:
                 situation, others = row.check(base, self.changes, file.statements)
                 faults += others
@@ -122,7 +122,7 @@ class _Reader:
             return []
         where = (earlier.place if earlier.file == row.file else earlier.where) or str(earlier.file)
         problem = f"{row.name!r} is the name of {where}, too"
-        return [Fault("name", True, InputError(f"{row.where}, name", problem, "give each situation its own"))]
+        return [Fault("name", "name", True, InputError(f"{row.where}, name", problem, "give each situation its own"))]
 
     def _base_of(self, row: Row, file: RegisterFile) -> Base | InputError:
         written = row.values.get("scenario", file.scenario)
@@ -140,15 +140,15 @@ class _Reader:
     def _attribute(self, found: Sequence[tuple[Row, Path, list[Fault]]]) -> None:
         """Name each fault under where it was written: a row, the file that all of its rows stand on, or a change."""
         rows_of = Counter(base for _, base, _ in found)
-        having = Counter((base, fault.key, fault.error.problem) for _, base, faults in found for fault in faults)
+        having = Counter((base, fault.field, fault.error.problem) for _, base, faults in found for fault in faults)
         told: set[tuple[str, str]] = set()
         for _, base, faults in found:
             for fault in faults:
                 error = fault.error
-                if fault.key in self.changes:
-                    error = InputError(fault.key, error.problem, error.valid)
-                elif not fault.of_row and having[base, fault.key, error.problem] == rows_of[base]:
-                    error = InputError(f"{base}, {fault.key}", error.problem, error.valid)
+                if is_set(self.changes, fault.key):
+                    error = InputError(fault.field, error.problem, error.valid)
+                elif not fault.of_row and having[base, fault.field, error.problem] == rows_of[base]:
+                    error = InputError(f"{base}, {fault.field}", error.problem, error.valid)
                 if (error.field, error.problem) not in told:
                     told.add((error.field, error.problem))
                     self.faults.append(error)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -95,7 +96,13 @@ def _read_toml(text: str, path: Path) -> RegisterFile:
     if not isinstance(tables, list) or not all(isinstance(table, Mapping) for table in tables):
         raise InputError(f"{path}, situation", "is not a list of tables", "begin each row with [[situation]]")
     statements, found = read_statements(data.get("input", []), str(path))
-    rows = [Row(path, f"[[situation]] {number}", dict(_dotted(table))) for number, table in enumerate(tables, start=1)]
+    rows: list[Row] = []
+    for number, table in enumerate(tables, start=1):
+        place, values = f"[[situation]] {number}", _dotted(table)
+        rows.append(Row(path, place, dict(values)))
+        # "contact.area_cm2" and contact.area_cm2 are two keys to TOML.
+        twice = [key for key, count in Counter(key for key, _ in values).items() if count > 1]
+        faults += [InputError(f"{path} {place}, {key}", "is given twice", "give it once") for key in twice]
     return RegisterFile(path, rows, scenario, statements, faults + found)
 
 
@@ -106,8 +113,10 @@ def _dotted(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]
         if not prefix and key == "uncertainty" and isinstance(value, Mapping):
             # Its keys are dotted themselves, and its values are tables.
             found += [(f"{key}.{name}", spec) for name, spec in flattened(value).items()]
-            continue
-        found += _dotted(value, f"{prefix}{key}.") if isinstance(value, Mapping) else [(prefix + key, value)]
+        elif not prefix and key.startswith("uncertainty."):
+            found.append((key, value))
+        else:
+            found += _dotted(value, f"{prefix}{key}.") if isinstance(value, Mapping) else [(prefix + key, value)]
     return found
 
 

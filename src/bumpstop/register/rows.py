@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,7 @@ _MAX_PAYLOAD_KG = 1e4
 MAX_NAME = 80
 """Letters of a name: names stand in tables."""
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
+_UNCERTAIN = re.compile(r'uncertainty\."([^"]+)"')  # how errors begin that name an uncertain input
 FORMULA = ("=", "+", "-", "@")
 """What no name begins with: a spreadsheet, in which such tables are opened, would compute the rest."""
 NAME = f"wanted a text of 1 to {MAX_NAME} letters on one line that does not begin with {' '.join(FORMULA)}"
@@ -59,11 +60,13 @@ class Fault:
 
     Attributes:
         key: dotted key of a scenario, or a key of the register.
+        field: what of it, as an item of its list, in the words of the scenario.
         of_row: the row gives the key itself.
         error: under the name that the row has for the key.
     """
 
     key: str
+    field: str
     of_row: bool
     error: InputError
 
@@ -157,14 +160,15 @@ class Row:
                 faults.append(unknown)
             else:
                 given[WORDS.get(key, key)] = value
-        return own, given, [Fault(fault.field, True, self._named(fault, fault.field)) for fault in faults]
+        return own, given, [Fault(each.field, each.field, True, self._named(each, each.field)) for each in faults]
 
     def _fault(self, error: InputError, given: Mapping[str, Any]) -> Fault:
         """A fault of the scenario under the word that the row has for its key."""
-        plain = error.field.partition("[")[0]
+        uncertain = _UNCERTAIN.match(error.field)
+        plain = f"uncertainty.{uncertain[1]}" if uncertain else error.field.partition("[")[0]
         words = {key: word for word, key in (*WORDS.items(), _PAYLOAD) if word in self.values}
-        of_row = plain in given
-        return Fault(plain, of_row, self._named(error, error.field.replace(plain, words.get(plain, plain), 1)))
+        name = error.field.replace(plain, words.get(plain, plain), 1)
+        return Fault(plain, error.field, is_set(given, plain), self._named(error, name))
 
     def _named(self, error: InputError, key: str) -> InputError:
         text, problem, valid = self.texts.get(key, ""), error.problem, error.valid
@@ -173,6 +177,11 @@ class Row:
             if _DECIMAL_COMMA.fullmatch(text):
                 valid = "write decimals with a dot: commas stand between the numbers of a list"
         return InputError(f"{self.where}, {key}", problem, valid)
+
+
+def is_set(keys: Collection[str], key: str) -> bool:
+    """Whether one of some dotted keys is a key, or the table that it stands in."""
+    return key in keys or key.partition(".")[0] in keys
 
 
 def _by_stopping_table(data: Mapping[str, Any], given: Mapping[str, Any], changes: Mapping[str, Any]) -> bool:

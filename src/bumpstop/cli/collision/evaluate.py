@@ -133,7 +133,9 @@ def change(text: str) -> tuple[str, Any]:
     """``key=value`` with a TOML value or numbers with commas between them, else a bare string."""
     key, equals, value = text.partition("=")
     key = re.sub(r"\s*\.\s*", ".", key.strip())
-    if not equals or not re.fullmatch(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*", key):
+    # As messages write them; the dots within are as good as those without.
+    key = re.sub(r'^uncertainty\."(.*)"$', r"uncertainty.\1", key)
+    if not equals or not re.fullmatch(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*(\[[0-9]+\])?", key):
         raise InputError("--set", f"{text[:200]!r} is not KEY=VALUE", "for example --set contact.area_cm2=2")
     from bumpstop.collision.scenario.keys import value_of
 
