@@ -14,6 +14,7 @@ import bumpstop as bs
 from bumpstop.model import Robot
 from bumpstop.model.urdf.writer import write_urdf
 from bumpstop.register import RegisterError, SituationResult
+from bumpstop.register.inputs import tables_used
 from bumpstop.text_files import to_toml
 from register.cases import EXAMPLES, write_register
 
@@ -160,6 +161,26 @@ def test_an_uncertain_input_has_its_source(tmp_path: Path) -> None:
     told = {one.key: one.source for one in found.inputs}
     assert told["uncertainty.contact.stiffness_N_m.sigma"] == f"{path} [[situation]] 1"
     assert told["uncertainty.contact.area_cm2.interval"] == "set when the register was read (--set)"
+
+
+def test_an_uncertain_item_of_a_scenario_has_its_source(tmp_path: Path) -> None:
+    path = write_register(tmp_path, {"name": "a"})
+    cell = tmp_path / "cell.toml"
+    cell.write_text(f'{cell.read_text()}\n[uncertainty]\n"pose_deg[2]" = {{ interval = [29, 31] }}\n', encoding="utf-8")
+    (found,) = bs.evaluate_register(bs.load_register(path)).results
+    told = {one.key: (one.status, one.source) for one in found.inputs}
+    assert told["uncertainty.pose_deg[2].interval"] == ("given", str(cell))
+
+
+def test_tables_of_one_name_are_told_apart(tmp_path: Path) -> None:
+    hand = {"name": "hand", "force_N": 120, "transient_multiplier": 2, "spring_N_mm": 75}
+    table = {"name": "own", "title": "Own", "source": "us", "status": "agreed", "region": [hand]}
+    for file, force in (("a.toml", 120), ("b.toml", 90), ("c.toml", 90)):
+        (tmp_path / file).write_text(to_toml(table | {"region": [hand | {"force_N": force}]}), encoding="utf-8")
+    rows = [{"name": file, "contact.limits": file, "body": "hand"} for file in ("a.toml", "b.toml", "c.toml")]
+    situations = bs.load_register(write_register(tmp_path, *rows)).situations
+    found = {one.name: one.regions[0].force_N for one in tables_used(list(situations))}
+    assert found == {"own (a.toml)": 120, "own (b.toml)": 90}
 
 
 def test_a_value_has_its_source_in_either_spelling(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from bumpstop.collision.scenario.arm_table import QUANTITY
@@ -84,7 +84,7 @@ def _scenario_inputs(situation: Situation) -> list[Input]:
             status, source = "given", "set when the register was read (--set)"
         elif _gives(situation.given, key):
             status, source = "given", f"{situation.file} {situation.place}"
-        elif says(given, key):
+        elif key in given or says(given, key):
             status, source = "given", str(situation.scenario_file)
         else:
             status, source = "default", "of bumpstop: nobody gave it"
@@ -195,11 +195,14 @@ def _flat(data: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def tables_used(situations: list[Situation]) -> list[LimitTable]:
-    """Limit tables of the user that situations are judged by, each once, in their order; built-in ones are left out."""
-    found: dict[str, LimitTable] = {}
+    """Limit tables of the user that situations are judged by, each once, in their order; built-in ones are left out.
+
+    Their names have the file as the scenario names it: two tables may call themselves the same.
+    """
+    found: dict[LimitTable, str] = {}
     for situation in situations:
         contact = situation.scenario.contact
         if contact.body is not None and contact.limits not in builtin_tables():
             table = LimitTable.load(contact.limits, relative_to=situation.scenario.folder)
-            found.setdefault(table.name, table)
-    return list(found.values())
+            found.setdefault(table, contact.limits)
+    return [replace(table, name=f"{table.name} ({file})") for table, file in found.items()]
