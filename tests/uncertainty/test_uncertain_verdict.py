@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -193,3 +194,20 @@ def test_an_upper_end_is_no_less_than_it_is_and_told_from_what_is_accepted() -> 
         most, allowed = told.groups()
         assert float(most) >= 100 * over * (1 - 1e-12)
         assert (float(most) > float(allowed)) == (over > accepted), found.reason
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ({"detector.thresholds_Nm[3]": {"interval": [14, 25]}}, "a false alarm comes before contact too often"),
+        (
+            {"contact.area_cm2": {"interval": [1.0, 2.5]}},
+            "one contact exceeds the limits for Hand/Finger with probability above 0.1 % (less than 0.0001 % in the "
+            "central case)",
+        ),
+    ],
+)
+def test_a_judgement_says_what_is_decided(table: dict[str, Any], words: str) -> None:
+    judged = bs.judge_situation(control_group(contact__area_cm2=2.0, uncertainty=table))
+    assert judged.word == "INCONCLUSIVE"
+    assert judged.reason == f"What is assumed ({next(iter(table))}) decides whether {words}."

@@ -171,13 +171,14 @@ class _Stages:
             # What holds at the worst holds in the central case.
             return self._said("acceptable", [each[1] for each in worst], worst_of(search)[0])
         base, base_points = self._at(self._rows)
+        failing = [points for each, points in ((base, base_points), *worst) if each == "not_acceptable"]
         if base == "acceptable":
-            return self._said("inconclusive", [base_points], search.worst, untested="inconclusive" in conclusions)
+            return self._said("inconclusive", failing, search.worst, untested="inconclusive" in conclusions)
         best, _ = self._at(with_assumed(evaluator, self._rows, search.best))
         found = {base, best, *conclusions}
         if found == {"not_acceptable"}:
             return self._said("not_acceptable", [base_points], search.worst)
-        return self._said("inconclusive", [base_points], search.worst, untested="inconclusive" in found)
+        return self._said("inconclusive", failing, search.worst, untested="inconclusive" in found)
 
     def _at(self, rows: FloatArray) -> tuple[Conclusion, Points]:
         """The verdict of points, and those that it took."""
@@ -208,16 +209,16 @@ class _Stages:
             text = f"{over[0].upper()}{over[1:]} {evaluator.said_at_most(most, accepted)} {sure} ({in_case})."
             together = dependence_note(evaluator, self._confidence, assumed)
             return conclusion, text if together is None else f"{text} {together}"
+        if conclusion == "inconclusive" and (untested or not any(each.assumed for each in evaluator.inputs)):
+            return conclusion, UNTESTED
+        points = Points.joined(known)
+        more: list[str] = []
+        if (points.p_over > accepted).any():
+            more.append(f"{over} above {accepted_percent(accepted)} ({in_case})")
+        if (points.false_alarm > verdict.max_false_alarm).any():
+            more.append("a false alarm comes before contact too often")
         if conclusion == "not_acceptable":
-            more = [f"{over} above {accepted_percent(accepted)} ({in_case})"]
-            points = Points.joined(known)
-            if not (points.p_over > accepted).any():
-                more = []
-            if (points.false_alarm > verdict.max_false_alarm).any():
-                more.append("a false alarm comes before contact too often")
             text = f"{sure} not excluded: {' and '.join(more)}."
             return conclusion, f"{text[0].upper()}{text[1:]}"
-        if untested or not any(each.assumed for each in evaluator.inputs):
-            return conclusion, UNTESTED
         names = ", ".join(each.key for each in evaluator.inputs if each.assumed)
-        return conclusion, f"What is assumed decides ({names}): {in_case}, {accepted_percent(accepted)} accepted."
+        return conclusion, f"What is assumed ({names}) decides whether {' and '.join(more)}."
