@@ -361,3 +361,14 @@ def test_uncertain_inputs_are_judged_at_the_stated_confidence(tmp_path: Path) ->
         judged.word, (None, "inconclusive")
     )
     assert told["reason"] == judged.reason
+
+
+def test_uncertain_inputs_are_sampled_as_the_others(tmp_path: Path) -> None:
+    spread = {"contact.stiffness_N_m": {"distribution": "lognormal", "sigma": 0.1}}
+    register = bs.load_register(write_register(tmp_path, {"name": "a", "uncertainty": spread}))
+    (found,) = bs.evaluate_register(register, samples=20_000, seed=3).results
+    alone = bs.evaluate_uncertain(found.situation.scenario, samples=20_000, seed=3)
+    assert found.judgement is not None
+    assert found.judgement.conclusion == alone.conclusion
+    assert found.judgement.p_over == alone.case("central").p_over == 0, "no run of so few is above a limit"
+    assert "(0 % in the central case)" in found.reason

@@ -186,7 +186,7 @@ def evaluate_register(
         scenarios = [situation.scenario for situation in uncertain]
         # A process takes some seconds to begin.
         processes = min(threads, max(1, len(uncertain) // 4))
-        words = judge_situations(scenarios, seed=seed, processes=processes, progress=judged)
+        words = judge_situations(scenarios, samples=samples, seed=seed, processes=processes, progress=judged)
         judgements = {id(situation): word for situation, word in zip(uncertain, words, strict=True)}
 
     def one(situation: Situation) -> SituationResult | InputError:

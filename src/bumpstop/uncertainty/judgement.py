@@ -59,15 +59,18 @@ class Judgement:
     conclusion: Conclusion
 
 
-def judge_situation(scenario: Scenario, *, seed: int = 0, threads: int | None = None) -> Judgement:
+def judge_situation(
+    scenario: Scenario, *, samples: int | None = None, seed: int = 0, threads: int | None = None
+) -> Judgement:
     """Judge a scenario with or without ``[uncertainty]``.
 
-    The word is that of :func:`evaluate_uncertain` with the same seed, and of :func:`bumpstop.evaluate` where there is
-    no ``[uncertainty]``.
+    The word is that of :func:`evaluate_uncertain` with the same samples and seed, and of :func:`bumpstop.evaluate`
+    where there is no ``[uncertainty]``.
 
     Args:
         scenario: what happens.
-        seed: of the points, 0 to 2^64 - 1.
+        samples: runs to draw at every point instead of integrating.
+        seed: of the points, and of the runs, 0 to 2^64 - 1.
         threads: that share the points, 1 to 256; None: as many as there are processors.
 
     Raises:
@@ -76,7 +79,7 @@ def judge_situation(scenario: Scenario, *, seed: int = 0, threads: int | None = 
     as_whole_number(seed, "seed", 0, 2**64 - 1, "0 to 2^64 - 1")
     if threads is not None:
         as_whole_number(threads, "threads", 1, 256)
-    evaluator = PointEvaluator(as_scenario(scenario), seed=seed, threads=threads)
+    evaluator = PointEvaluator(as_scenario(scenario), samples=samples, seed=seed, threads=threads)
     figures = evaluator.central_figures
     middle = evaluator.at(figures[None], far_tails=True)
     confidence = scenario.verdict.confidence if evaluator.inputs else None
@@ -103,6 +106,7 @@ def judge_situation(scenario: Scenario, *, seed: int = 0, threads: int | None = 
 def judge_situations(
     scenarios: Sequence[Scenario],
     *,
+    samples: int | None = None,
     seed: int = 0,
     processes: int | None = None,
     progress: Progress | None = None,
@@ -111,7 +115,8 @@ def judge_situations(
 
     Args:
         scenarios: in any order.
-        seed: of the points of each.
+        samples: runs to draw at every point of each instead of integrating.
+        seed: of the points of each, and of the runs.
         processes: that share them; None: as many as there are processors, but none besides for fewer than eight.
         progress: told the share that is done.
 
@@ -119,7 +124,7 @@ def judge_situations(
         A judgement for each, or the refusal of one that cannot be computed.
     """
     workers = PointEvaluator.processors() if processes is None else as_whole_number(processes, "processes", 1, 256)
-    judge = partial(_judged_or_refused, seed=seed)
+    judge = partial(_judged_or_refused, samples=samples, seed=seed)
     found: list[Judgement | InputError] = []
     if workers == 1 or (processes is None and len(scenarios) < _FEW):
         judge = partial(judge, threads=workers)
@@ -145,9 +150,9 @@ def _tell(progress: Progress | None, done: int, count: int) -> None:
         progress(done / count)
 
 
-def _judged_or_refused(scenario: Scenario, *, seed: int, threads: int) -> Judgement | InputError:
+def _judged_or_refused(scenario: Scenario, *, samples: int | None, seed: int, threads: int) -> Judgement | InputError:
     try:
-        return judge_situation(scenario, seed=seed, threads=threads)
+        return judge_situation(scenario, samples=samples, seed=seed, threads=threads)
     except InputError as error:
         return error
 
