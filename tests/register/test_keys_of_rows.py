@@ -40,3 +40,26 @@ def test_a_key_in_quotes_is_as_good_as_one_without(tmp_path: Path) -> None:
 def test_a_key_in_quotes_and_without_is_refused(tmp_path: Path) -> None:
     path = write_register(tmp_path, {"name": "a", "contact": {"area_cm2": 0.5}, "contact.area_cm2": 9})
     assert faults_of(path) == [f"{path} [[situation]] 1, contact.area_cm2: is given twice; give it once"]
+
+
+@pytest.mark.parametrize(
+    "columns", [("uncertainty", "uncertainty.contact.area_cm2"), ("uncertainty.contact.area_cm2", "uncertainty")]
+)
+def test_a_table_takes_nothing_from_its_keys_in_any_column(tmp_path: Path, columns: tuple[str, str]) -> None:
+    cells = {"uncertainty": "{}", "uncertainty.contact.area_cm2": '"{ interval = [1.9, 2.1] }"'}
+    write_register(tmp_path)
+    path = tmp_path / "r.csv"
+    row = ",".join(cells[column] for column in columns)
+    path.write_text(f"scenario,name,{','.join(columns)}\ncell.toml,a,{row}\n", encoding="utf-8")
+    (found,) = bs.load_register(path).situations
+    assert found.scenario.uncertainty == {"contact.area_cm2": {"interval": [1.9, 2.1]}}
+
+
+def test_a_register_is_no_scenario(tmp_path: Path) -> None:
+    path = write_register(tmp_path, {"name": "a"})
+    with pytest.raises(bs.InputError, match=r"register\.toml: is a register of contact situations; wanted a scenario"):
+        bs.load_scenario(path)
+    (tmp_path / "other.csv").write_text("scenario,name\nregister.toml,a\n", encoding="utf-8")
+    (told,) = faults_of(tmp_path / "other.csv")
+    assert "row 2 ('a'), scenario: " in told
+    assert "is a register of contact situations" in told

@@ -160,6 +160,8 @@ class Row:
                 faults.append(unknown)
             else:
                 given[WORDS.get(key, key)] = value
+        # A whole table first: keys of it stand beside it, in whatever column.
+        given = dict(sorted(given.items(), key=lambda item: "." in item[0]))
         return own, given, [Fault(each.field, each.field, True, self._named(each, each.field)) for each in faults]
 
     def _fault(self, error: InputError, given: Mapping[str, Any]) -> Fault:

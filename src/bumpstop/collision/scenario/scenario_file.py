@@ -39,9 +39,13 @@ def read_tables(path: Path) -> dict[str, Any]:
     """The tables of a scenario file, not checked yet.
 
     Raises:
-        InputError: the file is absent or damaged.
+        InputError: the file is absent, damaged or a register.
     """
-    return _parse(read_text(path, "wanted a scenario file", max_bytes=_MAX_BYTES), str(path))
+    tables = _parse(read_text(path, "wanted a scenario file", max_bytes=_MAX_BYTES), str(path))
+    if isinstance(tables.get("situation"), list):
+        valid = "wanted a scenario, as its rows name; bumpstop evaluate, report and measure plan take registers"
+        raise InputError(str(path), "is a register of contact situations", valid)
+    return tables
 
 
 def _parse(text: str, path: str) -> dict[str, Any]:
