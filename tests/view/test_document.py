@@ -109,6 +109,14 @@ def test_every_control_shows_and_sets_its_key(control: Control) -> None:
         assert differ <= may
 
 
+@pytest.mark.parametrize(("typed", "said"), [("0", "0"), ("-5", "-5"), ("nan", "nan"), ("1e999", "inf"), ("", "")])
+def test_a_speed_is_refused_as_a_speed(typed: str, said: str) -> None:
+    control = next(each for each in CONTROLS if each.key == "motion.speed")
+    words = f"the speed {said!r} cannot be used; wanted a number of mm/s above 0"
+    with pytest.raises(bs.InputError, match=re.escape(words)):
+        control.write(HAND, typed)
+
+
 @pytest.mark.parametrize(
     ("typed", "of"),
     [

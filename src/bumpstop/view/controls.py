@@ -119,8 +119,8 @@ def _velocity(scenario: Scenario, key: str, shown: Any) -> list[float]:
     """
     numbers = shown if isinstance(shown, tuple | list) else (shown,)
     length, valid = (1, "a number of mm/s above 0") if key == SPEED else (3, "three numbers with commas between them")
-    whole = len(numbers) == length and all(isinstance(each, float) for each in numbers)
-    if not whole or (key == SPEED and numbers[0] < 0):
+    whole = len(numbers) == length and all(isinstance(each, float) and math.isfinite(each) for each in numbers)
+    if not whole or (key == SPEED and numbers[0] <= 0):
         said = field_text(shown)
         raise InputError(
             "motion.velocity_mm_s", f"the {key.partition('.')[2]} {said!r} cannot be used", f"wanted {valid}"
