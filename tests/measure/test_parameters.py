@@ -65,6 +65,8 @@ def test_zero_is_the_scenario_and_one_a_standard_deviation() -> None:
         ({"relative": [0.5, 2.0]}, False, math.log(4) / math.sqrt(12)),
         ({"interval": [100.0, 200.0]}, False, math.log(2) / math.sqrt(12)),
         ({"distribution": "samples", "file": "x.csv"}, False, None),
+        ({"distribution": "normal", "mean": 0.02, "relative_sd": 0.3}, True, 0.006),
+        ({"distribution": "lognormal", "median": 0.02, "sigma": 0.3}, True, 0.006),
     ],
 )
 def test_spread_of_an_uncertain_input(spec: dict[str, Any], shift: bool, wanted: float | None) -> None:

@@ -239,7 +239,8 @@ def told_spread(spec: Mapping[str, Any], value: Any, *, shift: bool) -> float | 
         None where the table says it by a file, or by a range that begins at zero.
     """
     middle = float(np.mean(value))
-    scale = middle if shift else 1.0
+    # Shares are those of what the table varies about.
+    scale = float(spec.get("mean", spec.get("median", middle))) if shift else 1.0
     if "sigma" in spec:
         return float(spec["sigma"]) * scale
     if "relative_sd" in spec:
