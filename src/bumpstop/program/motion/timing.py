@@ -19,6 +19,8 @@ RAMP_S = 0.05
 # Rows of a trajectory: so far apart at most [s], and so many at least.
 _ROW_S, _MIN_ROWS = 0.02, 40
 MAX_DURATION_S = 120.0  # of a motion [s]
+# Ruckig finds no profile where acceleration and speed are reached at one moment and left at once: a little more is.
+_MORE = 1 + 1e-9
 
 
 class PathMotion:
@@ -43,6 +45,7 @@ class PathMotion:
         ruckig = import_ruckig()
         wanted = ruckig.InputParameter(1)
         wanted.current_position, wanted.target_position = [0.0], [length]
+        acceleration *= _MORE
         wanted.max_velocity, wanted.max_acceleration = [1.0], [acceleration]
         wanted.max_jerk = [acceleration / RAMP_S]
         self._profile = ruckig.Trajectory(1)
