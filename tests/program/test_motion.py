@@ -14,6 +14,7 @@ from bumpstop.collision.trajectory.trajectory import Trajectory
 from bumpstop.program.cell import write_trajectory
 from bumpstop.program.motion.kinematics import tool_line, transform
 from bumpstop.program.motion.timing import RAMP_S, PathMotion
+from bumpstop.program.safe_speed import greatest_factor
 from bumpstop.program.trajectories.recorded import read_recorded
 from bumpstop.program.trajectories.trajectory_segment import TrajectorySegment, find_segments
 from bumpstop.program.worst_onset import _crest
@@ -196,6 +197,46 @@ def test_a_segment_timed_anew_follows_the_same_path_from_rest_to_rest() -> None:
     sparse = replace(segment, dense=False)
     assert (sparse.at(0.5).position == q).all()
     assert sparse.at(0.5).duration == pytest.approx(segment.at(0.5).duration, rel=1e-9)
+
+
+def with_speeds(knots: list[tuple[float, float]]) -> TrajectorySegment:
+    """A turn of joint 1 whose speed [rad/s] goes straight from knot to knot (s, rad/s)."""
+    at, speeds = (np.array(column) for column in zip(*knots, strict=True))
+    fine = np.linspace(0.0, at[-1], 20001)
+    speed = np.interp(fine, at, speeds)
+    turned = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(fine)))
+    t = np.linspace(0.0, at[-1], 101)
+    q = np.tile([0.0, -1.57, 1.57, -1.57, -1.57, 0.0], (101, 1))
+    q[:, 0] += np.interp(t, fine, turned)
+    rate = np.zeros_like(q)
+    rate[:, 0] = np.interp(t, at, speeds)
+    limits = cell().joint_acceleration
+    return TrajectorySegment("s", range(1, 102), (0, 100), cell().robot, t, q, rate, limits, dense=False)
+
+
+CREEPS = [(0, 0), (0.1, 0.05), (3, 0.05), (3.4, 0.8), (4.9, 0.8), (5.3, 0)]
+DIPS = [(0, 0), (0.2, 0.3), (1, 0.3), (1.1, 0.05), (1.5, 0.05), (1.6, 0.3), (2.4, 0.3), (2.6, 0)]
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+@pytest.mark.parametrize("factor", [0.3, 0.9, 1.2])
+def test_a_slow_begin_or_end_keeps_its_share_of_the_speed(factor: float, backwards: bool) -> None:
+    """As an approach: it was taken for getting going, and passed fourteen times as fast in a program slowed down."""
+    knots = [(5.3 - t, v) for t, v in reversed(CREEPS)] if backwards else CREEPS
+    segment = with_speeds([(float(t), float(v)) for t, v in knots])
+    _, q, rate = dense(segment.at(factor))
+    turned = np.abs(q[:, 0] - q[-1 if backwards else 0, 0])
+    slow = (turned > 0.01) & (turned < 0.14)
+    assert slow.sum() > 1000
+    assert rate[slow, 0].max() == pytest.approx(0.05 * factor, rel=0.01)
+
+
+@pytest.mark.parametrize("knots", [CREEPS, DIPS])
+def test_a_speed_that_changes_on_the_way_is_raised_within_the_accelerations(knots: list[tuple[float, float]]) -> None:
+    segment, allowed = with_speeds(knots), cell().joint_acceleration
+    most = greatest_factor(segment, cell(), 2.0)
+    assert most > 1.2
+    assert (np.abs(segment.at(most).at(np.linspace(0, segment.at(most).duration, 4001), 2)) < 1.1 * allowed).all()
 
 
 def test_short_quick_motions_and_slow_ones_are_segments_whole() -> None:

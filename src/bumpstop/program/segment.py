@@ -61,7 +61,7 @@ class Segment(Protocol):
     def bends(self, factor: float) -> FloatArray:
         """Greatest joint accelerations that a factor changes (dof,) [rad/s2 or m/s2]: those of the path's bends.
 
-        Of a move whose time is given those of its ramps, too, or more.
+        Of a move whose time is given, and of a trajectory, those of its ramps, too, or more.
         """
         ...
 

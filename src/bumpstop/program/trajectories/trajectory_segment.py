@@ -31,6 +31,8 @@ MIN_TURN = 1e-5
 _SAMPLES = 1500  # of a segment
 _FULL = 0.7  # of the greatest speed: from the first peak that reaches it to the last the arm goes at its own speed
 _MAX_RAMP = 95.0  # percentile of the acceleration along the path
+# An arm that only gets going takes no more times as long as at its greatest acceleration: of a cubic it is 2.
+_GETS_GOING = 2.5
 _DIFFERENCE_S = 1e-4
 # A quintic is told by cubics of so much time [s], so many at least and at most.
 _PIECE_S, _PIECES = 0.01, (2, 64)
@@ -174,12 +176,16 @@ class TrajectorySegment:
             first += 1
         while last > first and speed[last - 1] > speed[last]:
             last -= 1
-        envelope = speed.copy()
-        envelope[:first], envelope[last + 1 :] = speed[first], speed[last]
+        envelope, change = speed.copy(), np.abs(np.gradient(speed, t))
+        # What is slow for longer is so on purpose, as an approach: it keeps its share of the speed.
+        if t[first] * change[: first + 1].max() <= _GETS_GOING * speed[first]:
+            envelope[:first] = speed[first]
+        if (t[-1] - t[last]) * change[last:].max() <= _GETS_GOING * speed[last]:
+            envelope[last + 1 :] = speed[last]
         envelope = np.maximum(envelope, 1e-3 * speed.max())
         u = np.append(0.0, np.cumsum(np.diff(way) * 0.5 * (1 / envelope[1:] + 1 / envelope[:-1])))
         with np.errstate(divide="ignore", invalid="ignore"):
-            ramp = float(np.percentile(np.abs(np.gradient(speed, t)), _MAX_RAMP)) / float(speed.max())
+            ramp = float(np.percentile(change, _MAX_RAMP)) / float(speed.max())
             direction = np.abs(rate) / np.maximum(speed, 1e-12)[:, None]
             joints = float((self.joint_acceleration / (direction * envelope[:, None]).max(axis=0)).min())
         ramp = ramp if ramp * self.given.duration > 1 else joints
@@ -247,10 +253,7 @@ class TrajectorySegment:
 
     def bends(self, factor: float) -> FloatArray:  # noqa: D102
         motion = self.at(factor)
-        t = np.linspace(0, motion.duration, _SAMPLES)
-        rate, change = motion.at(t, 1), motion.at(t, 2)
-        along = np.einsum("nj,nj->n", rate, change) / np.maximum(np.einsum("nj,nj->n", rate, rate), 1e-12)
-        return np.asarray(np.abs(change - along[:, None] * rate).max(axis=0))
+        return np.asarray(np.abs(motion.at(np.linspace(0, motion.duration, _SAMPLES), 2)).max(axis=0))
 
     def line_at(self, t: float, motion: Trajectory) -> int:  # noqa: D102
         q = motion.at(min(max(t, 0.0), motion.duration))
