@@ -6,7 +6,7 @@ import pytest
 
 from bumpstop.program.interpreter import Interpreter
 from program.corpora import cell
-from program.test_flow import FRAME, KRL_SPEEDS, LIN, absj, begins, j, krl, ptp, rapid, urscript, visits, whys
+from program.test_flow import FRAME, KRL_SPEEDS, LIN, MOVE_L, absj, begins, j, krl, ptp, rapid, urscript, visits, whys
 
 
 @pytest.mark.parametrize(
@@ -42,6 +42,17 @@ def test_a_loop_that_waits_for_something_leaves_the_corner_open() -> None:
     assert whys(rapid(text)) == [waits, ""]
 
 
+ASKED = 'request_boolean_from_primary_client("go on?")'
+
+
+@pytest.mark.parametrize("between", [ASKED, f"ok = {ASKED}", f"if {ASKED}:\nsync()\nend", f"n = 1 + {ASKED}"])
+def test_a_question_to_who_stands_at_the_pendant_leaves_the_corner_open(between: str) -> None:
+    waits = "the program waits before the move that it is blended into"
+    assert whys(urscript(f"{j(0.5, 0.1)}{between}\n{j(0.2)}")) == [waits, ""]
+    # From round to round, too.
+    assert waits in whys(urscript(f"while True:\n{between}\n{j(0.2)}{j(0.5, 0.1)}end\n"))
+
+
 @pytest.mark.parametrize("setting", ["$ORI_TYPE=#CONSTANT", "$CIRC_TYPE=#PATH", "$IPO_MODE=#TCP", "$ROBROOT=R"])
 def test_poses_are_not_known_where_the_tool_turns_otherwise(setting: str) -> None:
     frames = "$TOOL={X 0,Y 0,Z 0,A 0,B 0,C 0}\n$BASE={X 0,Y 0,Z 0,A 0,B 0,C 0}\n"
@@ -75,6 +86,21 @@ def test_half_a_turn_goes_either_way_round(kind: str) -> None:
         turned = LIN.replace("LIN", kind).replace("A 0", f"A {degrees}")
         told = whys(krl(f"DEF a()\n{KRL_SPEEDS}{ptp(17)}{LIN}{turned}END\n"))
         assert told == ["", "", said if degrees != 179.9 else ""]
+
+
+@pytest.mark.parametrize(("override", "may"), [("100", False), ("50", False), ("120", True), ("speed", True)])
+@pytest.mark.parametrize("before", ["", "IF b "])
+def test_an_override_that_may_raise_speeds_leaves_them_open(before: str, override: str, may: bool) -> None:
+    """VelSet takes a share of what is written, of 100 % and more."""
+    raised = "VelSet of line 5 may set more than the speed that is written"
+    text = f"VAR num speed;\nPROC main()\n{absj(17)}{before}VelSet {override},5000;\n{absj(27)}ENDPROC\n"
+    assert (raised in whys(rapid(text))) == may
+
+
+def test_a_line_that_a_sensor_corrects_is_not_known() -> None:
+    corrected = "corrections that are not known before the program runs are added to it"
+    for line in (MOVE_L.replace("tool0", "tool0\\Corr"), MOVE_L.replace("fine", "fine\\Corr")):
+        assert whys(rapid(f"PROC main()\n{absj(17)}{line}ENDPROC\n")) == ["", corrected]
 
 
 def test_a_program_of_rapid_that_may_run_in_cycles_says_where_they_begin() -> None:

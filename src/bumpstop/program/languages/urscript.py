@@ -33,6 +33,7 @@ _HARMLESS_WORDS = (
 )
 _HARMLESS = frozenset(_HARMLESS_WORDS.split())
 _WAITS = frozenset(("sleep", "popup", "stopj", "stopl"))
+_ASKS = re.compile("request_(boolean|float|integer)_from_primary_client")  # and waits for the answer
 _LOADS = frozenset(("set_payload", "set_payload_mass", "set_target_payload"))
 _JUMPS: Mapping[str, Jump] = {"break": "loop", "continue": "round", "return": "function", "halt": "program"}
 _BLOCKS = frozenset(("if", "elif", "else", "while", "def", "sec", "thread"))
@@ -70,7 +71,12 @@ def read_urscript(source: bytes) -> ReadProgram:
     blocks = Blocks(names, URSCRIPT_PURE, _JUMPS, ("tool",), "thread run kill join")
     for statement in tree.statements:
         if statement.words:
+            waits = [Wait(statement.line)] if any(_ASKS.fullmatch(word.text) for word in statement.words) else []
+            for node in waits:
+                blocks.add(node)
             _add(blocks, statement, constants)
+            for node in waits:
+                blocks.add(node)  # in the block that begins here, too
     functions = blocks.finish()
     main = "" if does_something(functions.get("", ())) else blocks.only_first(functions)
     return ReadProgram(
