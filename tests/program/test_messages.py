@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -130,6 +131,27 @@ def changed(change: dict[str, Any]) -> bytes:
         else:
             message["points"][3][key] = value
     return json.dumps(data).encode()
+
+
+def test_a_message_that_begins_elsewhere_is_named() -> None:
+    data = json.loads((EXAMPLES / "planned.json").read_text())
+    assert not read_messages(Path("planned.json"), json.dumps(data).encode(), cell()).notes
+    data["trajectory"][1]["joint_trajectory"]["points"].pop(0)
+    data["trajectory"][1]["joint_trajectory"]["points"].pop(0)
+    data["trajectory"][1]["joint_trajectory"]["points"][0]["time_from_start"] = 0
+    (note,) = read_messages(Path("planned.json"), json.dumps(data).encode(), cell()).notes
+    said = "the first point is at 0 s, and is not where the arm is then: the way there is not in the file, nor judged"
+    assert note == f"trajectory[1]: {said}"
+
+
+def test_whole_numbers_behind_a_zero_are_to_base_8_and_not_taken() -> None:
+    """``nanosec: 050000000`` is 10 ms to the readers of YAML that ROS has, and was 50 ms here."""
+    text = (EXAMPLES / "planned.yaml").read_text()
+    padded = re.sub(r"nanosec: ([1-9][0-9]+)", r"nanosec: 0\1", text)
+    assert padded != text
+    found = read_messages(Path("planned.yaml"), padded.encode(), cell())
+    assert not found.segments
+    assert found.moves_unseen
 
 
 def test_the_way_to_a_first_point_that_comes_later_is_named() -> None:

@@ -42,10 +42,11 @@ class Value:
         return self.items[self.keys.index(key)] if self.keys.count(key) == 1 else None
 
     def number(self) -> float | None:
-        """Of a scalar; None where it is no finite number."""
+        """Of a scalar; None where it is no finite number, or one to base 8: a whole number behind a zero."""
         if (
             self.kind != "scalar"
             or self.quoted
+            or re.fullmatch(r"[+-]?0[0-9]+", self.text)
             or not re.fullmatch(r"[+-]?(?:[0-9]{1,30}\.?[0-9]{0,30}|\.[0-9]{1,30})(?:[eE][+-]?[0-9]{1,3})?", self.text)
         ):
             return None

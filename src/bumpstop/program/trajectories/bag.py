@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.errors import InputError
-from bumpstop.program.trajectories.retimed_message import BASE_MOVES, MessageRows, retimed_rows, segments_of
+from bumpstop.program.trajectories.retimed_message import (
+    BASE_MOVES,
+    MessageRows,
+    begins_elsewhere,
+    elsewhere_notes,
+    retimed_rows,
+    segments_of,
+)
 
 if TYPE_CHECKING:
     from bumpstop.program.cell import Cell
@@ -110,6 +117,7 @@ def read_bag_trajectories(path: Path, cell: Cell) -> BagProgram:
     found: list[tuple[int, int, MessageRows, Sequence[TrajectorySegment]]] = []
     not_understood: list[tuple[int, str]] = []
     own, stands, unseen = {joint.name for joint in cell.robot.joints}, cell.start, False
+    elsewhere: list[str] = []
     with Reader(path) as reader:
         store = _store(reader)
         for number, (connection, _, body) in enumerate(reader.messages()):
@@ -136,8 +144,9 @@ def read_bag_trajectories(path: Path, cell: Cell) -> BagProgram:
                 else:
                     lines = list(range(1, len(rows.time) + 1))
                     found.append((number, place, rows, segments_of(name, rows, lines, cell, stands)))
+                    elsewhere += [name] if begins_elsewhere(rows, stands) else []
                     stands = rows.position[-1]
-    return BagProgram("ROS bag", path, found, not_understood, unseen)
+    return BagProgram("ROS bag", path, found, not_understood, unseen, elsewhere_notes(elsewhere))
 
 
 def _store(reader: Any) -> Any:

@@ -13,7 +13,14 @@ from bumpstop.errors import InputError
 from bumpstop.output_files import write_bytes
 from bumpstop.program.languages.message_syntax import Value, parse_json, parse_yaml
 from bumpstop.program.languages.syntax import Edit, edited
-from bumpstop.program.trajectories.retimed_message import BASE_MOVES, MessageRows, retimed_rows, segments_of
+from bumpstop.program.trajectories.retimed_message import (
+    BASE_MOVES,
+    MessageRows,
+    begins_elsewhere,
+    elsewhere_notes,
+    retimed_rows,
+    segments_of,
+)
 
 if TYPE_CHECKING:
     from bumpstop.program.cell import Cell
@@ -84,6 +91,7 @@ def read_messages(path: Path, source: bytes, cell: Cell) -> MessageProgram:
     found: list[tuple[MessageRows, Sequence[TrajectorySegment], Sequence[Value]]] = []
     not_understood = []
     own, stands, unseen = {joint.name for joint in cell.robot.joints}, cell.start, False
+    elsewhere: list[str] = []
     for name, message in _trajectories(documents):
         line = source.count(b"\n", 0, message.start) + 1
         if _moves_base(message):
@@ -101,10 +109,11 @@ def read_messages(path: Path, source: bytes, cell: Cell) -> MessageProgram:
         assert points is not None
         lines = [source.count(b"\n", 0, point.start) + 1 for point in points.items]
         found.append((rows, segments_of(name, rows, lines, cell, stands), points.items))
+        elsewhere += [name] if begins_elsewhere(rows, stands) else []
         stands = rows.position[-1]
     if not found and not not_understood:
         raise InputError(str(path), "holds no JointTrajectory", "wanted joint_names and points")
-    return MessageProgram("ROS trajectory", source, found, not_understood, unseen)
+    return MessageProgram("ROS trajectory", source, found, not_understood, unseen, elsewhere_notes(elsewhere))
 
 
 def _trajectories(documents: Sequence[Value]) -> Iterator[tuple[str, Value]]:

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 BASE_MOVES = "a MultiDOFJointTrajectory moves what the arm stands on, and is not followed"
 # Wide enough for any arm and any unit slip, narrow enough that no product of them overflows [s, rad or m, per second].
 _MAX = {"time": 1e7, "position": 1e4, "velocity": 1e4, "acceleration": 1e6}
-
+# What the arm may stand beside the first point: as far as MoveIt lets it [rad or m].
+_BESIDE = 0.01
 _RESTS = 1e-9  # [per s, per s2] nothing changes where a row is written at rest
 
 
@@ -82,6 +83,22 @@ class MessageRows:
             if far.size:
                 return f"point {far[0] + 1} has a {what} of {most[far[0]]:.3g}, over {_MAX[what]:g}"
         return cls(t, q, qd, qdd, tuple(order))
+
+
+def begins_elsewhere(rows: MessageRows, stands: FloatArray | None) -> bool:
+    """Whether the first point is one where the arm is said to be already, and is not.
+
+    Args:
+        rows: points of a message.
+        stands: joint positions before it (dof,); None: not known.
+    """
+    return stands is not None and rows.time[0] <= 0 and float(np.abs(rows.position[0] - stands).max()) > _BESIDE
+
+
+def elsewhere_notes(names: Sequence[str]) -> list[str]:
+    """What is said of messages that begin elsewhere."""
+    said = "the first point is at 0 s, and is not where the arm is then: the way there is not in the file, nor judged"
+    return [f"{', '.join(names)}: {said}"] if names else []
 
 
 def segments_of(
