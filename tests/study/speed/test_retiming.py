@@ -84,3 +84,15 @@ def test_a_moment_without_a_safe_speed_is_named() -> None:
     allowed[6] = 0.0
     with pytest.raises(InputError, match=f"at {trajectory.time[6]:.6g} s"):
         retime(trajectory, allowed, np.ones(6), np.ones(6))
+
+
+def test_what_rests_at_its_end_rests_there_slowed_down_too() -> None:
+    """A file's digits leave a rate at the end, which is more than a hundredth of what a slow motion has."""
+    t = np.linspace(0, 1, 26)
+    rounded = np.round(10 * t**3 - 15 * t**4 + 6 * t**5, 4)[:, None]
+    for end, stops in ((0.0, True), (0.1, False)):
+        trajectory = Trajectory(t, rounded + end * t[:, None])
+        found = retime(trajectory, np.append(np.full(25, 0.02), 1.0), np.full(1, 9.0), np.full(1, 99.0))
+        assert np.abs(trajectory.at(1.0, 1)).max() > 1e-3
+        assert trajectory.stops_short != stops
+        assert Trajectory(found.time, found.position, found.velocity).stops_short != stops

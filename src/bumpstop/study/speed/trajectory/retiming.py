@@ -185,6 +185,9 @@ def _written(trajectory: Trajectory, x: FloatArray) -> Retimed:
             problem = f"{parts} rows between two waypoints still stray by {strays:.2g} from the path"
             raise InputError("motion.file", problem, "give waypoints that are closer together")
         parts *= 2
+    if not trajectory.stops_short:
+        # Where the digits of a file leave a rate, it would be one beside the speeds of a slow motion.
+        velocity[-1] = 0.0
     acceleration = trajectory.at(moment, 2) * speed[:, None] ** 2
     acceleration += trajectory.at(moment, 1) * np.append(change[piece], change[-1])[:, None]
     return Retimed(time, position, velocity, acceleration, np.arange(len(u), dtype=np.int64) * parts, moment)
