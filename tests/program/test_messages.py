@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import json
 import re
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 import bumpstop as bs
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.trajectory.trajectory_file import read_rows
 from bumpstop.program.evaluation import evaluate_program
+from bumpstop.program.safe_speed import highest_safe
 from bumpstop.program.source import Source, read_source
 from bumpstop.program.trajectories.bag import BagProgram, read_bag_trajectories
 from bumpstop.program.trajectories.messages import MessageProgram, read_messages
@@ -131,6 +134,31 @@ def changed(change: dict[str, Any]) -> bytes:
         else:
             message["points"][3][key] = value
     return json.dumps(data).encode()
+
+
+@pytest.mark.parametrize("points", [2, 3, 5, 41])
+def test_points_without_velocities_are_left_and_reached_at_rest(points: int) -> None:
+    """A spline that does not rest there was judged as if the arm went on, and no speed of it was safe."""
+    t = np.linspace(0, 6, points)
+    share = (t / 6) ** 3 * (10 - 15 * (t / 6) + 6 * (t / 6) ** 2)
+    start, way = np.array(cell().start), np.array([0.6, 0.2, -0.2, 0, 0.1, 0])
+    places = [(start + s * way).tolist() for s in share]
+    rows = [{"positions": q, "time_from_start": at} for q, at in zip(places, t.tolist(), strict=True)]
+    text = json.dumps({"joint_names": [joint.name for joint in cell().robot.joints], "points": rows})
+    (segment,) = read_messages(Path("m.json"), text.encode(), cell()).segments
+    for factor in (1.0, 0.6):
+        motion = segment.at(factor)
+        spline = CubicSpline(motion.time, motion.position, bc_type="clamped")
+        at = np.linspace(0, motion.duration, 999)
+        assert np.abs(motion.at(at, 1) - spline(at, 1)).max() < 1e-12
+        # A controller that goes straight from point to point is nowhere faster than the joint is between the two.
+        mean = np.abs(np.diff(motion.position, axis=0) / np.diff(motion.time)[:, None])
+        between = [np.abs(motion.at(np.linspace(*ends, 99), 1)).max(axis=0) for ends in pairwise(motion.time)]
+        assert (mean <= np.array(between) + 1e-12).all()
+    safe = highest_safe(segment, cell(), 1.0, cell().judge(segment.at(1.0)))
+    assert safe.factor > 0.3
+    assert safe.judged is not None
+    assert safe.judged.conclusion == "acceptable"
 
 
 def test_a_message_that_begins_elsewhere_is_named() -> None:

@@ -196,7 +196,8 @@ def test_a_segment_timed_anew_follows_the_same_path_from_rest_to_rest() -> None:
     assert np.abs(dense(segment.at(most))[2]).max() == pytest.approx(fastest, rel=0.03)
     sparse = replace(segment, dense=False)
     assert (sparse.at(0.5).position == q).all()
-    assert sparse.at(0.5).duration == pytest.approx(segment.at(0.5).duration, rel=1e-9)
+    # Of a recording it is not known whether it rests at its ends; a message does.
+    assert sparse.at(0.5).duration == pytest.approx(segment.at(0.5).duration, rel=1e-4)
 
 
 def with_speeds(knots: list[tuple[float, float]]) -> TrajectorySegment:

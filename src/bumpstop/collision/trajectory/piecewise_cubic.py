@@ -82,7 +82,27 @@ def _smooth_slopes(dx: FloatArray, chord: FloatArray) -> FloatArray:
     right[0] = ((dx[0] + 2 * first) * dx[1] * chord[0] + dx[0] ** 2 * chord[1]) / first
     right[1:-1] = 3 * (dx[1:, None] * chord[:-1] + dx[:-1, None] * chord[1:])
     right[-1] = (dx[-1] ** 2 * chord[-2] + (2 * last + dx[-1]) * dx[-2] * chord[-1]) / last
-    # Elimination without exchange of rows: every pivot is positive.
+    return _solved(lower, diagonal, upper, right)
+
+
+def resting_slopes(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Slopes (rows, columns) of the cubic spline whose second derivative is continuous and whose ends have slope zero.
+
+    Args:
+        x: (rows,), at least 2, ascending.
+        y: (rows, columns).
+    """
+    dx = np.diff(x)
+    chord = np.diff(y, axis=0) / dx[:, None]
+    right = np.zeros(y.shape)
+    right[1:-1] = 3 * (dx[1:, None] * chord[:-1] + dx[:-1, None] * chord[1:])
+    diagonal = [1.0, *(2 * (dx[:-1] + dx[1:])).tolist(), 1.0]
+    return _solved([*dx[1:].tolist(), 0.0], diagonal, [0.0, *dx[:-1].tolist()], right)
+
+
+def _solved(lower: list[float], diagonal: list[float], upper: list[float], right: FloatArray) -> FloatArray:
+    """Of a tridiagonal system of equations, by elimination without exchange of rows: every pivot is positive."""
+    rows = len(diagonal)
     for i in range(1, rows):
         share = lower[i - 1] / diagonal[i - 1]
         diagonal[i] -= share * upper[i - 1]

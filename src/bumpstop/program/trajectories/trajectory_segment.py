@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bumpstop.collision.trajectory.piecewise_cubic import resting_slopes
 from bumpstop.collision.trajectory.trajectory import Trajectory, point_motion
 from bumpstop.errors import InputError
 from bumpstop.program.motion.path import SHARE
@@ -86,8 +87,15 @@ def _split_at_turns(speed: FloatArray, first: int, last: int) -> list[tuple[int,
 def _joined(
     time: FloatArray, position: FloatArray, velocity: FloatArray | None, acceleration: FloatArray | None
 ) -> Trajectory:
-    """The trajectory through rows; with accelerations by the quintics between them, in cubics of a short time."""
-    if velocity is None or acceleration is None or len(time) < 2:
+    """The trajectory through rows; with accelerations by the quintics between them, in cubics of a short time.
+
+    Without velocities it rests at both ends: a controller goes to the last point, and stays there.
+    """
+    if len(time) < 2:
+        return Trajectory(time, position, velocity)
+    if velocity is None:
+        return Trajectory(time, position, resting_slopes(time, position))
+    if acceleration is None:
         return Trajectory(time, position, velocity)
     step = np.diff(time)
     count = np.clip(np.ceil(step / _PIECE_S), *_PIECES).astype(int)
@@ -160,7 +168,10 @@ class TrajectorySegment:
     @cached_property
     def given(self) -> Trajectory:
         """As the file has it."""
-        return _joined(self.time - self.time[0], self.position, self.velocity, self.acceleration)
+        time = self.time - self.time[0]
+        if self.dense:
+            return Trajectory(time, self.position, self.velocity)
+        return _joined(time, self.position, self.velocity, self.acceleration)
 
     @cached_property
     def _grid(self) -> tuple[FloatArray, FloatArray, FloatArray, float]:
