@@ -232,6 +232,15 @@ def test_a_slow_begin_or_end_keeps_its_share_of_the_speed(factor: float, backwar
     assert rate[slow, 0].max() == pytest.approx(0.05 * factor, rel=0.01)
 
 
+def test_a_begin_that_gets_slower_on_the_way_keeps_its_share_of_the_speed() -> None:
+    segment = with_speeds([(0, 0), (0.3, 0.45), (0.4, 0.3), (0.6, 0.8), (2, 0.8), (2.4, 0)])
+    motion = segment.at(0.9)
+    t = np.linspace(0, motion.duration, 4001)
+    turned = motion.at(t)[:, 0]
+    # Where the file is slowest, after 0.0675 rad and 0.0375 rad.
+    assert motion.at(t, 1)[np.abs(turned - 0.105) < 1e-3, 0].max() == pytest.approx(0.27, rel=0.05)
+
+
 @pytest.mark.parametrize("knots", [CREEPS, DIPS])
 def test_a_speed_that_changes_on_the_way_is_raised_within_the_accelerations(knots: list[tuple[float, float]]) -> None:
     segment, allowed = with_speeds(knots), cell().joint_acceleration

@@ -32,8 +32,9 @@ MIN_TURN = 1e-5
 _SAMPLES = 1500  # of a segment
 _FULL = 0.7  # of the greatest speed: from the first peak that reaches it to the last the arm goes at its own speed
 _MAX_RAMP = 95.0  # percentile of the acceleration along the path
-# An arm that only gets going takes no more times as long as at its greatest acceleration: of a cubic it is 2.
-_GETS_GOING = 2.5
+# An arm that only gets going takes no more times as long as at its greatest acceleration, of a cubic it is 2, and gets
+# slower by no more than this share of its speed on the way.
+_GETS_GOING, _FALLS = 2.5, 0.05
 _DIFFERENCE_S = 1e-4
 # A quintic is told by cubics of so much time [s], so many at least and at most.
 _PIECE_S, _PIECES = 0.01, (2, 64)
@@ -118,6 +119,13 @@ def _joined(
     )
 
 
+def _gets_going(t: FloatArray, speed: FloatArray) -> bool:
+    """Whether an arm only gets going up to the last of some times [s]; what is slow for longer is so on purpose."""
+    most = 0.0 if len(t) < 2 else float(np.abs(np.gradient(speed, t)).max())
+    falls = float((np.maximum.accumulate(speed) - speed).max())
+    return bool((t[-1] - t[0]) * most <= _GETS_GOING * speed[-1] and falls <= _FALLS * speed[-1])
+
+
 @dataclass(frozen=True, eq=False)
 class TrajectorySegment:
     """A segment of a trajectory as a segment.
@@ -187,16 +195,15 @@ class TrajectorySegment:
             first += 1
         while last > first and speed[last - 1] > speed[last]:
             last -= 1
-        envelope, change = speed.copy(), np.abs(np.gradient(speed, t))
-        # What is slow for longer is so on purpose, as an approach: it keeps its share of the speed.
-        if t[first] * change[: first + 1].max() <= _GETS_GOING * speed[first]:
+        envelope = speed.copy()
+        if _gets_going(t[: first + 1], speed[: first + 1]):
             envelope[:first] = speed[first]
-        if (t[-1] - t[last]) * change[last:].max() <= _GETS_GOING * speed[last]:
+        if _gets_going(t[-1] - t[last:][::-1], speed[last:][::-1]):
             envelope[last + 1 :] = speed[last]
         envelope = np.maximum(envelope, 1e-3 * speed.max())
         u = np.append(0.0, np.cumsum(np.diff(way) * 0.5 * (1 / envelope[1:] + 1 / envelope[:-1])))
         with np.errstate(divide="ignore", invalid="ignore"):
-            ramp = float(np.percentile(change, _MAX_RAMP)) / float(speed.max())
+            ramp = float(np.percentile(np.abs(np.gradient(speed, t)), _MAX_RAMP)) / float(speed.max())
             direction = np.abs(rate) / np.maximum(speed, 1e-12)[:, None]
             joints = float((self.joint_acceleration / (direction * envelope[:, None]).max(axis=0)).min())
         ramp = ramp if ramp * self.given.duration > 1 else joints
