@@ -161,6 +161,14 @@ def test_points_without_velocities_are_left_and_reached_at_rest(points: int) -> 
     assert safe.judged.conclusion == "acceptable"
 
 
+def test_a_joint_beyond_its_limit_is_named_without_rows_that_are_in_no_file() -> None:
+    rows = [{"positions": [3.0 * t, -1.57, 1.57, -1.57, -1.57, 0], "time_from_start": t} for t in (0, 1)]
+    text = json.dumps({"joint_names": [joint.name for joint in cell().robot.joints], "points": rows})
+    (segment,) = read_messages(Path("m.json"), text.encode(), cell()).segments
+    said = "at t = 0.5 s joint 1 moves at 4.5 rad/s; its limit is 2.094 rad/s"
+    assert cell().judge(segment.at(1.0)).reason == said
+
+
 def test_a_message_that_begins_elsewhere_is_named() -> None:
     data = json.loads((EXAMPLES / "planned.json").read_text())
     assert not read_messages(Path("planned.json"), json.dumps(data).encode(), cell()).notes
