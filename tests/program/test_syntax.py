@@ -43,6 +43,14 @@ def test_the_tree_prints_the_same_bytes(parse: Parse, read: Read, corpus: tuple[
         _check(parse, read, mutated(corpus, seed))
 
 
+@pytest.mark.parametrize(("parse", "read", "corpus"), LANGUAGES, ids=["urscript", "krl", "rapid"])
+def test_a_mark_of_the_byte_order_means_nothing(parse: Parse, read: Read, corpus: tuple[bytes, ...]) -> None:
+    """Editors of Windows write it; the first line was not understood."""
+    for source in (corpus[0], corpus[0].lstrip(b"# \n")):
+        _check(parse, read, b"\xef\xbb\xbf" + source)
+        assert read(b"\xef\xbb\xbf" + source).not_understood == read(source).not_understood
+
+
 @pytest.mark.parametrize(("parse", "read"), [one[:2] for one in LANGUAGES], ids=["urscript", "krl", "rapid"])
 def test_any_bytes(parse: Parse, read: Read) -> None:
     @given(st.binary(max_size=200))

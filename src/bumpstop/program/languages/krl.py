@@ -32,7 +32,7 @@ from bumpstop.program.languages.statements import (
 from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token, parse_lines
 
 _TOKENS = re.compile(
-    r"(?P<comment>;[^\n\r]*|(?<![^\n])&[^\n\r]*)|(?P<newline>\r?\n)|(?P<space>[ \t\r\f\v]+)"
+    r"(?P<comment>;[^\n\r]*|(?:(?<![^\n])|(?<=\A\xef\xbb\xbf))&[^\n\r]*)|(?P<newline>\r?\n)|(?P<space>[ \t\r\f\v]+)"
     r"|(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
     r"|(?P<name>[$#]?[A-Za-z_][A-Za-z0-9_$]*(?:\.[A-Za-z_][A-Za-z0-9_]*)*)|(?P<string>\"[^\"\n\r]*\")"
     r"|(?P<division>/)|(?P<operator>==|<>|<=|>=|[-+*=<>()\[\]{},:!?'])"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from codecs import BOM_UTF8
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -117,8 +118,11 @@ def tokenize(source: bytes, pattern: re.Pattern[str]) -> list[Token]:
         source: of the program.
         pattern: with a named group for every kind of token; each match has one letter at least.
     """
-    text, found, at = source.decode("latin-1"), [], 0
-    for match in pattern.finditer(text):
+    text, found, at = source.decode("latin-1"), list[Token](), 0
+    if source.startswith(BOM_UTF8):
+        at = len(BOM_UTF8)  # editors of Windows write it
+        found.append(Token("space", 0, at, text[:at]))
+    for match in pattern.finditer(text, at):
         if match.start() > at:
             found.append(Token("other", at, match.start(), text[at : match.start()]))
         if match.end() > match.start():
