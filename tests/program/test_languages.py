@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import bumpstop as bs
+from bumpstop.program.evaluation import evaluate_program
 from bumpstop.program.interpreter import Interpreter, Visit
 from bumpstop.program.languages.krl import read_krl
 from bumpstop.program.languages.rapid import read_rapid
@@ -19,6 +21,7 @@ from bumpstop.program.languages.urscript import read_urscript
 from bumpstop.program.motion.kinematics import transform
 from bumpstop.program.segment import Segment
 from bumpstop.program.source import TextProgram, read_source
+from bumpstop.program.writing import write_program
 from program.corpora import EXAMPLES, cell
 
 HOME = "[0, -1.57, 1.57, -1.57, -1.57, 0]"
@@ -322,6 +325,21 @@ def test_only_speeds_change(name: str) -> None:
             if added in new and added not in old:
                 new = new.replace(added, b"", 1)
         assert [part for part in new if part not in b"0123456789."] == [p for p in old if p not in b"0123456789."]
+
+
+def test_data_of_a_krl_program_go_with_it(tmp_path: Path) -> None:
+    """Without them nothing of what was written could be judged again."""
+    for name in ("place.src", "place.DAT"):
+        (tmp_path / name).write_bytes((EXAMPLES / name.lower()).read_bytes())
+    scenario = bs.load_scenario(EXAMPLES / "cell.toml")
+    result = evaluate_program(tmp_path / "place.src", scenario, faster=False)
+    files = write_program(result, tmp_path / "place.src", tmp_path / "out")
+    assert tmp_path / "out" / "place.DAT" in files
+    assert (tmp_path / "out" / "place.DAT").read_bytes() == (EXAMPLES / "place.dat").read_bytes()
+    assert evaluate_program(tmp_path / "out" / "place.src", scenario, faster=False).present == "PASS"
+    result = evaluate_program(EXAMPLES / "place.mod", scenario, faster=False)
+    files = write_program(result, EXAMPLES / "place.mod", tmp_path / "rapid")
+    assert not [file for file in files if file.suffix.lower() == ".dat"]
 
 
 def test_what_is_not_understood_is_named_by_line() -> None:

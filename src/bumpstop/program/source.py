@@ -184,8 +184,16 @@ def _read(path: Path, ending: str) -> ReadProgram:
         return read_rapid(source)
     from bumpstop.program.languages.krl import read_krl
 
-    beside = [other for other in path.parent.glob(f"{glob_escape(path.stem)}.*") if other.suffix.lower() == ".dat"]
-    return read_krl(source, read_bytes(beside[0]) if beside else b"")
+    data = data_beside(path)
+    return read_krl(source, read_bytes(data) if data else b"")
+
+
+def data_beside(path: Path) -> Path | None:
+    """The ``.dat`` beside a KRL program; None where there is none, and of anything else."""
+    if path.suffix.lower() not in _KRL:
+        return None
+    beside = (other for other in path.parent.glob(f"{glob_escape(path.stem)}.*") if other.suffix.lower() == ".dat")
+    return next(beside, None)
 
 
 def read_bytes(path: Path) -> bytes:

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 
 from bumpstop.collision.scenario.settings_file import scenario_data
 from bumpstop.errors import InputError
+from bumpstop.output_files import write_bytes
 from bumpstop.program.cell import write_trajectory
+from bumpstop.program.source import data_beside, read_bytes
 from bumpstop.text_files import to_toml, write_text
 
 if TYPE_CHECKING:
@@ -46,6 +48,9 @@ def write_program(result: ProgramResult, path: Path, folder: Path) -> list[Path]
             if old.stem.isdecimal():
                 old.unlink()  # of another run, they would be taken for this program's
         result.source.write(result.factors, target)
+        if (beside := data_beside(path)) is not None:
+            write_bytes(folder / beside.name, read_bytes(beside))  # as it is: the program is nothing without it
+            files.append(folder / beside.name)
         for number, one in enumerate(result.segments, start=1):
             if one.written.cell is None:
                 continue
