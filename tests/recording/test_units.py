@@ -157,6 +157,27 @@ def test_the_sign_of_a_coupling_turns_currents_and_torques(name: str, side: str,
     np.testing.assert_allclose(value[3], ratio * [4.0, -5.0])
 
 
+@pytest.mark.parametrize(("beside", "mixed"), [(32.0, True), (-32.0, True), (0.5, False), (0.0, False)])
+def test_a_current_of_a_motor_that_carries_other_joints_is_no_current_of_its_joint(
+    beside: float, mixed: bool, tmp_path: Path
+) -> None:
+    """Of a coupled wrist a gain came out as 5.6 +- 0.6 in place of 9, and the fit was usable."""
+    path = written(tmp_path, [f"{0.01 * i},{0.1 * i},{-0.2 * i},{1.0 + i},{2.0 + i}" for i in range(50)])
+    columns: dict[str, Any] = {
+        "time": {"column": 1},
+        "position": {"columns": [2, 3]},
+        "current": {"columns": [4, 5]},
+        "coupling": {"ratio": [[45.0, 0.0], [beside, 32.0]]},
+        "joint_names": ["tilt", "roll"],
+    }
+    # tau_motor = inverse(transpose(ratio)) tau: the first motor carries what the second joint has, not the other way.
+    faults = Recording.load(path, columns=columns).report.faults
+    assert [fault for fault in faults if "the current of tilt is of a motor" in fault] == list(faults[:mixed])
+    assert len(faults) == mixed
+    columns["torque"] = columns.pop("current") | {"side": "motor"}
+    assert not Recording.load(path, columns=columns).report.faults
+
+
 @pytest.mark.parametrize("kind", ["csv", "xlsx"])
 def test_units_below_the_names_are_not_passed_over(kind: str, tmp_path: Path) -> None:
     """They were one bad row, and the values were read in SI."""

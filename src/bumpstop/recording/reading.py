@@ -18,6 +18,7 @@ from bumpstop.recording.columns import Columns
 from bumpstop.recording.formats.memory import check_memory
 from bumpstop.recording.formats.table import RawRecording, Table
 from bumpstop.recording.select_columns import choose
+from bumpstop.terminal import named
 from bumpstop.text_files import other_robot, shown
 
 _BY_ENDING = {
@@ -43,6 +44,8 @@ _NO_WRENCH = (
     "The wrench is along axes that stand still and is left out: it is turned into those of the tip only where the "
     "recording is read with its robot (--robot)."
 )
+# A current that has such a share of another joint's torque is not taken for its own joint's.
+_MIXED_SHARE = 0.05
 # Formats whose joints have names, which choose and order them.
 _BAGS = ("ros2bag", "mcap")
 # Units that a kind of joint cannot have, and what it may have instead.
@@ -80,6 +83,7 @@ def read(
         raise InputError(str(path), f"cannot be read ({error.strerror or error})") from None
     # Before any use: numpy would spread one column over all joints, and fail at others.
     _check_widths(raw, given, robot, path)
+    mixed = _mixed_currents(raw, given, robot)
     raw = _on_joint_side(raw, given)
     if robot is not None:
         # Whoever reads a bag has put its joints into the robot's order already.
@@ -90,6 +94,8 @@ def read(
         raw = retimed(raw, rate_hz)
     told = () if robot is None else robot_notes(raw.robot, robot.name)
     values, report = checked(replace(raw, notes=(*told, *notes, *raw.notes)), robot, max_bad, path)
+    if "current" in values:
+        report = replace(report, faults=(*report.faults, *mixed))
     if "wrench" in values and raw.wrench_frame != "tip":
         if robot is None:
             del values["wrench"]
@@ -218,6 +224,26 @@ def _on_joint_side(raw: RawRecording, columns: Columns) -> RawRecording:
         if "current" in values:
             values["current"] = values["current"] * coupling.sign
     return replace(raw, values=values)
+
+
+def _mixed_currents(raw: RawRecording, columns: Columns, robot: Robot | None) -> list[str]:
+    """A sentence on the joints whose motor carries the torque of other joints, too; none: there is no such current."""
+    if columns.coupling is None:
+        return []
+    share = np.abs(np.linalg.inv(columns.coupling.ratio).T)  # of a joint's torque (column) that a motor (row) carries
+    own = np.diag(share).copy()
+    np.fill_diagonal(share, 0.0)
+    mixed = np.flatnonzero(share.max(axis=1) > _MIXED_SHARE * own)
+    if not mixed.size:
+        return []
+    names = columns.joint_names or raw.joint_names
+    if len(names) != own.size:
+        names = tuple(f"joint {j + 1}" if robot is None else robot.joints[j].name for j in range(own.size))
+    each = named([names[j] for j in mixed])
+    return [
+        f"by [coupling] ratio the current of {each} is of a motor that carries torque of other joints, too, and no "
+        'gain makes it that joint\'s own torque: take motor torques (torque side = "motor"), and leave current out'
+    ]
 
 
 def _times(rows: FloatArray, matrix: FloatArray) -> FloatArray:
