@@ -50,6 +50,20 @@ def test_a_draft_of_names_reads_its_file(kind: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(third, (1e-3 if "mA" in stems[2] else 1) * 2 * q, rtol=1e-8)
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+def test_a_sign_for_degrees_is_read_in_every_encoding(encoding: str, tmp_path: Path) -> None:
+    """As traces of KUKA controllers: the draft said rad, and names with another letter than the file has."""
+    t = 0.01 * np.arange(200)
+    q = np.sin(t[:, None] + np.arange(2))
+    rows = [";".join(f"{x:.9f}".replace(".", ",") for x in row) for row in np.column_stack([t, np.degrees(q)])]
+    path = tmp_path / "trace.csv"
+    path.write_text("\n".join(["Zeit;$AXIS_ACT.A1 [°];$AXIS_ACT.A2 [°]", *rows]) + "\n", encoding=encoding)
+    draft = run("recording", "info", path).out
+    assert """["$AXIS_ACT.A1 [°]", "$AXIS_ACT.A2 [°]"], unit = "deg" """ in draft
+    (tmp_path / "columns.toml").write_text(draft, encoding="utf-8")
+    np.testing.assert_allclose(Recording.load(path, columns=tmp_path / "columns.toml").q, q, atol=1e-9)
+
+
 def test_a_draft_of_numbers_reads_its_file(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     np.savetxt(path, np.column_stack([0.01 * np.arange(99), np.ones((99, 6))]), delimiter=",")

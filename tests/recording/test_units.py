@@ -181,16 +181,14 @@ def test_a_current_of_a_motor_that_carries_other_joints_is_no_current_of_its_joi
 @pytest.mark.parametrize("kind", ["csv", "xlsx"])
 def test_units_below_the_names_are_not_passed_over(kind: str, tmp_path: Path) -> None:
     """They were one bad row, and the values were read in SI."""
-    names, units = ["t", "q_1", "q_2"], ["ms", "[deg]", "deg"]
+    names, units = ["t", "q_1", "q_2"], ["ms", "[°]", "deg"]
     rows = [[10.0 * i, 0.1 * i, 0.5] for i in range(200)]
     if kind == "csv":
         path = written(tmp_path, [",".join(map(str, row)) for row in (names, units, *rows)])
     else:
         pytest.importorskip("fastexcel")
         path = workbook(tmp_path / "run.xlsx", [names, units, *rows])
-    with pytest.raises(
-        InputError, match=r"(line|row) 2: holds no number but ms, \[deg\], deg: are these units\?.*unit"
-    ):
+    with pytest.raises(InputError, match=r"(line|row) 2: holds no number but ms, \[°\], deg: are these units\?.*unit"):
         Recording.load(path)
     columns: dict[str, Any] = {"time": {"column": "t", "unit": "ms"}, "position": {"columns": ["q_1", "q_2"]}}
     with pytest.raises(InputError, match=r"columns.position.unit: is 'rad', but .* says 'deg' in (line|row) 2"):

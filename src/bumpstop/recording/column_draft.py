@@ -143,7 +143,7 @@ def _kind(name: str) -> str:
 
 
 def _unit(kind: str, name: str) -> str:
-    units = _UNITS[kind]
+    units, name = _UNITS[kind], re.sub("[°º]", " deg ", name)
     # "mA" is one word here, and two where capitals begin one.
     words = [*_words(name), *(word.casefold() for word in re.findall(r"[A-Za-z]+", name))]
     return next((units[word] for word in words if word in units), _DEFAULT_UNIT[kind])

@@ -144,7 +144,7 @@ def _check_units_row(table: Table, name: str, quantity: Quantity, place: list[in
     known = UNITS[key]
     used = quantity.units or (next(iter(known)),)
     for i, unit in zip(place, used * len(place) if len(used) == 1 else used, strict=False):
-        told = table.text_row[i].strip('"[]() ')
+        told = table.text_row[i].strip('"[]() ').replace("°", "deg")
         if told in known and known[told] != known[unit]:
             raise InputError(
                 f"columns.{key}.unit",

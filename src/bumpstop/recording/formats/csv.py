@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 from pathlib import Path
 
@@ -29,10 +30,12 @@ def read_delimited(path: Path, header: bool | None) -> Table:
         InputError: empty, not text, or without any row of data.
     """
     body = path.read_bytes().removeprefix(_BOM)
+    if body.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        body = body.decode("utf-16", errors="replace").encode()
     if b"\r" in body:
         body = body.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     if b"\0" in body[:4096]:
-        raise InputError(str(path), "is not a text file", "wanted CSV in UTF-8")
+        raise InputError(str(path), "is not a text file", "wanted CSV in UTF-8, UTF-16 with its mark, or Windows-1252")
     skipped, first = _first_line(body)
     if not first.strip():
         raise InputError(str(path), "is empty", "wanted rows of numbers")
@@ -215,7 +218,10 @@ def _separator(line: bytes) -> bytes:
 
 
 def _fields(line: bytes, separator: bytes) -> list[str]:
-    text = line.decode("utf-8", errors="replace")
+    try:
+        text = line.decode("utf-8")
+    except UnicodeDecodeError:  # programs of instruments on Windows write Windows-1252
+        text = line.decode("cp1252", errors="replace")
     return text.split() if separator == b" " else text.split(separator.decode())
 
 
