@@ -178,6 +178,33 @@ def test_a_current_of_a_motor_that_carries_other_joints_is_no_current_of_its_joi
     assert not Recording.load(path, columns=columns).report.faults
 
 
+@pytest.mark.parametrize(
+    ("names", "unit"),
+    [
+        (("q1 [deg]", "q2 [deg]"), "deg"),
+        (("q1 (mm)", "q2 (mm)"), "mm"),
+        (("A1 [°]", "A2 [°]"), "deg"),
+        (("q[1] (m)", "q[2] [rad]"), ""),
+        (("q1 deg", "q2 deg"), ""),
+    ],
+)
+def test_a_unit_in_a_name_is_not_passed_over(names: tuple[str, str], unit: str, tmp_path: Path) -> None:
+    """Without a unit in the column file degrees of a slow arm were radians, without a word."""
+    path = written(tmp_path, [f"t;{';'.join(names)}", *(f"{0.01 * i};{0.01 * i};0.5" for i in range(50))])
+    columns: dict[str, Any] = {"time": {"column": "t"}, "position": {"columns": list(names)}}
+    if unit:
+        with pytest.raises(InputError) as error:
+            Recording.load(path, columns=columns)
+        said = f"columns.position.unit: is 'rad', but {str(path)!r} says {unit!r} in the name {names[0]!r}"
+        assert str(error.value) == f'{said}; wanted "{unit}", or columns by number'
+        columns["position"] = {"columns": [2, 3]}  # a name may be wrong
+        assert Recording.load(path, columns=columns).q[0, 1] == 0.5
+        columns["position"] = {"columns": list(names), "unit": unit}
+    assert Recording.load(path, columns=columns).q[0, 1] == pytest.approx(
+        {"deg": np.pi / 360, "mm": 5e-4, "": 0.5}[unit]
+    )
+
+
 @pytest.mark.parametrize("kind", ["csv", "xlsx"])
 def test_units_below_the_names_are_not_passed_over(kind: str, tmp_path: Path) -> None:
     """They were one bad row, and the values were read in SI."""

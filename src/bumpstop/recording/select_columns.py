@@ -25,6 +25,8 @@ _RTDE = {
     "current": "actual_current",
     "wrench": "actual_TCP_force",
 }
+# What may be a unit in the name of a column; a letter alone in round ones may mean anything.
+_IN_BRACKETS = re.compile(r"(?<=\[)[^\]]+(?=\])|(?<=\()[^)]{2,}(?=\))")
 # The controller's base, whatever the robot's base frame is: drivers for ROS turn that by half a turn.
 _RTDE_FRAME = "first_joint"
 _RTDE_NOTE = (
@@ -116,9 +118,8 @@ def _fetched(table: Table, quantities: dict[str, Quantity], path: Path) -> dict[
     if not quantities:
         return {}
     places = {name: _places(table, name, quantity, path) for name, quantity in quantities.items()}
-    if table.text_row:
-        for name, place in places.items():
-            _check_units_row(table, name, quantities[name], place, path)
+    for name, place in places.items():
+        _check_told_units(table, name, quantities[name], place, path)
     block = table.fetch([i for place in places.values() for i in place])
     values, start = {}, 0
     for name, place in places.items():
@@ -138,19 +139,23 @@ def _refuse_text_row(table: Table, path: Path) -> None:
         )
 
 
-def _check_units_row(table: Table, name: str, quantity: Quantity, place: list[int], path: Path) -> None:
-    """Refuse a unit that the file itself contradicts, in a row below its names."""
+def _check_told_units(table: Table, name: str, quantity: Quantity, place: list[int], path: Path) -> None:
+    """Refuse a unit that the file itself contradicts, in a row below its names or in the name that chose a column."""
     key = "time" if name == "t" else name
-    known = UNITS[key]
+    known = UNITS.get(key, {"": 1.0})
     used = quantity.units or (next(iter(known)),)
-    for i, unit in zip(place, used * len(place) if len(used) == 1 else used, strict=False):
-        told = table.text_row[i].strip('"[]() ').replace("°", "deg")
-        if told in known and known[told] != known[unit]:
-            raise InputError(
-                f"columns.{key}.unit",
-                f"is {unit!r}, but {str(path)!r} says {told!r} in {table.numbered} {table.rows[0]}",
-                f'wanted "{told}", or delete the row',
-            )
+    each = used * len(place) if len(used) == 1 else used
+    for i, unit, column in zip(place, each, quantity.columns, strict=False):
+        told = []
+        if table.text_row:
+            told.append((table.text_row[i].strip('"[]() '), f"{table.numbered} {table.rows[0]}", "or delete the row"))
+        if isinstance(column, str):
+            told += [(word, f"the name {column!r}", "or columns by number") for word in _IN_BRACKETS.findall(column)]
+        for word, where, way_out in told:
+            other = word.replace("°", "deg")
+            if other in known and known[other] != known[unit]:
+                problem = f"is {unit!r}, but {str(path)!r} says {other!r} in {where}"
+                raise InputError(f"columns.{key}.unit", problem, f'wanted "{other}", {way_out}')
 
 
 def _places(table: Table, name: str, quantity: Quantity, path: Path) -> list[int]:
