@@ -194,6 +194,12 @@ FAULTS: dict[str, tuple[Change, dict[K, int], int]] = {
         FILLING,
     ),
     "clock begins again": (lambda s: [*later(s[:200], 50.0), *s[200:]], {K.RESTARTED: 1}, FILLING),
+    # A detector that is given a time long ahead behind the first of the two has no data until that time has come.
+    "clock begins twice": (
+        lambda s: [*later(s[:199], 100.0), at(s[199], stamp_s=s[199].stamp_s + 50.0), *s[200:]],
+        {K.RESTARTED: 2},
+        FILLING,
+    ),
     "clock a little back": (lambda s: [*later(s[:200], 0.5), *s[200:]], {K.WENT_BACK: 9, K.RESTARTED: 1}, FILLING + 9),
     "clock jumps ahead": (lambda s: [*s[:200], *later(s[200:], 3600.0)], {K.JUMPED_AHEAD: 1}, FILLING),
     "another arm": (

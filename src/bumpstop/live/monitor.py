@@ -367,6 +367,7 @@ class Monitor:
     def _lose_data(self, why: SourceEventKind, now: float) -> None:
         """Nothing is judged until samples come, and what they show then may be a motion of any kind."""
         self._forget()
+        self._checks.reset()
         self._last_state = _NO_DATA
         self._tell_loss(why, now)
 
@@ -378,7 +379,6 @@ class Monitor:
         """Begin anew, but for an alarm that stands: what is not seen does not end it."""
         self._kernel.reset()
         self._events = self._kernel.events
-        self._checks.reset()
         self._lag.reset()
         self._was_judged = False
 
