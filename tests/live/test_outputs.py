@@ -60,6 +60,22 @@ def test_json_lines_say_states_alarms_and_the_source(tmp_path: Path) -> None:
     assert abs(alarm["time_s"] - time.time()) < 60
 
 
+def test_a_clock_that_is_set_while_a_monitor_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine without a battery begins years ago, until a network tells it the time: alarms kept that for days."""
+    from mcap.reader import make_reader
+
+    lines = JsonLines(tmp_path / "watch.jsonl", loaded(tmp_path))
+    recording = McapRecording(tmp_path / "watch.mcap", loaded(tmp_path))
+    clock = time.time
+    monkeypatch.setattr(time, "time", lambda: clock() + 1e8)
+    monitored(tmp_path, lines, recording)
+    _, *later = [json.loads(line)["time_s"] for line in (tmp_path / "watch.jsonl").read_text().splitlines()]
+    assert max(abs(t - time.time()) for t in later) < 60
+    with recording.files[0].open("rb") as file:
+        times = [message.log_time for _, _, message in make_reader(file).iter_messages()]
+    assert max(abs(1e-9 * t - time.time()) for t in times) < 60
+
+
 def states_in(path: Path) -> list[tuple[str, str, bool]]:
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from abc import ABC, abstractmethod
 from collections import deque
 from dataclasses import dataclass
@@ -34,8 +35,23 @@ Told = CollisionAlarm | MonitorTick | DataLoss | Status | tuple["SourceEvent", f
 
 _PERIOD_S = 0.1
 _STATUS_S = 1.0
+_SET_S = 0.01  # a clock that is off by more has been set; by less, the two clocks were read apart
 _MAX_WAITING = 60_000  # a minute at 1 kHz, for a disk that hangs
 _MAX_ENDING_S = 10.0  # then what hangs is left behind
+
+
+class WallClock:
+    """The clock on the wall beside ``time.monotonic()``: somebody, or a network, may set it while a monitor runs."""
+
+    def __init__(self) -> None:
+        self._ahead = time.time() - time.monotonic()
+
+    def at(self, monotonic_s: float) -> float:
+        """What it shows, as it is set now, at a time of ``time.monotonic()``: seconds since 1970."""
+        ahead = time.time() - time.monotonic()
+        if abs(ahead - self._ahead) > _SET_S:
+            self._ahead = ahead
+        return self._ahead + monotonic_s
 
 
 class BackgroundOutput(ABC):

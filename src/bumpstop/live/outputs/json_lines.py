@@ -11,7 +11,7 @@ import numpy as np
 from bumpstop.arrays import finite_or_none
 from bumpstop.errors import InputError
 from bumpstop.live.output import CollisionAlarm, DataLoss, MonitorTick
-from bumpstop.live.outputs.background import BackgroundOutput, Status
+from bumpstop.live.outputs.background import BackgroundOutput, Status, WallClock
 from bumpstop.text_files import as_path
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class JsonLines(BackgroundOutput):
         self.what = f"--jsonl {self._path}"
         super().__init__()
         self._joints = detector.joints
-        self._wall = time.time() - time.monotonic()
+        self._wall = WallClock()
         self._state = ("", "")
         self._file: IO[bytes] | None = None
         self._torn = False
@@ -107,7 +107,7 @@ class JsonLines(BackgroundOutput):
     def _of_alarm(self, alarm: CollisionAlarm) -> dict[str, Any]:
         more = {"stamp_s": alarm.stamp_s, "number": alarm.number, "latency_s": alarm.latency_s}
         return (
-            {"kind": "alarm", "time_s": self._wall + alarm.tick.sample.received_s}
+            {"kind": "alarm", "time_s": self._wall.at(alarm.tick.sample.received_s)}
             | more
             | alarm_json(alarm, self._joints)
         )
@@ -120,7 +120,7 @@ class JsonLines(BackgroundOutput):
     def _line(self, kind: str, told: MonitorTick | DataLoss, now_s: float) -> dict[str, Any]:
         return {
             "kind": kind,
-            "time_s": self._wall + now_s,
+            "time_s": self._wall.at(now_s),
             "stamp_s": finite_or_none(told.stamp_s),
             "state": told.state,
             "fault": told.fault,
@@ -130,7 +130,7 @@ class JsonLines(BackgroundOutput):
     def _of_event(self, event: SourceEvent, received_s: float) -> dict[str, Any]:
         return {
             "kind": "source",
-            "time_s": self._wall + received_s,
+            "time_s": self._wall.at(received_s),
             "event": str(event.kind),
             "text": event.text,
             "count": event.count,

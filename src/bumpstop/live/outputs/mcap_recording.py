@@ -12,7 +12,7 @@ import numpy as np
 
 from bumpstop.errors import InputError
 from bumpstop.live.output import CollisionAlarm, DataLoss, MonitorTick
-from bumpstop.live.outputs.background import BackgroundOutput, Status
+from bumpstop.live.outputs.background import BackgroundOutput, Status, WallClock
 from bumpstop.live.outputs.mcap_writer import PART, McapFile, import_mcap, mend
 from bumpstop.live.outputs.ros_messages import RosMessages, usable_rows
 from bumpstop.text_files import as_path
@@ -53,7 +53,7 @@ class McapRecording(BackgroundOutput):
         self.what = f"--mcap {self._path}"
         super().__init__()
         self._detector, self._rotate = detector, rotate_s
-        self._wall = time.time() - time.monotonic()
+        self._wall = WallClock()
         self._threshold: Any = None
         self._state = ("", "")
         self._next_threshold = -math.inf
@@ -140,7 +140,7 @@ class McapRecording(BackgroundOutput):
             self.files.append(file.path)
 
     def _nanoseconds(self, received_s: float) -> int:
-        return round((self._wall + received_s) * 1e9)
+        return round(self._wall.at(received_s) * 1e9)
 
     def _add_ticks(self, file: McapFile, ticks: Sequence[MonitorTick]) -> None:
         """Residuals of all, thresholds of those in which they change, and samples of this robot's joints."""
