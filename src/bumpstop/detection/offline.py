@@ -241,17 +241,20 @@ def residual_record(
     if not seen.size:
         why = ", ".join(f"{name} {rows}" for name, rows in run.no_data_rows().items())
         beyond = " ".join(note for note in run.notes if "beyond its limits" in note)
-        raise InputError("recording", f"the detector has no data in all {run.t.size} rows ({why})", beyond)
+        problem = f"the detector has no data in all {run.t.size} rows ({why})"
+        raise InputError(recording.source or "recording", problem, beyond)
     notes = tuple(note for note in run.notes if not note.startswith("No joint is monitored"))
+    named = f"{recording.source}: " if recording.source else ""
     still = np.flatnonzero(np.ptp(recording.q, axis=0) < STILL)
     if still.size:
         names = ", ".join(robot.joints[j].name for j in still)
         notes = (
             *notes,
-            f"{names}: hardly moved in this recording; what motion adds to residuals is not in it.",
+            f"{named}{names}: hardly moved in this recording; what motion adds to residuals is not in it.",
         )
     if seen.size < run.t.size:
-        notes = (*notes, f"{run.t.size - seen.size} of {run.t.size} rows are left out: the detector had no data.")
+        left = f"{run.t.size - seen.size} of {run.t.size} rows are left out: the detector had no data."
+        notes = (*notes, named + left)
     if feedback_period_s is not None:
         period = float(np.median(np.diff(run.t)))
         stride = max(1, round(feedback_period_s / period))

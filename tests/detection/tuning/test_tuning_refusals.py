@@ -204,3 +204,19 @@ def test_motion_is_asked_of_recordings_only(noise: Path) -> None:
     refused = run("tune", noise, "--terms", "speed")
     assert "--terms: " in refused.err
     assert "holds residuals without the motion; give the recording" in refused.err
+
+
+def test_what_is_said_of_one_of_several_recordings_names_it(loop: tuple[Path, Path], tmp_path: Path) -> None:
+    """A short recording among those of many days was refused without its name, and counts of rows had none."""
+    log = Recording.load(loop[0])
+    first, second = tmp_path / "monday.parquet", tmp_path / "tuesday.parquet"
+    log.between(0, 11.998).save(first)
+    log.between(14, 25.998).save(second)
+    told = run("tune", first, second, "--robot", "ur5e")
+    assert told.status == 0, told.err
+    for path in (first, second):
+        assert f"note: {path}: 17 of 3000 rows are left out: the detector had no data." in told.out
+    for rows, problem in ((5, "the detector has no data in all 5 rows"), (60, "43 rows; wanted at least 100")):
+        log.between(14, 14 + 0.004 * (rows - 0.5)).save(second)
+        refused = run("tune", first, second, "--robot", "ur5e")
+        assert refused.err.startswith(f"error: {second}: {problem}"), refused.err

@@ -45,7 +45,7 @@ def load_series(
         return residuals_of(path, residual_source), []
     model, arm = residual_source.parts
     log = residual_source.recording(path)
-    with with_faults([log]), as_options(DETECTOR_OPTIONS):
+    with with_faults([log]), as_options({**DETECTOR_OPTIONS, "residuals": shown(path)}):
         record = residual_record(log, arm, model, settings=residual_source.settings)
     assert record.t is not None
     notes = [note for note in record.notes if "blocks of" not in note]
