@@ -151,6 +151,16 @@ def test_currents_shifted_against_the_motion_are_told(seconds: float) -> None:
     assert shift_of(log, robot, log.current) == (0.0, 1.0)
 
 
+@pytest.mark.parametrize("rows", [2, 5, 15, 30, 400])
+def test_a_recording_too_short_to_tell_a_shift_has_none(rows: int) -> None:
+    """Of 15 rows and fewer, beside others long enough, fits and validations ended in what a filter needs."""
+    robot, log = currents_of_known_drives()
+    short = log.between(float(log.t[0]), float(log.t[rows] + log.t[rows - 1]) / 2)
+    assert short.t.size == rows
+    assert short.current is not None
+    assert shift_of(short, robot, short.current) == (0.0, 1.0)
+
+
 def test_a_shift_that_one_joint_alone_has_is_none() -> None:
     """A clock or a filter shifts all joints; what friction models lack looks like a shift of one."""
     robot, log = currents_of_known_drives()

@@ -89,14 +89,14 @@ def shift_of(
         return _NONE
     every = max(1, round(grid.rate_hz / (8 * _CUTOFF_HZ)))
     cutoff = min(_CUTOFF_HZ, 0.15 * grid.rate_hz)
-    q = lowpass(grid.columns(recording.q[part]), grid.rate_hz, cutoff)
-    x = lowpass(grid.columns(effort), grid.rate_hz, cutoff)
-    qd = np.gradient(q, 1 / grid.rate_hz, axis=0)
-    qdd = np.gradient(qd, 1 / grid.rate_hz, axis=0)
     edge = int(np.ceil((_MAX_S + 1 / cutoff) * grid.rate_hz))
     rows = np.arange(edge, grid.t.size - edge, every)
     if rows.size < _MIN_ROWS:
         return _NONE
+    q = lowpass(grid.columns(recording.q[part]), grid.rate_hz, cutoff)
+    x = lowpass(grid.columns(effort), grid.rate_hz, cutoff)
+    qd = np.gradient(q, 1 / grid.rate_hz, axis=0)
+    qdd = np.gradient(qd, 1 / grid.rate_hz, axis=0)
     inertial = inertial_regressor(robot, q[rows], qd[rows], qdd[rows], gravity)
     shifts = np.linspace(-_MAX_S, _MAX_S, 2 * _STEPS + 1)
     values = 2 * cutoff * rows.size * every / grid.rate_hz  # independent ones of each signal
