@@ -120,6 +120,17 @@ def test_what_is_written_covers_every_row(law: str, noise: float) -> None:
         assert (most / table.distance).min() < 1.02
 
 
+@pytest.mark.parametrize("rounding", [0.0, 1e-4])
+def test_a_deceleration_that_the_dead_time_leaves_open_is_one_that_a_scenario_takes(
+    tmp_path: Path, rounding: float
+) -> None:
+    rows = [f"{v},{0.1 * v + (rounding if v > 30 else 0.0):.6g}\n" for v in (30, 60, 90)]
+    (tmp_path / "table.csv").write_text("speed_deg_s,distance_1_deg\n" + "".join(rows))
+    reaction = fit_stopping(load_stopping_table(tmp_path / "table.csv"), "constant").reaction
+    assert reaction["dead_time_s"] == 0.1
+    assert reaction["joint_acceleration_rad_s2"] == 1e5
+
+
 def test_below_the_slowest_row_the_table_itself_is_recommended() -> None:
     """There a constant deceleration stops sooner than the table, which takes as long as in its slowest row."""
     said = 'Where a scenario may be slower, name the table itself (deceleration = "table")'

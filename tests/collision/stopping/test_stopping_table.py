@@ -282,6 +282,13 @@ def test_of_several_stop_categories_one_must_be_chosen(tmp_path: Path) -> None:
         (PLAIN.replace("distance_1", "J1_distance_A2"), "column 'J1_distance_A2_deg'", "names two joints"),
         (PLAIN.replace("distance_1", "wrist_distance_1"), "column 'wrist_distance_1_deg'", "names a wrist joint"),
         (PLAIN.replace("distance_1", "stop_1_cat_0_J1"), "column 'stop_1_cat_0_J1_deg'", "two stop categories"),
+        (PLAIN.replace("distance_1", "S-axis_distance"), "column 'S-axis_distance_deg'", "says a joint, and not which"),
+        (
+            PLAIN.replace("distance_1", "S_distance").replace("distance_2", "L_distance"),
+            "table.csv",
+            "say no joint's number; wanted joints by their numbers",
+        ),
+        (PLAIN.replace("distance_1", "J2_angle"), "table.csv", "say the same joint; leave one of the two out"),
     ],
 )
 def test_bad_tables_are_refused_by_name(tmp_path: Path, text: str, field: str, problem: str) -> None:
@@ -306,6 +313,19 @@ def test_a_quotation_mark_that_is_not_closed_swallows_no_rows(tmp_path: Path) ->
 def test_a_faster_row_that_stops_sooner_is_told(tmp_path: Path) -> None:
     table = load(tmp_path, PLAIN.replace("18.0,9.0", "7.0,9.0"))
     assert any("row 3 is shorter than in the slower row 2" in note for note in table.notes)
+
+
+def test_joints_of_kawasaki_and_staubli(tmp_path: Path) -> None:
+    names = PLAIN.replace("distance_1_deg", "JT1 (deg)").replace("distance_2_deg", "Stopping distance jt 2 [deg]")
+    same(load(tmp_path, names), load(tmp_path, PLAIN, "plain.csv"))
+
+
+@pytest.mark.parametrize(("full", "separate"), [("3,14", "3.14"), ("3,14; 2,5", "3.14, 2.5"), ("3, 2", "3, 2")])
+def test_decimal_commas_of_a_file_are_those_of_its_comments(tmp_path: Path, full: str, separate: str) -> None:
+    """As a list they gave one joint 3 rad/s and the other 14."""
+    rows = PLAIN.split("\n", 1)[1]
+    semicolons = f"# full_speed_rad_s = {full}\n" + rows.replace(",", ";").replace(".", ",")
+    same(load(tmp_path, semicolons), load(tmp_path, f"# full_speed_rad_s = {separate}\n" + rows, "points.csv"))
 
 
 @pytest.mark.parametrize(("time", "told"), [("100", True), ("299", False), ("900", False), ("", False)])

@@ -14,7 +14,7 @@ TCP = 0
 _WORDS = {"base": 1, "shoulder": 2, "elbow": 3}
 _FIRST_WRIST, _WRISTS = 4, 3
 _TOOL = ("tcp", "tool")
-_JOINT = ("joint", "axis", "j", "a")
+_JOINT = ("joint", "axis", "j", "a", "jt")
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def _numbered(words: list[str]) -> list[tuple[int, int, bool]]:
     """Places and values of numbers that may be a joint's, and whether a word for joints stands before them."""
     found = []
     for place, word in enumerate(words):
-        numbered = re.fullmatch(r"(joint|axis|j|a|t|d|s|time|distance|angle)?(\d{1,6})", word)
+        numbered = re.fullmatch(r"(joint|axis|jt?|a|t|d|s|time|distance|angle)?(\d{1,6})", word)
         if numbered is None:
             continue
         before = numbered[1] or (words[place - 1] if place else "")

@@ -169,9 +169,7 @@ class StoppingFit:
         scales = law.scale_of(self.table.speed[known], self.table.distance[known], shape)
         scales = scales[np.isfinite(scales)]
         # Rows that the dead time alone covers leave the scale open.
-        if not len(scales):
-            return 1e5
-        return float(scales.min() if law.errs_low else scales.max())
+        return float(scales.min(initial=_MAX_DECELERATION) if law.errs_low else scales.max())
 
     @property
     def reaction_toml(self) -> str:

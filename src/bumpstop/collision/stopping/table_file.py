@@ -82,23 +82,32 @@ def _read_toml(text: str, name: str) -> tuple[list[str], list[list[Any]], dict[s
 
 
 def _read_csv(text: str, name: str) -> tuple[list[str], list[list[Any]], dict[str, Any]]:
-    stated: dict[str, Any] = {}
-    lines = []
+    comments, lines = [], []
     for number, line in enumerate(text.splitlines(), start=1):
         if line.lstrip().startswith("#"):
-            said = re.match(r"#\s*(\w+)\s*[=:]\s*(.+)", line.strip())
-            if said and said[1] in STATED:
-                numbers = [number_of(part) for part in re.split(r"[\s,;]+", said[2].strip("[] "))]
-                if any(part is None for part in numbers):
-                    raise InputError(f"{name}, {said[1]}", f"{said[2]!r} is no number", "wanted one, or one by joint")
-                stated[said[1]] = numbers[0] if len(numbers) == 1 else numbers
+            comments.append(line.strip())
         elif line.strip(" \t,;"):
             lines.append((number, line))
     if not lines:
         raise InputError(name, "is empty", WANTED)
     delimiter = max((";", "\t", ","), key=lambda mark: (lines[0][1].count(mark), mark == ";"))
+    stated = _stated(comments, decimal_commas=delimiter != ",", name=name)
     valid = "wanted one row in each line"
     rows = [cells_of(line, delimiter, f"{name} line {number}", valid) for number, line in lines]
     if delimiter != ",":
         rows[1:] = [[cell.replace(",", ".") for cell in row] for row in rows[1:]]
     return [cell.strip() for cell in rows[0]], [list(row) for row in rows[1:]], stated
+
+
+def _stated(comments: list[str], *, decimal_commas: bool, name: str) -> dict[str, Any]:
+    """What comments state: a number, or a list of them; a comma inside a number is that of its file's cells."""
+    stated: dict[str, Any] = {}
+    for line in comments:
+        said = re.match(r"#\s*(\w+)\s*[=:]\s*(.+)", line)
+        if said and said[1] in STATED:
+            text = re.sub(r"(?<=\d),(?=\d)", ".", said[2]) if decimal_commas else said[2]
+            numbers = [number_of(part) for part in re.split(r"[\s,;]+", text.strip("[] "))]
+            if any(part is None for part in numbers):
+                raise InputError(f"{name}, {said[1]}", f"{said[2]!r} is no number", "wanted one, or one by joint")
+            stated[said[1]] = numbers[0] if len(numbers) == 1 else numbers
+    return stated

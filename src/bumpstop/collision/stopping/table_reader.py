@@ -233,9 +233,13 @@ class TableReader:
             if column.quantity != quantity:
                 continue
             joint = TCP if column.joint is None else column.joint
+            numbers = f"wanted joints by their numbers, such as {EXAMPLE}"
+            if column.joint is None and {"joint", "axis"} & {*column.named.rest}:  # as the "S-axis" of Yaskawa
+                raise InputError(f"{self.name}, column {column.name!r}", "says a joint, and not which", numbers)
             if joint in found:
-                problem = f"{found[joint].name!r} and {column.name!r} are the {quantity} of one joint"
-                raise InputError(self.name, problem, "leave one of the two out")
+                whose = "no joint's number" if joint == TCP else "the same joint"
+                problem = f"{found[joint].name!r} and {column.name!r}, both a {quantity}, say {whose}"
+                raise InputError(self.name, problem, numbers if joint == TCP else "leave one of the two out")
             found[joint] = column
         return found
 
