@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -118,6 +119,19 @@ def test_what_is_written_covers_every_row(law: str, noise: float) -> None:
     assert (most >= table.distance * (1 - 1e-9)).all()
     if noise == 0:  # and no more than the worst row needs
         assert (most / table.distance).min() < 1.02
+
+
+def test_of_brakes_the_table_itself_is_recommended(tmp_path: Path) -> None:
+    slowest, dead = np.array([4.7, 3.0, 5.1, 9.5, 6.6, 14.5]), 0.027
+    speeds = np.array([2, 10, 30, 60, 120]) * np.pi / 180
+    cells = [[v, *(v * dead + v**2 / (2 * slowest))] for v in speeds]
+    for category, told in ((0, True), (1, False)):
+        names = ["speed_rad_s", *(f"STOP {category} distance J{j}_rad" for j in range(1, 7))]
+        (tmp_path / "table.csv").write_text("\n".join([",".join(names), *(",".join(map(str, row)) for row in cells)]))
+        fit = fit_stopping(load_stopping_table(tmp_path / "table.csv"))
+        assert any("stop_category = 0" in note for note in fit.notes) == told
+        assert ("stop_category = 0" in fit.reaction_toml) == told
+        assert tomllib.loads(fit.reaction_toml)["reaction"] == fit.reaction
 
 
 @pytest.mark.parametrize("rounding", [0.0, 1e-4])

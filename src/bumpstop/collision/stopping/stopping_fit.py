@@ -31,6 +31,10 @@ _NAME_THE_TABLE = (
     "a joint then takes at least as long as in that row. joint_acceleration_rad_s2 stays: a scenario needs it with "
     "every deceleration."
 )
+_BRAKES = (
+    "Stops of category 0: every joint brakes by itself, and one that stops sooner can leave the tip farther. No "
+    'numbers for all joints are on the safe side of that: name the table (deceleration = "table", stop_category = 0).'
+)
 # Of what is written: a stop must not be shorter than the one that was found.
 _DECIMALS = 4
 _MAX_DECELERATION = 1e5  # as that of a scenario [rad/s2 or m/s2]
@@ -185,6 +189,7 @@ class StoppingFit:
             f"worst {in_percent(fit.worst_error, 2)}",
             f"The numbers cover every row of the table. Its slowest row is {factor * slowest:.3g} {unit}.",
             *([] if self.table.linear else [_NAME_THE_TABLE]),
+            *([_BRAKES] if _BRAKES in self.notes else []),
         ]
         if self.law == "constant_time":
             said.append("joint_acceleration_rad_s2: while the arm follows its path, and on the way back.")
@@ -261,6 +266,8 @@ def fit_stopping(table: StoppingTable, law: str | None = None) -> StoppingFit:
     notes.append(
         f"Below {factor * slowest:.3g} {unit}, its slowest row, the table says nothing: the law is a guess there."
     )
+    if table.category == 0 and not table.linear:
+        notes.append(_BRAKES)
     if chosen in fits and fits[chosen].worst_error > 0.3:
         notes.append(f"{chosen!r} misses a row by {100 * fits[chosen].worst_error:.0f} %: look at the picture.")
     return StoppingFit(table=table, fits=fits, law=chosen, notes=tuple(notes))
