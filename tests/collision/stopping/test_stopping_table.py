@@ -315,6 +315,15 @@ def test_a_faster_row_that_stops_sooner_is_told(tmp_path: Path) -> None:
     assert any("row 3 is shorter than in the slower row 2" in note for note in table.notes)
 
 
+def test_empty_columns_of_a_spreadsheet_are_passed_over(tmp_path: Path) -> None:
+    stated, *rows = PLAIN.splitlines()
+    table = load(tmp_path, "\n".join([stated, *(f"{row},, " for row in rows)]))
+    same(table, load(tmp_path, PLAIN, "plain.csv"))
+    assert table.notes == ()
+    with pytest.raises(bs.InputError, match="has 7 values"):
+        load(tmp_path, PLAIN.replace("8.0,4.0", "8.0,4.0,,1.0").replace("2.0,1.0", "2.0,1.0,,"))
+
+
 def test_joints_of_kawasaki_and_staubli(tmp_path: Path) -> None:
     names = PLAIN.replace("distance_1_deg", "JT1 (deg)").replace("distance_2_deg", "Stopping distance jt 2 [deg]")
     same(load(tmp_path, names), load(tmp_path, PLAIN, "plain.csv"))

@@ -94,6 +94,9 @@ def _read_csv(text: str, name: str) -> tuple[list[str], list[list[Any]], dict[st
     stated = _stated(comments, decimal_commas=delimiter != ",", name=name)
     valid = "wanted one row in each line"
     rows = [cells_of(line, delimiter, f"{name} line {number}", valid) for number, line in lines]
+    # Spreadsheets write empty columns behind the last one.
+    width = max((place for row in rows for place, cell in enumerate(row, start=1) if cell.strip()), default=1)
+    rows = [row[:width] for row in rows]
     if delimiter != ",":
         rows[1:] = [[cell.replace(",", ".") for cell in row] for row in rows[1:]]
     return [cell.strip() for cell in rows[0]], [list(row) for row in rows[1:]], stated
