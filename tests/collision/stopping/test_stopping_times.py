@@ -166,6 +166,23 @@ def test_a_joint_that_slides_beside_a_table_of_angles_takes_the_longest_of_all(t
     assert slow[4] < longest
 
 
+@pytest.mark.parametrize("carriage", [0.0, 3.0])
+def test_an_arm_on_a_rail_takes_the_longest_time_of_all_extensions(tmp_path: Path, carriage: float) -> None:
+    """Stretched at the rail's beginning it counted as folded, and stopped in half of the table's way."""
+    rows = "extension_percent,speed_deg_s,distance_2_deg\n33,30,3\n33,100,10\n100,30,6\n100,100,20\n"
+    scenario = one_joint(tmp_path, 1, 1.0, rows, STRETCHED, stop_category=1)
+    arm = bs.Robot.load("ur10e")
+    joints = tuple(replace(joint, inertia=None) for joint in arm.joints)
+    rail = bs.Joint(name="rail", link="carriage", kind="prismatic", axis=(0, 1, 0), lower=0.0, upper=3.0, velocity=1.0)
+    moved = bs.Robot(name="on a rail", joints=(rail, *joints), tip_origin=arm.tip_origin)
+    times = stopping_times(scenario.reaction, tmp_path, moved)
+    found = times.by_joint(moved, np.array([[carriage, *STRETCHED]]), np.eye(7)[1:2])
+    assert found[0, 1] == pytest.approx(0.4)
+    assert times.levels is None
+    assert any("Joint 1 slides" in note for note in times.notes)
+    assert stopping_times(scenario.reaction, tmp_path, arm).levels == (0.33, 1.0)
+
+
 def test_brakes_without_a_payload_are_noted(tmp_path: Path) -> None:
     """A joint that stops sooner may leave the tip farther, so the longest time of every joint is no bound."""
     told = [

@@ -37,7 +37,8 @@ class StoppingTimes:
         rate: levels (R,), rising from 0 on, where times are extrapolated [rad/s or m/s].
         time: (dof, E, R) [s].
         reach: farthest the tip gets from the axis of joint 1 [m]; 1 where that is no matter.
-        levels: lowest and highest extension of the table [1]; None where it has none, or the arm reaches without end.
+        levels: lowest and highest extension of the table [1]; None where it has none, joint 1 slides, or the arm
+            reaches without end.
         unlisted: joints, from 1, that the table does not list: they have the longest time that it has.
         category: the stop category of the table's rows; None where it says none.
         notes: what was assumed.
@@ -85,7 +86,8 @@ def stopping_times(reaction: BrakingKeys, folder: Path, robot: Robot) -> Stoppin
     """The times of a reaction's stopping table, whose path starts at ``folder``, at its payload.
 
     Between payloads, extensions and rates they are interpolated linearly. Beyond the extensions the nearest counts, and
-    so it is below the payloads. Without a payload every joint takes its longest time of any.
+    so it is below the payloads. Without a payload every joint takes its longest time of any, and so it does of the
+    extensions where joint 1 slides.
 
     Raises:
         InputError: the table is not of this robot's joints, or ends below the payload.
@@ -100,7 +102,10 @@ def stopping_times(reaction: BrakingKeys, folder: Path, robot: Robot) -> Stoppin
     _check_joints(table, robot)
     notes = [f"Stopping table: {note}" for note in table.notes]
     extensions = np.unique(table.extension[np.isfinite(table.extension)].round(9))
-    levels = (float(extensions[0]), float(extensions[-1])) if len(extensions) and math.isfinite(robot.reach) else None
+    # How far an arm on a rail is stretched does not show in how far its tip is from the rail.
+    on_rail = robot.joints[0].kind == "prismatic"
+    known = len(extensions) > 0 and math.isfinite(robot.reach) and not on_rail
+    levels = (float(extensions[0]), float(extensions[-1])) if known else None
     if not len(extensions):
         extensions = np.array([1.0])
     elif len(extensions) > 1 and not math.isfinite(robot.reach):
@@ -115,6 +120,12 @@ def stopping_times(reaction: BrakingKeys, folder: Path, robot: Robot) -> Stoppin
             for payload in payloads
         ]
     )
+    if on_rail and len(extensions) > 1:
+        listed, extensions = listed.max(axis=2, keepdims=True), extensions[-1:]
+        told = "Joint 1 slides: of every joint the longest time of all extensions in the stopping table counts."
+        if reaction.stop_category == 0:
+            told += " In stop category 0 the tip may go farther, where some joint stops sooner."
+        notes.append(told)
     with_payload = listed.max(axis=0) if weights is None else np.tensordot(weights, listed, axes=1)
     time = np.empty((robot.dof, len(extensions), len(nodes)))
     # A joint that the table leaves out takes as long as the slowest of those it has; one of another kind, whose speed
