@@ -189,7 +189,7 @@ class StoppingFit:
             f"worst {in_percent(fit.worst_error, 2)}",
             f"The numbers cover every row of the table. Its slowest row is {factor * slowest:.3g} {unit}.",
             *([] if self.table.linear else [_NAME_THE_TABLE]),
-            *([_BRAKES] if _BRAKES in self.notes else []),
+            *([_BRAKES] if self.table.category == 0 and not self.table.linear else []),
         ]
         if self.law == "constant_time":
             said.append("joint_acceleration_rad_s2: while the arm follows its path, and on the way back.")
@@ -266,8 +266,6 @@ def fit_stopping(table: StoppingTable, law: str | None = None) -> StoppingFit:
     notes.append(
         f"Below {factor * slowest:.3g} {unit}, its slowest row, the table says nothing: the law is a guess there."
     )
-    if table.category == 0 and not table.linear:
-        notes.append(_BRAKES)
     if chosen in fits and fits[chosen].worst_error > 0.3:
         notes.append(f"{chosen!r} misses a row by {100 * fits[chosen].worst_error:.0f} %: look at the picture.")
     return StoppingFit(table=table, fits=fits, law=chosen, notes=tuple(notes))
