@@ -112,6 +112,7 @@ def test_events_and_files(pushed: Path, tmp_path: Path, capsys: pytest.CaptureFi
     page = (out / "report.html").read_text(encoding="utf-8")
     for text in ("1 alarm in 1.596 s, 400 rows", "30 Nm at joint 2", "ur5e", "window_samples", "log.parquet"):
         assert text in page
+    assert "at the first row, at flange along 0 0 -1." in page
     assert page.index("1 alarm in") < page.index("<table") < page.index("window_samples")
     # Only the joint that is not monitored has no threshold to be drawn, and none is drawn where there was none yet.
     drawn = (out / "residuals.svg").read_text(encoding="utf-8")

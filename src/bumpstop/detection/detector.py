@@ -187,9 +187,10 @@ class Detector(LoopDetector):
     def in_words(self) -> dict[str, Any]:
         """Units of the joints' torques, and where and along what forces act: fields of a :class:`DetectionRun`."""
         at = contact_place(self.links, *self._contact, self.robot.tip_name, self.robot.tip_origin)
+        along = " ".join(f"{x:.4g}" for x in self.settings.direction)
         return {
             "units": tuple(unit_of(joint) for joint in self.robot.joints),
-            "force_at": f"at {at} along {list(self.settings.direction)}",
+            "force_at": f"at {at} along {along}",
         }
 
     def _beyond_limits(self, rows: FloatArray) -> list[str]:

@@ -164,7 +164,8 @@ class StreamChecks:
             findings.append((SourceEventKind.JUMPED_AHEAD, text, 1))
         elif step > _LATE_SHARE * self._period and not counted:
             count = max(1, round(step / self._period) - 1)
-            findings.append((SourceEventKind.LOST, f"{count} samples are missing, {step:.3g} s", count))
+            missing = "1 sample is missing" if count == 1 else f"{count} samples are missing"
+            findings.append((SourceEventKind.LOST, f"{missing}, {step:.3g} s", count))
         self._stamp, self._received = sample.stamp_s, sample.received_s
         return False
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 from bumpstop.live.output import CollisionAlarm, MonitorTick
 from bumpstop.live.outputs.background import BackgroundOutput
 from bumpstop.live.unbuffered_text import UnbufferedText, warn
-from bumpstop.terminal import table
+from bumpstop.terminal import counted, table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -78,7 +78,7 @@ class MonitorView(BackgroundOutput):
         age = monitor.age_s()
         told = "no sample yet" if math.isnan(age) else f"last sample {1e3 * age:.0f} ms ago"
         rate = "" if math.isnan(self._rate) else f"{self._rate:.0f} samples/s, "
-        return f"{monitor.state.upper()}: {rate}{told}, {worst}, {monitor.alarms} alarms"
+        return f"{monitor.state.upper()}: {rate}{told}, {worst}, {counted(monitor.alarms, 'alarm')}"
 
     def _judged(self) -> MonitorTick | None:
         """The last tick, if there are data now."""
@@ -225,7 +225,7 @@ def alarm_line(alarm: CollisionAlarm, detector: LoadedDetector) -> str:
     event = alarm.event
     joints = sorted({*event.joints, *event.fast_joints})
     names = ", ".join(f"{detector.joints[j]} {_over(alarm, j, detector.units[j])}" for j in joints)
-    along = " ".join(f"{x:g}" for x in detector.direction)
+    along = " ".join(f"{x:.4g}" for x in detector.direction)
     if math.isfinite(event.force_along_sd):
         force = f"{event.force_along:.3g} +- {2 * event.force_along_sd:.2g} N at {detector.force_at} along {along}"
     else:

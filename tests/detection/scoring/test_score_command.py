@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -193,6 +194,12 @@ def test_the_page_has_the_settings_in_full(tmp_path: Path) -> None:
     page = (tmp_path / "page" / "report.html").read_text()
     for said in ("late, s", ">0.4<", "window_s", ">0.05<", "observer_gain_1_s", "20,20,20,9,9,9", "Made by"):
         assert said in page, said
+    assert "Detections</h2>" in page
+    assert "DetectedCollisions" not in page
+    # One push of a little more than the thresholds: found at them and at half of them, which share a label.
+    drawn = (tmp_path / "page" / "roc.svg").read_text()
+    assert ">Detections against false alarms<" in drawn
+    assert re.findall(r">(x [^<]*)<", drawn) == ["x 0.5, x 1", "x 2"]
 
 
 def test_residuals_alone_say_what_of_the_thresholds_they_leave_out(tmp_path: Path) -> None:

@@ -294,8 +294,10 @@ def test_rates_and_durations_are_told_as_a_person_would(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     rows = rng.normal(size=(3440, 2)) * (1 + 3 * (rng.random((3440, 1)) > 0.997))
     ResidualSeries(0.008 * np.arange(3440.0), rows).save(tmp_path / "short.parquet")
-    done = run("tune", tmp_path / "short.parquet", "--save", tmp_path / "limits.toml")
+    done = run("tune", tmp_path / "short.parquet", "--save", tmp_path / "limits.toml", "--out", tmp_path / "page")
     assert done.status == 0, done.err
+    interval = done.out.splitlines()[0].partition(" interval ")[2]
+    assert f"interval of the rate: {interval} an hour." in (tmp_path / "page" / "report.html").read_text()
     for text in (done.out, (tmp_path / "limits.toml").read_text()):
         assert "independent peaks in 27.52 s;" in text
         assert "27.52 s carry one alarm" in text

@@ -194,8 +194,12 @@ def test_terms_are_tuned_saved_and_read_by_detect(tmp_path: Path) -> None:
     assert (law.speed > 3 * law.constant).all()
     alarms = strict_json(run("detect", paths[0], "--robot", "ur5e", "--thresholds", saved, "--json").out)
     assert len(alarms["events"]) <= 8  # two wanted
-    told = run(*given).out
+    told = run(*given, "--out", tmp_path / "page").out
     assert "per speed" in told
+    page = (tmp_path / "page" / "report.html").read_text()
+    for heading in ("fast, Nm", "per speed, Nm s/rad", "per acceleration, Nm s2/rad"):
+        assert f">{heading}<" in page
+    assert f">{law.fast[0]:.4g}<" in page
     refused = run("tune", paths[0], "--robot", "ur5e", "--terms", "fats")
     assert "--terms: 'fats' is none; did you mean 'fast'" in refused.err
 

@@ -79,7 +79,7 @@ class AlarmsPart(Part):
             text.append(
                 paragraph(
                     "An event lasts from the first to the last row over a threshold. The threshold is that of its "
-                    "first row; forces are those of the arm on the body at the first row."
+                    f"first row; forces are those of the arm on the body at the first row, {run.force_at}."
                 )
             )
         if run.no_data.any():

@@ -16,7 +16,7 @@ from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, bullets, paragraph, table
 from bumpstop.report.picture import EVENT, INK, LAW, LIMIT, Picture, axes, plain_ticks, stack
 from bumpstop.report.section import Part
-from bumpstop.terminal import number
+from bumpstop.terminal import counted, number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -61,7 +61,7 @@ def write_scoring(
 class DetectionsPart(Part):
     """Contacts with their delays, and false alarms."""
 
-    title = "DetectedCollisions"
+    title = "Detections"
     anchor = "detections"
 
     def __init__(self, score: Score, inactive: str = "", notes: Sequence[str] = ()) -> None:
@@ -87,9 +87,10 @@ class DetectionsPart(Part):
         return [
             *([paragraph(first)] if first else []),
             paragraph(
-                f"{score.detected} detected, {score.missed} missed, {score.false_alarms.size} false alarms in "
-                f"{hours_in_words(score.hours)} without contact: {number(score.false_alarms_per_hour)} an hour, with "
-                f"95 % confidence between {number(low)} and {number(high)}. No data for {number(score.no_data_s)} s."
+                f"{score.detected} detected, {score.missed} missed, "
+                f"{counted(score.false_alarms.size, 'false alarm')} in {hours_in_words(score.hours)} without contact: "
+                f"{number(score.false_alarms_per_hour)} an hour, with 95 % confidence between {number(low)} and "
+                f"{number(high)}. No data for {number(score.no_data_s)} s."
             ),
             table(headings, rows, caption="Contacts", numbers=True),
             *([bullets(self.notes)] if self.notes else []),
@@ -121,7 +122,7 @@ class DetectionsPart(Part):
 
 
 class RocPart(Part):
-    """DetectedCollisions and false alarms at thresholds times a factor."""
+    """Detections and false alarms at thresholds times a factor."""
 
     title = "Other thresholds"
     anchor = "roc"
@@ -142,7 +143,7 @@ class RocPart(Part):
         return [table(headings, rows, caption="All thresholds times a factor", numbers=True)]
 
     def pictures(self) -> list[Picture]:
-        """DetectedCollisions against false alarms; then both, and the delay, against the factor."""
+        """Detections against false alarms; then both, and the delay, against the factor."""
         roc = self.roc
 
         def draw_roc(figure: Figure) -> None:
@@ -150,21 +151,23 @@ class RocPart(Part):
             # From the largest thresholds on, as a person reads a curve from left to right.
             rates, share = roc.false_alarms_per_hour[::-1], roc.detected[::-1] / roc.labels
             plot.plot(rates, share, color=LAW, marker="o", markersize=3, clip_on=False)
+            # Factors that come to the same point share its label.
+            marked: dict[tuple[float, float], list[str]] = {}
             for factor in (0.5, 1.0, 2.0):
-                here = np.flatnonzero(np.abs(roc.factor - factor) < 1e-9)
-                for k in here:
-                    at = (roc.false_alarms_per_hour[k], roc.detected[k] / roc.labels)
-                    plot.plot(*at, "D", color=EVENT, markersize=6, clip_on=False)
-                    plot.annotate(
-                        f"x {factor:g}", at, (6, -4), textcoords="offset points", ha="left", va="top", fontsize=8
-                    )
+                for k in np.flatnonzero(np.abs(roc.factor - factor) < 1e-9):
+                    at = (float(roc.false_alarms_per_hour[k]), float(roc.detected[k] / roc.labels))
+                    marked.setdefault(at, []).append(f"x {factor:g}")
+            for at, names in marked.items():
+                plot.plot(*at, "D", color=EVENT, markersize=6, clip_on=False)
+                text = ", ".join(names)
+                plot.annotate(text, at, (6, -4), textcoords="offset points", ha="left", va="top", fontsize=8)
             plot.set_xscale("symlog", linthresh=max(1.0, _least(rates)))
             plain_ticks(plot.xaxis)
             plot.set_xlim(left=0)
             plot.set_ylim(-0.05, 1.1)
             plot.set_xlabel("false alarms an hour")
             plot.set_ylabel("share of contacts detected")
-            plot.set_title("DetectedCollisions against false alarms")
+            plot.set_title("Detections against false alarms")
 
         def draw_factors(figure: Figure) -> None:
             upper, middle, lower = stack(figure, [1.0, 1.0, 1.0], left=0.8)

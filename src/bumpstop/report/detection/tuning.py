@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.detection import MAX_EXTRAPOLATION
+from bumpstop.detection.durations import rates_in_words
 from bumpstop.report.detection.settings import SettingsPart
 from bumpstop.report.document import Document, write_document
 from bumpstop.report.formatting import acceptable
@@ -69,22 +70,24 @@ class TailPart(Part):
     def content(self) -> list[Html]:
         """The thresholds with their intervals, and the notes."""
         tuning = self.tuning
-        low, high = tuning.per_hour_interval()
         ends = zip(tuning.thresholds(), *tuning.thresholds_interval(), strict=True)
-        rows = [
-            (" ".join((f"joint {j}", *self.joints[j - 1 : j])), number(value), f"{number(below)} to {number(above)}")
-            if math.isfinite(value)
-            else (" ".join((f"joint {j}", *self.joints[j - 1 : j])), "not monitored", "")
-            for j, (value, below, above) in enumerate(ends, start=1)
-        ]
+        more = tuning.columns()
+        rows = []
+        for j, (value, below, above) in enumerate(ends, start=1):
+            cells = [number(value), f"{number(below)} to {number(above)}"]
+            cells += [number(float(column[j - 1])) for column in more.values()]
+            if not math.isfinite(value):
+                cells = ["not monitored", *[""] * (1 + len(more))]
+            rows.append((" ".join((f"joint {j}", *self.joints[j - 1 : j])), *cells))
         percent = f"{100 * tuning.confidence:g} %"
+        own = (f"{name}, {tuning.unit_of_term(name.removeprefix('per '))}" for name in more)
         return [
             paragraph(
-                f"These thresholds stand for {number(tuning.target)} false alarms an hour; with {percent} confidence "
-                f"the rate lies between {low:.3g} and {high:.3g}."
+                f"These thresholds stand for {number(tuning.target)} false alarms an hour; {percent} interval of the "
+                f"rate: {rates_in_words(*tuning.per_hour_interval())} an hour."
             ),
             table(
-                ["", f"threshold, {tuning.unit}", f"{percent} interval, {tuning.unit}"],
+                ["", f"threshold, {tuning.unit}", f"{percent} interval, {tuning.unit}", *own],
                 rows,
                 caption="Thresholds",
                 numbers=True,
