@@ -16,6 +16,7 @@ from typing import Any
 import matplotlib as mpl
 import pytest
 
+from cli.support import run
 from docs.pages import AS_DOCTEST, ROOT, WIDTH, blocks, code
 from docs.test_commands import COMMANDS, Shell
 
@@ -64,6 +65,13 @@ def test_a_short_command_exists_with_its_arguments_and_options(command: str) -> 
     arguments = words[len(name.split()) :]
     if arguments:  # a command named alone needs none
         COMMANDS[name].make_context(name, arguments)
+
+
+def test_the_workspace_study_of_the_cheat_sheet_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run("new", "ur10e", "--out", "cell.toml").status == 0
+    (command,) = (each for each in named_commands("cheat_sheet.md") if each.startswith("bumpstop study workspace"))
+    assert run(*shlex.split(command)[1:]).status == 0
 
 
 def test_python_of_the_cheat_sheet(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -91,7 +91,7 @@ def test_a_collision_after_a_lasting_load_is_not_told(tmp_path: Path) -> None:
     (fault,) = (each for each in reading.faults if each.spoils)
     assert fault.name == "late"
     assert fault.text.startswith("The highest force, 98")
-    assert "comes 3.02 s after the begin of contact, which shows 15" in fault.text
+    assert "comes 3.02 s after the beginning of contact, which shows 15" in fault.text
 
 
 @pytest.mark.parametrize("rise", [2.0, 3.0])

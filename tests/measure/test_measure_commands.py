@@ -46,6 +46,11 @@ def fill(table: Path, forces: list[float], *, ratio: float) -> None:
         csv.writer(file).writerows(rows)
 
 
+def test_one_of_a_thing_has_no_plural(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(capsys, "plan", "hand.toml", "-o", "plan", "--points", "32", "--shots", "1")[0] == 0
+    assert ": 1 shot in 1 situation<" in Path("plan/report.html").read_text()
+
+
 def test_from_plan_to_calibrated_scenarios(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     small = ("--points", "32", "--speeds", "60,100", "--shots", "8")
     status, printed, _ = run(capsys, "plan", "hand.toml", "second=belly.toml", "-o", "plan", *small)

@@ -95,6 +95,9 @@ def print_drive_train(robot: Robot, console: Console) -> None:
     for name, (turning, sliding) in QUANTITIES.items():
         unit = unit_of(*robot.joints, turning=turning, sliding=sliding) if turning != sliding else turning
         values = " ".join("unknown" if math.isinf(value) else f"{value:.4g}" for value in getattr(found, name).tolist())
+        if set(values.split()) == {"unknown"}:
+            console.print(f"{name.replace('_', ' ')}: unknown")
+            continue
         shown = values if unit == "1" else f"{values} {unit}"
         if name == "servo_bandwidth":  # scenarios give it in Hz
             in_hz = (getattr(found, name) / (2 * math.pi)).tolist()

@@ -73,16 +73,15 @@ def show(
     picture: Annotated[Path | None, typer.Option(help="Draw the chain into this file, .png or .svg.")] = None,
 ) -> None:
     """Print a robot's chain, limits, inertia, effective masses and drive train, and draw it."""
-    from rich.console import Console
-
     from bumpstop.cli.robot_tables import pose_from_text
+    from bumpstop.terminal import terminal
 
     check_picture(picture, "arm.svg", [robot])
     found = load_robot(robot, base, tip, strict_inertia=strict_inertia)
     pose = pose_from_text(found, pose_deg)
     if picture is not None:
         _draw(found, picture)
-    _print(found, pose, Console(highlight=False, markup=False, soft_wrap=True))
+    _print(found, pose, terminal())
     if picture is not None:
         typer.echo(f"picture: {picture}")
 

@@ -150,10 +150,11 @@ def _of_events(file: Path, labels: tuple[Label, ...], tolerance: Tolerance) -> t
 
 
 def _print(found: Score, roc: Roc | None) -> None:
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console(highlight=False, markup=False, soft_wrap=True)
+    from bumpstop.terminal import terminal
+
+    console = terminal()
     console.print(str(found))
     if roc is None:
         return

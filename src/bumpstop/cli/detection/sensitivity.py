@@ -293,13 +293,13 @@ def _ratio(values: list[float]) -> float:
 
 def _print(found: dict[str, Any], arm: Robot) -> None:
     import numpy as np
-    from rich.console import Console
     from rich.table import Table
 
     from bumpstop.detection.standing import hidden_text
     from bumpstop.model import unit_of
+    from bumpstop.terminal import terminal
 
-    console = Console(highlight=False, markup=False, soft_wrap=True)
+    console = terminal()
     largest_vector = _row(found["largest_force_vector_N"])
     if math.isfinite(found["largest_force_N"]):
         console.print(f"largest undetectable force: {found['largest_force_N']:.4g} N, as ({largest_vector}) N")

@@ -136,7 +136,7 @@ def _print_left(rows: DriveSamples) -> None:
     if rows.rows_left:
         typer.echo(f"note: {counted(rows.rows_left, 'row', 'lies')} in segments between gaps too short to use")
     ends = counted(rows.rows_at_ends, "row")
-    typer.echo(f"note: left away within {1 / rows.cutoff_hz:.2g} s of the ends of segments: {ends}")
+    typer.echo(f"note: left out within {1 / rows.cutoff_hz:.2g} s of the ends of segments: {ends}")
 
 
 def _identified(fit: JointModelFit, logs: Sequence[Recording]) -> dict[str, Any]:

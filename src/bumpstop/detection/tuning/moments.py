@@ -206,7 +206,7 @@ def _largest(segments: Sequence[Segment], rows: Rows, joint: int) -> tuple[int, 
 
 
 def _left(segments: Sequence[Segment], rows: Rows) -> list[Segment]:
-    """The other rows, split where some were left away; runs are counted anew."""
+    """The other rows, split where some were left out; runs are counted anew."""
     found = []
     for part, of in zip(segments, rows, strict=True):
         kept = np.flatnonzero(~of)

@@ -53,7 +53,7 @@ class JointModelFit(Displayed):
         held_out: mean over joints of 1 - R2 of held-out fifths, by the cut-off that was tried [Hz].
         rows_used: recorded rows that the fit used.
         rows_left: rows in segments between gaps too short to use.
-        rows_at_ends: rows left away at the ends of segments, where the filter has one side only to go by.
+        rows_at_ends: rows left out at the ends of segments, where the filter has one side only to go by.
         inconsistent: joints whose gain differs from recording to recording.
         gravity: acceleration of free fall in the base frame, of the recordings and of predictions [m/s2].
         inertia_uncertainty: relative, that the standard errors count with; see :func:`identify_joint_model`.

@@ -58,7 +58,7 @@ class DynamicsFit(DynamicsEstimate, Displayed):
             rows stand for them. 0: read from a file.
         covariance: (p, p) of the base parameters, by the errors and their correlations; None: a file without them.
         rows_left: recorded rows in segments between gaps too short to use.
-        rows_beside_gaps: recorded rows left away within a period of the cut-off of a gap.
+        rows_beside_gaps: recorded rows left out within a period of the cut-off of a gap.
         rows_at_ends: the same where recordings begin and end.
         rows_at_rest: (n,) rows of the fit at which a joint rests: they stay out of its own; None: read from a file.
         fitted: motion and torque that it was fitted to; None: read from a file, or fitted to currents.
@@ -109,7 +109,7 @@ class DynamicsFit(DynamicsEstimate, Displayed):
             lines.append(f"  {value:12.4g} +- {error:.2g} {unit}  {name}{weak}")
         lines += self._friction_lines()
         if self.rows_at_ends:
-            lines.append(f"note: left away at the ends of recordings: {counted(self.rows_at_ends, 'row')}")
+            lines.append(f"note: left out at the ends of recordings: {counted(self.rows_at_ends, 'row')}")
         at_rest = () if self.rows_at_rest is None else self.rows_at_rest
         for joint, rows in zip(self.model.robot.joints, at_rest, strict=False):
             if rows:
@@ -229,7 +229,7 @@ def left_out_notes(rows_left: int, rows_beside_gaps: int, cutoff_hz: float) -> l
     if rows_left:
         lines.append(f"note: {counted(rows_left, 'row', 'lies')} in segments between gaps too short to use")
     if rows_beside_gaps:
-        lines.append(f"note: left away within {1 / cutoff_hz:.2g} s of gaps: {counted(rows_beside_gaps, 'row')}")
+        lines.append(f"note: left out within {1 / cutoff_hz:.2g} s of gaps: {counted(rows_beside_gaps, 'row')}")
     return lines
 
 

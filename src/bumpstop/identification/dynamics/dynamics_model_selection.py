@@ -32,7 +32,7 @@ _START_SHARE = min(SIGN_SHARES)
 ENOUGH_TO_CHOOSE = 4_000
 # Cut-offs are compared on the same rows, so many times the frequency that they are compared at.
 _ROWS_PER_REFERENCE = 5.0
-_MAX_AT_END = 0.05  # of a segment, that is left away at either end while the cut-off is chosen
+_MAX_AT_END = 0.05  # of a segment, that is left out at either end while the cut-off is chosen
 _CUTOFFS_HZ = (2.0, 3.0, 4.5, 7.0, 10.0, 15.0, 30.0, 60.0)
 # Another law of friction is taken where it leaves so much of the error on held-out fifths, and where the parts of the
 # rows say so beyond chance, by so many standard errors.

@@ -72,7 +72,7 @@ class PayloadFit(Displayed):
         unobservable: names of what the motion cannot show.
         joints_left_out: joints whose torque is unknown.
         rows_used: of the fit.
-        rows_left: recorded rows left away: in segments between gaps too short to use, or within a period of the
+        rows_left: recorded rows left out: in segments between gaps too short to use, or within a period of the
             cut-off of their ends.
         joints: names of the others, by which the payload was found.
         t: (N,) of the rows that were compared [s].
@@ -175,7 +175,7 @@ class PayloadFit(Displayed):
     def __str__(self) -> str:
         units = {joint.name: unit_of(joint) for joint in self.source.robot.joints}
         lines = [
-            f"payload at the tip from {self.rows_used} rows; {self.rows_left} recorded ones are left away at the ends, "
+            f"payload at the tip from {self.rows_used} rows; {self.rows_left} recorded ones are left out at the ends, "
             "beside gaps, or in segments too short to use"
         ]
         for name, (value, unit) in self.parameters.items():

@@ -68,7 +68,7 @@ class PayloadSamples:
         known: (n,) joints whose torque is known.
         widths: (n,) speed over which Coulomb friction turns.
         rate_hz: rows a second of the first segment.
-        rows_left: recorded rows left away.
+        rows_left: recorded rows left out.
         unfiltered_payload, unfiltered_others: (N, k, ...) columns before the filter.
         motion: of these rows, of all joints.
         gain_errors: (k,) standard errors of the joints' gains as shares of them; 0: the torque was recorded.
@@ -152,7 +152,7 @@ class PayloadSamples:
 
 
 def _parts(recording: Recording, cutoff_hz: float) -> tuple[list[Recording], int]:
-    """Segments between gaps that are long enough, and how many recorded rows are left away in all.
+    """Segments between gaps that are long enough, and how many recorded rows are left out in all.
 
     At either end of a segment, within a period of the cut-off, the filter knows one side of the motion only: the torque
     that an arm which moves there seems to want is off by several times the noise.

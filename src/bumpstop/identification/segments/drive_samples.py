@@ -48,7 +48,7 @@ class DriveSamples:
         cutoff_hz: of the zero-phase filter.
         rows_recorded: of the recordings that lie in a segment.
         rows_left: of the recordings in segments too short to filter.
-        rows_at_ends: of the recordings left away at either end of a segment, where the filter has one side only.
+        rows_at_ends: of the recordings left out at either end of a segment, where the filter has one side only.
         recordings: number of the recording of each segment, from 0; empty: not known.
     """
 
@@ -171,7 +171,7 @@ def drive_samples(
         cutoff_hz: of the filter.
         every_row: keep the recorded rate.
         smooth_current: filter the currents, too.
-        trim_s: left away at either end of a segment, where a filter has only one side to go by; default: one period of
+        trim_s: left out at either end of a segment, where a filter has only one side to go by; default: one period of
             the cut-off.
         gravity: acceleration of free fall in the base frame [m/s2].
 

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 _MIN_PERIODS = 5.0
 _MIN_KEPT = 16  # behind the filter, as torques pass another
 # Beside a gap, and where a recording begins or ends, the filter has one side of the motion only to go by: so many
-# periods of the cut-off are left away, at the ends no more than a share of the segment.
+# periods of the cut-off are left out, at the ends no more than a share of the segment.
 _SEAM_PERIODS, _MAX_AT_END = 1.0, 0.05
 # A joint that moves less far stands still [rad or m]: encoders make some of it, and no planned motion is so small.
 STILL = 0.01
@@ -77,8 +77,8 @@ class TorqueSamples:
         reach: motion and carried torque of segments and margins.
         recorded: torque of each segment.
         rows_left: recorded rows in segments too short to use.
-        rows_beside_gaps: recorded rows of the others that are left away within a period of the cut-off of a gap.
-        rows_at_ends: recorded rows left away where recordings begin and end.
+        rows_beside_gaps: recorded rows of the others that are left out within a period of the cut-off of a gap.
+        rows_at_ends: recorded rows left out where recordings begin and end.
         rows_whole: rows that the filter leaves of all segments; more than N where blocks stand for them.
         rests: (N, n) rows at which each joint rests.
         currents: these are rows of motor currents.
@@ -114,7 +114,7 @@ class TorqueSamples:
 
         No more rows are kept than the filter leaves something to say in. Where that is more than ``limit``, blocks
         spread evenly over the time are kept. Every recording has one, or more by its length. Beside a gap one period of
-        the cut-off is left away: the filter knows only one side of the motion there. So it is where a recording begins
+        the cut-off is left out: the filter knows only one side of the motion there. So it is where a recording begins
         and ends, but no more than a twentieth of it: a fit would take what the filter makes there for the arm's. A
         comparison keeps these rows.
 
@@ -129,7 +129,7 @@ class TorqueSamples:
             filters_hz: cut-offs of the filters that rows of blocks are to pass as the whole would; through others they
                 pass with what margins they have.
             rate_hz: rows a second to keep, at least; default: ten a period of the cut-off.
-            trim_s: left away at the ends and beside gaps; default: one period of the cut-off. With ``rate_hz`` the rows
+            trim_s: left out at the ends and beside gaps; default: one period of the cut-off. With ``rate_hz`` the rows
                 are the same ones whatever the cut-off.
             ends: keep the rows where recordings begin and end.
             gravity: acceleration of free fall in the base frame [m/s2].
@@ -245,7 +245,7 @@ class TorqueSamples:
 def _segment(
     number: int, rows: slice, t: FloatArray, cutoff_hz: float, rate_hz: float | None, trim_s: float, ends: bool
 ) -> tuple[Segment, int, int]:
-    """A part of a recording, and how many of its recorded rows are left away beside gaps and at its ends."""
+    """A part of a recording, and how many of its recorded rows are left out beside gaps and at its ends."""
     own = t[rows]
     grid = UniformGrid.of(own)
     stride = grid.stride(cutoff_hz) if rate_hz is None else max(1, int(grid.rate_hz / rate_hz * (1 + 1e-6)))

@@ -91,8 +91,8 @@ def late_fault(curve: GaugeCurve, at: int, onset: float) -> list[GaugeFault]:
     rises_from = np.flatnonzero(force[:highest] < low)[-1]
     sudden = bool(time[highest] - time[rises_from] <= FIRST_PHASE_S)
     text = (
-        f"The highest force, {force[highest]:.4g} N, comes {time[highest] - onset:.3g} s after the begin of contact, "
-        f"which shows {force[at]:.4g} N in its first {FIRST_PHASE_S:g} s: the gauge was "
+        f"The highest force, {force[highest]:.4g} N, comes {time[highest] - onset:.3g} s after the beginning of "
+        f"contact, which shows {force[at]:.4g} N in its first {FIRST_PHASE_S:g} s: the gauge was "
         f"{'loaded before the collision' if sudden else 'pressed slowly'}."
     )
     return [GaugeFault("late", 1, text, spoils=sudden)]
@@ -104,8 +104,8 @@ def _pressed_on(curve: GaugeCurve, at: int, highest: int, onset: float) -> list[
     if curve.time[highest] - onset <= FIRST_PHASE_S or force[highest] <= _HARDER * force[at]:
         return []
     text = (
-        f"The highest force, {force[highest]:.4g} N, comes {curve.time[highest] - onset:.3g} s after the begin of "
-        f"contact, which shows {force[at]:.4g} N in its first {FIRST_PHASE_S:g} s: the gauge was pressed on."
+        f"The highest force, {force[highest]:.4g} N, comes {curve.time[highest] - onset:.3g} s after the beginning "
+        f"of contact, which shows {force[at]:.4g} N in its first {FIRST_PHASE_S:g} s: the gauge was pressed on."
     )
     return [GaugeFault("late", 1, text)]
 

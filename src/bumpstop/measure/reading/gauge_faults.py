@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _MIN_FLAT, _NEAR_DIGITS, _SMOOTH = 3, 8, 0.25
 # Shares of the device's range: noise about its end, and the farthest reading of that device.
 _AT_END, _SHORTLY_BEYOND, _BEYOND = 0.999, 1.005, 1.02
-# From the begin of contact to the peak.
+# From the beginning of contact to the peak.
 _MIN_RISE_SAMPLES = 5
 _MIN_RATE_HZ = 500.0
 # What gauges of collisions show at all.
@@ -122,7 +122,7 @@ def curve_faults(
         found.append(GaugeFault("resampled", every, text, spoils=(at - first) / every < _MIN_RISE_SAMPLES))
     rise = at - first
     if rise < _MIN_RISE_SAMPLES or 1 / curve.step < _MIN_RATE_HZ:
-        text = f"{rise} samples from the begin of contact to the peak, at {1 / curve.step:.4g} Hz: too coarse."
+        text = f"{rise} samples from the beginning of contact to the peak, at {1 / curve.step:.4g} Hz: too coarse."
         found.append(GaugeFault("coarse", 1, text, spoils=rise < _MIN_RISE_SAMPLES))
     found += _truncated(curve, at, onset, rest)
     neighbours = max(force[max(at - 1, 0)], force[min(at + 1, force.size - 1)])
@@ -289,7 +289,7 @@ def _truncated(curve: GaugeCurve, at: int, onset: float, rest: FloatArray | None
         found.append(GaugeFault("truncated", 1, text, spoils=True))
     elif curve.time[-1] - onset < FIRST_PHASE_S and force[-1] > 0.05 * peak:
         text = (
-            f"The recording ends {1e3 * (curve.time[-1] - onset):.4g} ms after the begin of contact, with "
+            f"The recording ends {1e3 * (curve.time[-1] - onset):.4g} ms after the beginning of contact, with "
             f"{force[-1]:.4g} N: what is left after {FIRST_PHASE_S:g} s is not in it."
         )
         found.append(GaugeFault("truncated", 1, text))

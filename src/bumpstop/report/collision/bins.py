@@ -1,4 +1,4 @@
-"""Bins over the part of a distribution that is worth showing."""
+"""Bins over the part of a distribution that is worth showing, and why there are none."""
 
 from __future__ import annotations
 
@@ -7,9 +7,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bumpstop.collision.probability_text import percent
+from bumpstop.collision.verdict.verdict_notes import untouched_share
+
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
     from bumpstop.collision import Distribution
+    from bumpstop.collision.outcome import CollisionOutcome
+
+# Less is not told in percent.
+_MIN_PROBABILITY = 1e-6
 
 
 def bins(distribution: Distribution, samples: int | None, most: float = math.inf) -> FloatArray:
@@ -47,3 +54,15 @@ def _highest(distribution: Distribution) -> float:
         else:
             unbounded = middle
     return high
+
+
+def why_no_figure(result: CollisionOutcome) -> str:
+    """Why too few collisions have a force to be drawn: what has none, and what has no bound."""
+    integrated = result.kind == "exact"
+    shares = (
+        (result.undetected_probability, "of collisions are never detected, so that their force is unbounded"),
+        (untouched_share(result), "of cases touch nothing"),
+    )
+    return ", and ".join(
+        f"{percent(share, integrated=integrated)} {words}" for share, words in shares if share > _MIN_PROBABILITY
+    )

@@ -59,7 +59,7 @@ class DetectionSection(Section):
         text.append(
             paragraph(
                 "The force to reach the threshold is that of a contact along this motion's normal. Without noise "
-                "no force below the smallest of them is detected."
+                f"no force below the smallest of them is detected{' at that moment' if moving else ''}."
             )
         )
         return text

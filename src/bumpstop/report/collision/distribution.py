@@ -11,8 +11,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.distribution.distribution import QUANTILES
 from bumpstop.collision.probability_text import accepted_percent, percent
-from bumpstop.collision.verdict.verdict_notes import untouched_share
-from bumpstop.report.collision.bins import bins
+from bumpstop.report.collision.bins import bins, why_no_figure
 from bumpstop.report.formatting import percentile, quantity
 from bumpstop.report.markup import Html, paragraph
 from bumpstop.report.picture import AREA, EVENT, FAINT, INK, LAW, LIMIT, PAPER, Picture, scale_by, stack
@@ -39,13 +38,7 @@ class DistributionSection(Section):
         """How to read the figure, and what lies outside it."""
         result, contact = self.result, self.result.scenario.contact
         if not self._edges.size:
-            return [
-                paragraph(
-                    f"There is no figure: {self._percent(result.undetected_probability)} of collisions are never "
-                    "detected, so that their force is unbounded, and in "
-                    f"{self._percent(untouched_share(result))} of cases the arm touches nothing."
-                )
-            ]
+            return [paragraph(f"There is no figure: {why_no_figure(result)}.")]
         meets = "where this curve meets a limit stands the probability of exceeding it"
         if result.problem.transient_limits is not None:
             meets = "a force that is gone in time may exceed the limit that holds later, but not the one at first"
@@ -59,10 +52,19 @@ class DistributionSection(Section):
         ]
         zero_force = 1 - result.peak_force.exceedance(0.0)
         if zero_force > 1e-4:
+            why = [
+                cause
+                for cause, share in (
+                    ("an alarm stops it before the body", result.false_alarm_probability),
+                    (f"the motion ends before contact{result.why_no_contact()}", result.no_contact_probability),
+                )
+                if share > _MIN_PROBABILITY
+            ]
             text.append(
                 paragraph(
-                    f"In {percent(zero_force)} of cases the arm does not press at all, as an alarm stops it before "
-                    "the body or the motion ends there. The upper panel leaves them out."
+                    f"In {percent(zero_force)} of cases the arm does not press at all"
+                    + (f", as {' or '.join(why)}" if why else "")
+                    + ". The upper panel leaves them out."
                 )
             )
         if result.undetected_probability > _MIN_PROBABILITY and result.unbounded_because is not None:

@@ -11,7 +11,7 @@ from bumpstop.report.document import Document, write_document
 from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.picture import EVENT, FAINT, INK, LAW, LIMIT, Picture, axes
 from bumpstop.report.section import Part
-from bumpstop.terminal import in_percent, number
+from bumpstop.terminal import counted, in_percent, number
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -156,5 +156,5 @@ def write_stopping(fit: StoppingFit, folder: Path) -> Path:
         InputError: the folder cannot be written.
     """
     parts: list[Part] = [LawPart(fit), ReactionPart(fit), RowsPart(fit)]
-    about = f"{len(fit.table.row)} rows of {fit.table.source}"
+    about = f"{counted(len(fit.table.row), 'row')} of {fit.table.source}"
     return write_document(Document("Stopping distances", "bumpstop: stopping", "stopping", parts, about), folder)

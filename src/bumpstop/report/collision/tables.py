@@ -66,7 +66,7 @@ class FiguresSection(Section):
             words = quantity(mean, "N")
             found.append(paragraph(f"The mean peak force of the collisions that have a bound is {words}."))
         if result.contact_duration is None:
-            found.append(paragraph("There is no contact time: a stopped arm keeps the body clamped."))
+            found.append(paragraph("There is no contact duration: a stopped arm keeps the body clamped."))
         return found
 
 

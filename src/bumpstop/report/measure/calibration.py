@@ -12,7 +12,7 @@ from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.picture import FAINT, INK, LAW, LIMIT, Picture, axes
 from bumpstop.report.print_style import print_style
 from bumpstop.report.section import Part
-from bumpstop.terminal import in_percent, number
+from bumpstop.terminal import counted, in_percent, number
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -162,7 +162,8 @@ def write_calibration(made: PlanCalibration, folder: Path) -> Path:
     """
     parts: list[Part] = [ForcesPart(made), ParametersPart(made)]
     shots = made.calibration.shots
-    about = f"{len(shots)} shots in {len({shot.situation for shot in shots})} of {len(made.situations)} situations"
+    hit = len({shot.situation for shot in shots})
+    about = f"{counted(len(shots), 'shot')} in {hit} of {counted(len(made.situations), 'situation')}"
     title = "Calibration by measured forces"
     style = print_style(f"{title}, {about}")
     return write_document(Document(title, "bumpstop: measure", "calibration", parts, about, style), folder)

@@ -11,7 +11,7 @@ from bumpstop.report.markup import Html, bullets, element, paragraph, table
 from bumpstop.report.picture import LAW, LIMIT, Picture, axes
 from bumpstop.report.print_style import print_style
 from bumpstop.report.section import Part
-from bumpstop.terminal import in_percent, number
+from bumpstop.terminal import counted, in_percent, number
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -235,7 +235,8 @@ def write_plan_page(plan: MeasurementPlan, folder: Path) -> Path:
         InputError: the folder cannot be written.
     """
     parts: list[Part] = [ShotsPart(plan), PlacesPart(plan), BandsPart(plan)]
-    about = f"{plan.situations[0].scenario.robot}: {len(plan.shots)} shots in {len(plan.situations)} situations"
+    shots, situations = counted(len(plan.shots), "shot"), counted(len(plan.situations), "situation")
+    about = f"{plan.situations[0].scenario.robot}: {shots} in {situations}"
     style = _STYLE + print_style(f"Measurement plan, {about}")
     document = Document("Measurement plan", "bumpstop: measure", "measurement plan", parts, about, style)
     return write_document(document, folder)

@@ -108,7 +108,7 @@ class CurvesPart(Part):
             panel.axhline(0, color=FAINT, linewidth=0.8)
             if math.isfinite(reading.left_N):
                 panel.hlines(reading.left_N, FIRST_PHASE_S, end, color=EVENT, linestyle="--", linewidth=1.4)
-            panel.set_xlabel("time after the begin of contact [s]")
+            panel.set_xlabel("time after the beginning of contact [s]")
             panel.set_ylabel("force [N]")
             panel.set_title(name)
 

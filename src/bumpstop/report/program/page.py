@@ -104,10 +104,10 @@ class SegmentsPart(Part):
 
 
 class LeftAsItIsPart(Part):
-    """What was not understood, what could not be judged and what was taken for granted."""
+    """What was not understood, what could not be judged, what was assumed and what is not claimed."""
 
-    title = "What is left as it is"
-    anchor = "left"
+    title = "Assumptions and limits of this page"
+    anchor = "assumptions"
 
     def __init__(self, result: ProgramResult) -> None:
         self._result = result

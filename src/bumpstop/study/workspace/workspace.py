@@ -77,8 +77,10 @@ class WorkspaceStudy(Study):
     def __post_init__(self) -> None:
         if self.scenario.motion.kind != "line":
             raise InputError("motion.kind", "a workspace study moves along straight lines", "wanted 'line'")
-        if (self.poses > 0) == (self.grid > 0):
-            raise InputError("--poses", "and --grid: give one of them", "for example --poses 1000")
+        if not self.poses and not self.grid:
+            raise InputError("--poses", "is missing", "give it or --grid, for example --poses 1000")
+        if self.poses and self.grid:
+            raise InputError("--grid", "has no meaning with --poses", "give one of them")
         if self.poses and self.grid_directions != 1:
             raise InputError("--grid-directions", "has no meaning without --grid", "leave it out")
         if self.grid and self.speed_sd_mm_s:

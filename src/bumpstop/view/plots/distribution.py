@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bumpstop.collision.probability_text import percent
-from bumpstop.collision.verdict.verdict_notes import untouched_share
-from bumpstop.report.collision.bins import bins
+from bumpstop.report.collision.bins import bins, why_no_figure
 from bumpstop.report.colours import AREA, EVENT, LAW
 from bumpstop.terminal import number
 from bumpstop.view.plots.chart import Chart, nothing, stairs
@@ -34,11 +32,7 @@ def distribution_plot(answer: Answer, before: Answer | None = None) -> Html:
     edges = bins(result.peak_force, result.samples)
     name, title = "distribution", "Peak force"
     if not edges.size:
-        why = (
-            f"No figure: {percent(result.undetected_probability)} of collisions are never detected, so that their "
-            f"force is unbounded; in {percent(untouched_share(result))} of cases the arm touches nothing."
-        )
-        return nothing(title, why, name)
+        return nothing(title, f"No figure: {why_no_figure(result)}.", name)
     others = np.zeros(0) if before is None else bins(before.result.peak_force, before.result.samples)
     low, high = _range(answer, edges, others)
     density = result.peak_force.density(edges)
