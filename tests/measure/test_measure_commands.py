@@ -46,8 +46,11 @@ def fill(table: Path, forces: list[float], *, ratio: float) -> None:
         csv.writer(file).writerows(rows)
 
 
-def test_one_of_a_thing_has_no_plural(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(capsys, "plan", "hand.toml", "-o", "plan", "--points", "32", "--shots", "1")[0] == 0
+def test_one_shot_is_planned_in_one_situation(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    status, printed, _ = run(capsys, "plan", "hand.toml", "-o", "plan", "--points", "32", "--shots", "1")
+    assert status == 0
+    # No cell is folded where nobody says how wide the page is.
+    assert "pad 70 Shore A (K1 276 N/mm)  " in printed.splitlines()[1]
     assert ": 1 shot in 1 situation<" in Path("plan/report.html").read_text()
 
 

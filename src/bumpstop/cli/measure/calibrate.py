@@ -13,7 +13,7 @@ from bumpstop.cli.folders import check_file, check_folder, check_inputs, check_o
 from bumpstop.cli.measure.read import ForceColumn, ForceUnit, TimeColumn, TimeUnit, format_of
 from bumpstop.cli.measure.scenarios import named_situations
 from bumpstop.errors import InputError
-from bumpstop.terminal import in_percent
+from bumpstop.terminal import in_percent, table, terminal
 
 if TYPE_CHECKING:
     from bumpstop.measure.learning.plan_calibration import PlanCalibration
@@ -102,24 +102,16 @@ def calibrate(
 
 
 def _print(made: PlanCalibration) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
     from bumpstop.report.measure.calibration import value_words
 
-    console = Console(highlight=False, markup=False)
+    console = terminal()
     found = made.calibration
-    table = Table(box=None, pad_edge=False)
-    for heading in ("", "key", "after the shots"):
-        table.add_column(heading)
-    for each in found.found:
-        table.add_row(each.label, each.key, value_words(each))
-    console.print(table)
-    forces = Table(box=None, pad_edge=False)
-    for heading in ("situation", "mm/s", "shots", "before, N", "expected, N", "single shots, N", "limit, N"):
-        forces.add_column(heading, justify="left" if heading == "situation" else "right")
-    for force in found.forces:
-        forces.add_row(
+    headings: tuple[str, ...] = ("", "key", "after the shots")
+    parameters = [(each.label, each.key, value_words(each)) for each in found.found]
+    console.print(table(headings, parameters, left=headings))
+    headings = ("situation", "mm/s", "shots", "before, N", "expected, N", "single shots, N", "limit, N")
+    forces = [
+        (
             force.situation,
             f"{force.speed_mm_s:.4g}",
             str(force.shots),
@@ -128,16 +120,17 @@ def _print(made: PlanCalibration) -> None:
             f"{force.single_N[0]:.4g} to {force.single_N[1]:.4g}",
             "-" if force.limit_N != force.limit_N else f"{force.limit_N:.4g}",
         )
-    console.print(forces)
+        for force in found.forces
+    ]
+    console.print(table(headings, forces, left=("situation",)))
     for warning in found.warnings:
-        console.print(f"warning: {warning}", soft_wrap=True)
+        console.print(f"warning: {warning}")
     for note in (*made.left_out, *found.notes):
-        console.print(f"note: {note}", soft_wrap=True)
+        console.print(f"note: {note}")
     best = found.next_shot
     console.print(
         f"next best shot: {best.situation} at {best.speed_mm_s:.4g} mm/s, spread {in_percent(best.spread_now, 2)} to "
-        f"{in_percent(best.spread_after, 2)}",
-        soft_wrap=True,
+        f"{in_percent(best.spread_after, 2)}"
     )
 
 

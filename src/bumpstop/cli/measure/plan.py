@@ -15,7 +15,7 @@ from bumpstop.cli.folders import check_folder, check_inputs, check_no_job, check
 from bumpstop.cli.measure.scenarios import named_situations
 from bumpstop.cli.option_names import as_options
 from bumpstop.errors import InputError, near_matches
-from bumpstop.terminal import in_percent
+from bumpstop.terminal import in_percent, table, terminal
 from bumpstop.text_files import list_items
 
 if TYPE_CHECKING:
@@ -163,22 +163,21 @@ def _percent(value: float, option: str) -> float:
 
 
 def _print(made: MeasurementPlan) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    console = Console(highlight=False, markup=False)
-    places = Table(box=None, pad_edge=False)
-    for heading in ("situation", "gauge", "contact point, mm", "approach, mm"):
-        places.add_column(heading)
-    for each in made.situations:
-        point = ", ".join(f"{1e3 * part:.1f}" for part in each.contact_point)
-        places.add_row(each.name, each.gauge.words, point, f"{1e3 * each.approach:.0f}")
-    console.print(places)
-    rows = Table(box=None, pad_edge=False)
-    for heading in ("shot", "situation", "mm/s", "expected, N", "5 % to 95 %, N", "spread left, %"):
-        rows.add_column(heading, justify="left" if heading == "situation" else "right")
-    for shot in made.shots[:_SHOWN]:
-        rows.add_row(
+    console = terminal()
+    headings: tuple[str, ...] = ("situation", "gauge", "contact point, mm", "approach, mm")
+    places = [
+        (
+            each.name,
+            each.gauge.words,
+            ", ".join(f"{1e3 * part:.1f}" for part in each.contact_point),
+            f"{1e3 * each.approach:.0f}",
+        )
+        for each in made.situations
+    ]
+    console.print(table(headings, places, left=headings))
+    headings = ("shot", "situation", "mm/s", "expected, N", "5 % to 95 %, N", "spread left, %")
+    shots = [
+        (
             str(shot.number),
             shot.situation,
             f"{shot.speed_mm_s:.4g}",
@@ -186,11 +185,13 @@ def _print(made: MeasurementPlan) -> None:
             f"{shot.low_N:.4g} to {shot.high_N:.4g}",
             f"{100 * shot.spread:.2g}",
         )
-    console.print(rows)
+        for shot in made.shots[:_SHOWN]
+    ]
+    console.print(table(headings, shots, left=("situation",)))
     if len(made.shots) > _SHOWN:
         console.print(f"and {len(made.shots) - _SHOWN} more; spread before any shot {in_percent(made.spread, 2)}")
     for situation in made.situations:
         for note in situation.notes:
-            console.print(f"note: {situation.name}: {note}", soft_wrap=True)
+            console.print(f"note: {situation.name}: {note}")
     for note in made.notes:
-        console.print(f"note: {note}", soft_wrap=True)
+        console.print(f"note: {note}")

@@ -106,21 +106,19 @@ def readings_csv(readings: Sequence[GaugeReading]) -> str:
 
 
 def _print(readings: Sequence[GaugeReading]) -> None:
-    from rich.console import Console
-    from rich.table import Table
+    from bumpstop.terminal import table, terminal
 
-    console = Console(highlight=False, markup=False)
-    table = Table(box=None, pad_edge=False)
-    for heading in ("recording", "peak, N", "after, ms", "left, N", "N/cm²", "Hz", "usable"):
-        table.add_column(heading, justify="left" if heading == "recording" else "right")
+    console = terminal()
+    headings = ("recording", "peak, N", "after, ms", "left, N", "N/cm²", "Hz", "usable")
+    rows = []
     for each in readings:
         figures = (each.peak_N, 1e3 * each.peak_time, each.lasting_N, each.peak_pressure_N_cm2, each.rate_hz)
         cells = ["-" if value != value else f"{value:.4g}" for value in figures]
-        table.add_row(Path(each.curve.source).name, *cells, "yes" if each.usable else "no")
-    console.print(table)
+        rows.append((Path(each.curve.source).name, *cells, "yes" if each.usable else "no"))
+    console.print(table(headings, rows, left=("recording",)))
     for each in readings:
         for fault in each.faults:
-            console.print(f"{Path(each.curve.source).name}: {fault.name} ({fault.count}): {fault.text}", soft_wrap=True)
+            console.print(f"{Path(each.curve.source).name}: {fault.name} ({fault.count}): {fault.text}")
 
 
 def format_of(
