@@ -300,6 +300,21 @@ def test_noise_takes_no_current_out_of_the_range_of_its_own_recording() -> None:
     assert not any("want joint currents" in one for one in judge_payload(found, noisy, robot).warnings)
 
 
+@pytest.mark.parametrize("mass", [1e-9, 1e-6])
+def test_an_arm_that_carries_nothing_has_no_moments_that_a_far_centre_would_make(mass: float) -> None:
+    """Errors of first moments over next to no mass are a centre kilometres away, whose inertia outweighs the arm."""
+    robot = bs.Robot.load("panda")
+    t, q, qd, qdd = fourier(robot, 20.0, 100.0, 3)
+    tau = inverse_dynamics(robot, q, qd, qdd) + 2.0 * np.sign(qd) + 0.2 * np.random.default_rng(5).normal(size=q.shape)
+    found = identify_payload(Recording(t=t, q=q, tau=tau), robot, mass=mass, cutoff_hz=8.0)
+    for name in ("mx", "my", "mz"):
+        value, error = found.parameters[name].value, found.standard_errors[name]
+        assert value is not None
+        assert error is not None
+        assert abs(value) < max(4 * error, 1e-3), name
+    assert (found.rmse < 1.05 * found.rmse_without).all()
+
+
 def deviations(found: PayloadFit) -> list[float]:
     """Of mass and centre, in standard errors."""
     assert found.center is not None

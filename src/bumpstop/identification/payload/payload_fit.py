@@ -48,6 +48,7 @@ _ROUNDING = 1e-9  # of the longest column
 _MAX_MASS = 10_000.0  # [kg]
 # Nor are those known no better than to a kilogram, or the payload's own mass, at this distance from the tip [m].
 _ARM = 0.1
+_FARTHEST = 2.0  # [m] from the tip, that a centre of mass is
 _ROUNDS = 4  # of the joints' weights, and of a point mass's second moments
 _WINDOW = 4.0  # of the long-run covariance, in correlation times
 _UNITS = {"m": "kg", "mx": "kg m", "my": "kg m", "mz": "kg m"}  # second moments: kg m2
@@ -312,7 +313,8 @@ def identify_payload(
         if not inertia:
             first = np.where(visible_share(flat)[:4] > _DEPENDENT, solution[:4], 0.0)
             first[0] = first[0] if mass is None else mass
-            point = point_moments(first)
+            # Of next to no mass errors of the first moments would put the centre far away, and turn with it.
+            point = point_moments(first) if np.linalg.norm(first[1:]) <= _FARTHEST * first[0] else np.zeros(6)
         weight = weight / np.maximum(residual.std(axis=0), 1e-12)
     weight_columns = columns / np.maximum(residual.std(axis=0), 1e-12)[None, :, None]
     residual = residual / np.maximum(residual.std(axis=0), 1e-12)
