@@ -2,9 +2,12 @@
 
 import matplotlib.figure
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Text
 
 from bumpstop.report.collision.page import Page
 from bumpstop.report.collision.verdict import VerdictSection
+from bumpstop.report.picture import WIDTH
 from report.cases import Outline, evaluate
 
 
@@ -44,9 +47,15 @@ def test_two_phases_have_two_limits():
     # An arm that stays is there when the other does.
     staying = Page(evaluate({**changes, "verdict.clamped_limit": "two_phase", "reaction.kind": "stop"}))
     (bad,) = [figure.picture for figure in staying.figures if figure.picture.name == "force_over_time_bad"]
-    figure = matplotlib.figure.Figure()
+    figure = matplotlib.figure.Figure((WIDTH, bad.height))
     bad.draw(figure)
-    assert "limit 280 N, 140 N from 0.5 s on" in [text.get_text() for text in figure.axes[0].texts]
+    (limits,) = [text for text in figure.axes[0].texts if text.get_text() == "limit 280 N, 140 N from 0.5 s on"]
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    figure.draw(renderer)
+    drawn_texts = [text for text in figure.axes[0].get_children() if isinstance(text, Text)]
+    (title,) = [text.get_window_extent(renderer) for text in drawn_texts if text.get_text() == "A bad collision"]
+    assert not title.overlaps(limits.get_window_extent(renderer))
+    assert title.y1 <= figure.bbox.y1
 
 
 @pytest.mark.parametrize("two_phase", [False, True])

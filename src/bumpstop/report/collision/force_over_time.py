@@ -172,10 +172,13 @@ class _Panels:
 
     def draw(self, figure: Figure) -> None:
         """Draw both panels."""
-        force, residual = stack(figure, [1.5, 1.0], left=1.0, right=0.62, bottom=0.5, top=0.34, gap=0.14)
+        # The limits of two phases have a line of their own below the title.
+        two = len(_allowed(self._result)) == 2
+        top = 0.52 if two else 0.34
+        force, residual = stack(figure, [1.5, 1.0], left=1.0, right=0.62, bottom=0.5, top=top, gap=0.14)
         for panel in (force, residual):
             panel.yaxis.set_label_coords(-0.185, 0.5)
-        force.set_title(self._title)
+        force.set_title(self._title, pad=20 if two else None)
         self._force(force)
         self._residual(residual)
         residual.set_xlim(self._window[0] * self._scale, self._window[1] * self._scale)
