@@ -195,6 +195,10 @@ def test_the_page_has_the_settings_in_full(tmp_path: Path) -> None:
     for said in ("late, s", ">0.4<", "window_s", ">0.05<", "observer_gain_1_s", "20,20,20,9,9,9", "Made by"):
         assert said in page, said
     assert "Detections</h2>" in page
+    # Settings read as in a file, not as in Python.
+    for said in (">not given<", ">false<", ">[0, 0, -1]<"):
+        assert said in page, said
+    assert ">None<" not in page
     assert "DetectedCollisions" not in page
     # One push of a little more than the thresholds: found at them and at half of them, which share a label.
     drawn = (tmp_path / "page" / "roc.svg").read_text()
