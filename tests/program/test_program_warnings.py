@@ -137,3 +137,14 @@ def test_what_only_leads_elsewhere_moves_nothing() -> None:
     for text, unseen in (("ERROR\nTRYNEXT;\n", False), ("SearchL di1,p,p,v10,t;\n", True), ("GOTO a;\na:\n", False)):
         read = read_rapid(f"PROC main()\n{go}{text}ENDPROC\n".encode())
         assert TextProgram(read, ()).moves_unseen == unseen
+
+
+@pytest.mark.usefixtures("unsaved_pictures")
+def test_nothing_is_won_where_nothing_could_be_judged(tmp_path: Path) -> None:
+    """Six speeds of axes do not tell those of seven joints; each question stands on one line."""
+    cell = EXAMPLES.parent / "01_hand_downward.toml"
+    done = run("program", EXAMPLES / "place.src", "--scenario", cell, "--out", tmp_path / "out")
+    assert done.status == 4
+    assert "INCONCLUSIVE as given, INCONCLUSIVE as written\n" in done.out
+    assert "\nline 8, PTP: " in done.out
+    assert " s won" not in (tmp_path / "out" / "report.html").read_text(encoding="utf-8").replace("won, s", "")

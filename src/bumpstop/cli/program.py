@@ -134,16 +134,17 @@ def _print(result: ProgramResult) -> None:
     console.print(table)
     for one in result.segments:
         for question in one.open_questions:
-            console.print(f"lines {_lines(one)}, {one.segment.name}: {question}")
+            first, last = one.segment.lines
+            console.print(f"{'line' if first == last else 'lines'} {_lines(one)}, {one.segment.name}: {question}")
     for line, text in result.source.not_understood:
         console.print(f"line {line} is not understood and left as it is: {text[:80]}")
     for note in result.notes:
         console.print(f"note: {note}")
-    won = sum(one.won_s for one in result.segments if math.isfinite(one.won_s))
+    won = result.won_words
     against = " and ".join(f"{body.scenario.contact.body}, {body.allowed_force:.4g} N allowed" for body in bodies)
     console.print(
-        f"{result.source.language} against {against}: {result.present} as given, {result.written_outcome} as written, "
-        f"{abs(won):.2f} s {'won' if won >= 0 else 'lost'}",
+        f"{result.source.language} against {against}: {result.present} as given, {result.written_outcome} as written"
+        + (f", {won}" if won else "")
     )
     console.print(
         "Each segment with contact at its worst place. This is an engineering estimate, not a certified safety "

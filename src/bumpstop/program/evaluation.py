@@ -114,6 +114,12 @@ class ProgramResult:
         return _worst([*(one.present for one in self.segments), *self._unseen])
 
     @property
+    def won_words(self) -> str:
+        """Time that all segments win or lose together, each once; empty where none has a duration both ways."""
+        won = [one.won_s for one in self.segments if math.isfinite(one.won_s)]
+        return f"{abs(sum(won)):.2f} s {'won' if sum(won) >= 0 else 'lost'}" if won else ""
+
+    @property
     def written_outcome(self) -> str:
         """The same of the program as it is written."""
         return _worst([*(one.written for one in self.segments), *self._unseen])

@@ -69,10 +69,9 @@ class SegmentsPart(Part):
             )
             for number, one in enumerate(result.segments, start=1)
         ]
-        won = sum(one.won_s for one in result.segments if math.isfinite(one.won_s))
-        text = (
-            f"{result.present} as given, {result.written_outcome} as written, {abs(won):.2f} s "
-            f"{'won' if won >= 0 else 'lost'} over all segments, each once."
+        won = result.won_words
+        text = f"{result.present} as given, {result.written_outcome} as written" + (
+            f", {won} over all segments, each once." if won else "."
         )
         return [paragraph(text), table((*headings, "as written", "won, s", "limited by"), rows, caption="Segments")]
 
@@ -116,7 +115,7 @@ class LeftAsItIsPart(Part):
         """Lists; the claims that are not made."""
         result = self._result
         unjudged = [
-            f"segment {number}, line {_lines(one)}: {question}"
+            f"segment {number}, {'line' if len(set(one.segment.lines)) == 1 else 'lines'} {_lines(one)}: {question}"
             for number, one in enumerate(result.segments, start=1)
             for question in one.open_questions
         ]
