@@ -96,6 +96,14 @@ def test_what_the_command_writes(tmp_path: Path, found: DetectorBenchmark, monke
     assert (done.status, done.err) == (0, "")
     assert {"about", "hours", "contacts", "points"} == set(json.loads(done.out))
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"curves.svg", "curves.png", "points.csv"}
+    assert "mathdefault" not in (tmp_path / "out" / "curves.svg").read_text()
+    axes = found.plot()
+    axes.figure.canvas.draw()
+    legend = axes.get_legend()
+    assert legend is not None
+    covered = legend.get_window_extent()
+    for line in axes.lines:
+        assert not any(covered.contains(*place) for place in axes.transData.transform(line.get_xydata())), line
 
 
 @pytest.mark.parametrize(

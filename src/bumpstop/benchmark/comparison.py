@@ -105,13 +105,22 @@ class DetectorBenchmark(Displayed):
 
     def _draw(self, axes: Axes) -> None:
         """Draw a curve for each method: lower and farther left is better."""
+        from bumpstop.report.picture import plain_ticks
+
         methods = list({point.method.name: point.method for point in self.points}.values())
         for k, method in enumerate(methods):
             points = [p for p in self.points if p.method is method and math.isfinite(p.median_N)]
             places = [p.median_N for p in points], [p.per_hour for p in points]
             axes.loglog(*places, _STYLES[k % 7], color=_COLOURS[k % 7], marker="o", markersize=3, label=method.name)
         axes.set(xlabel="median force at detection, N", ylabel="false alarms an hour")
-        axes.legend(fontsize="x-small")
+        # Room for the legend beside the curves.
+        low, high = axes.get_xlim()
+        high *= (high / low) ** 0.7
+        axes.set_xlim(low, high)
+        forces = [lead * 10.0**power for power in range(-3, 7) for lead in (1, 2, 5)]
+        plain_ticks(axes.xaxis, [force for force in forces if low <= force <= high])
+        plain_ticks(axes.yaxis)
+        axes.legend(fontsize="x-small", loc="center right")
 
 
 def compare_detectors(
