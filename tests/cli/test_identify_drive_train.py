@@ -44,6 +44,13 @@ def test_a_drive_train_file(tmp_path: Path) -> None:
     assert gears["values"][0] == found.gear_stiffness[0]
     assert gears["status"] == "assumed", "one gear is"
     assert "q_ref" in told["not_looked_for"]["servo_bandwidth"]
+    assert told["warnings"] == []
+    # Gears need no recording.
+    alone = strict_json(run("identify", *options, "--json").out)
+    assert alone["quantities"]["gear_stiffness"] == gears
+    assert run("identify", *options[:2], *options[4:], "--json").out == run("identify", *options, "--json").out
+    refused = run("identify", *options[:4])
+    assert (refused.status, "error: recordings: there are none; wanted" in refused.err) == (2, True)
 
 
 def test_nothing_to_tell(tmp_path: Path) -> None:

@@ -227,6 +227,19 @@ def test_pushes_from_a_table(tmp_path: Path) -> None:
         Pushes.load(path, UR5E)
 
 
+def test_pushes_in_another_unit_or_direction() -> None:
+    """Twists in degrees gave gears a 57th as stiff, poses in degrees those of another arm, without a word."""
+    made = pushes(UR5E, STIFFNESS, 30, 1)
+    assert made.displacement is not None
+    assert identify_drive_train([], UR5E, pushes=made).warnings == ()
+    (warning,) = identify_drive_train([], UR5E, pushes=replace(made, displacement=57.3 * made.displacement)).warnings
+    assert "arms like it" in warning
+    with pytest.raises(InputError, match=r"^pushes\.q\[1\]: joint . at .* is outside its limits; valid: .* rad"):
+        identify_gear_stiffness(replace(made, q=np.degrees(made.q)), UR5E)
+    turned = identify_gear_stiffness(replace(made, force=-made.force), UR5E)
+    assert turned.reasons[0] == "it gives against the force: is that the force on the arm?"
+
+
 def test_what_is_found_becomes_a_drive_train_file(tmp_path: Path) -> None:
     log = replace(planted(UR5E, 1), source="monday.csv")
     found = identify_drive_train([log], UR5E, pushes=pushes(UR5E, STIFFNESS, 30, 1))

@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import bumpstop as bs
 from bumpstop.model import Robot, robots
-from bumpstop.model.drive_train.assumed import rotor_doubt, torque_limit_doubt
+from bumpstop.model.drive_train.assumed import gear_doubt, rotor_doubt, torque_limit_doubt
 from bumpstop.model.drive_train.entry import DriveTrainEntry
 from bumpstop.model.urdf.writer import write_urdf
 
+EXAMPLES = Path(__file__).parents[3] / "examples"
 UR10E = Robot.load("ur10e")
 BARE = replace(UR10E, drive_train_entries=())
 # Those of its motors, before gears of 101 to 1.
@@ -36,6 +38,7 @@ def test_drives_of_built_in_arms_are_believed(name: str) -> None:
     robot = Robot.load(name)
     assert torque_limit_doubt(robot, robot.drive_train.torque_limit) == ""
     assert rotor_doubt(robot, robot.drive_train.rotor_inertia) == ""
+    assert gear_doubt(robot, robot.drive_train.gear_stiffness) == ""
     assert torque_limit_doubt(robot, np.full(robot.dof, np.inf)) == ""
 
 
@@ -76,6 +79,37 @@ def test_a_rotor_before_its_gear_is_not_that_of_the_joint(tmp_path: Path) -> Non
     assert bare.drive_train.status["rotor_inertia"] == "assumed"
     assert bare.drive_train.rotor_inertia[0] == pytest.approx(3.3)
     (said,) = [warning for warning in bare.warnings if "rotor" in warning]
-    assert "is the gear ratio missing?" in said
+    assert "is the gear ratio missing? They count as unknown." in said
     assert geared.drive_train.rotor_inertia[0] == pytest.approx(2e-4 * 101**2)
     assert not any("rotor" in warning for warning in geared.warnings)
+
+
+ROTORS = np.array((3.3e-4, 3.3e-4, 1.5e-4, 5.6e-5, 5.6e-5, 5.6e-5))
+
+
+def told(changes: dict[str, object]) -> list[str]:
+    elastic = bs.load_scenario(EXAMPLES / "05_ur10e.toml", {"arm.model": "elastic", **changes})
+    return [warning for warning in bs.evaluate(elastic).warnings if "ASSUMED" not in warning]
+
+
+def test_an_elastic_arm_of_rotors_before_their_gears_is_told(tmp_path: Path) -> None:
+    """Forces came out a third too low of armatures, files and keys, without a word; only a URDF's were doubted."""
+    mjcf, file = tmp_path / "arm.xml", tmp_path / "drive_train.toml"
+    bodies = "".join(
+        f'<body><joint name="{joint.name}" armature="{rotor}"/></body>'
+        for joint, rotor in zip(UR10E.joints, ROTORS, strict=True)
+    )
+    mjcf.write_text(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>", encoding="utf-8")
+    UR10E.drive_train.with_values("rotor_inertia", ROTORS, "published", "sheet").save(file, UR10E)
+    for changes in ({"arm.file": str(mjcf)}, {"arm.file": str(file)}, {"arm.rotor_inertia_kg_m2": ROTORS.tolist()}):
+        (warning,) = told(changes)
+        assert "joint 1 has 0.00033 kg m2, arms like it 3.3 kg m2; is the gear ratio missing?" in warning
+    assert told({"arm.rotor_inertia_kg_m2": (ROTORS * 101**2).tolist()}) == []
+
+
+def test_gears_in_another_unit_are_told() -> None:
+    """Of Nm per degree they are a 57th as stiff, and forces were 40 % too low."""
+    stiffness = UR10E.drive_train.gear_stiffness
+    (warning,) = told({"arm.gear_stiffness_Nm_rad": np.radians(stiffness).tolist()})
+    assert "joint 1 has 576 Nm/rad, arms like it 3.3e+04 Nm/rad; in another unit" in warning
+    assert told({"arm.gear_stiffness_Nm_rad": (0.1 * stiffness).tolist()}) == []

@@ -55,7 +55,11 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and 
 
 
 def identify(
-    recordings: Files,
+    *,
+    recordings: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Recordings with motor currents or joint torques; with --pushes there may be none."),
+    ] = None,
     robot: Annotated[
         str,
         typer.Option(
@@ -128,6 +132,9 @@ def identify(
 
     Exit status: 0 usable, 3 not usable, 2 bad input.
     """
+    recordings = recordings or []
+    if not recordings and (pushes is None or protocol is not None):
+        raise InputError("recordings", "there are none", "wanted one or more, or --pushes for the gears alone")
     read = [*recording_files(recordings, columns), robot, *model_files(joint_model), *model_files(dynamics), pushes]
     _check_out(out, [*read, *model_files(protocol)], "protocol" if protocol is not None else model, consistent)
     options: dict[str, object] = {
@@ -164,7 +171,9 @@ def identify(
         if log.current is None and log.tau is None and model != "drive-train":
             problem = f"{log.source} has neither motor currents nor joint torques"
             raise InputError("recording", problem, "wanted current_1 .. or tau_1 .., or a column file that names them")
-    if model is None:
+    if model is None and not logs:
+        model = "drive-train"
+    elif model is None:
         model = "joint" if all(log.current is not None and log.tau is None for log in logs) else "dynamics"
     check_options(model, options)
     with with_faults(logs):

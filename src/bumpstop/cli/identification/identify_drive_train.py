@@ -77,6 +77,7 @@ def _json(found: DriveTrainFit) -> dict[str, Any]:
             for name, values in found.found.items()
         },
         "not_looked_for": dict(found.reasons),
+        "warnings": list(found.warnings),
     }
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.collision.probability_text import percent
+from bumpstop.model.drive_train.assumed import gear_doubt, rotor_doubt
 from bumpstop.model.length_doubts import MAX_LENGTH_M, MIN_LENGTH_M
 
 if TYPE_CHECKING:
@@ -44,6 +45,7 @@ def unit_slips(result: CollisionOutcome) -> list[str]:
         *_area(result),
         *_mass(result),
         *_thresholds(result),
+        *_drives(result),
     ]
 
 
@@ -216,3 +218,13 @@ def _thresholds(result: CollisionOutcome) -> list[str]:
         return []
     joints = f"joint {noiseless[0]}" if len(noiseless) == 1 else f"joints {', '.join(noiseless)}"
     return [f"detector.noise_sd_Nm is 0 at {joints}: no false alarm is counted there, and none delays a detection."]
+
+
+def _drives(result: CollisionOutcome) -> list[str]:
+    """Rotors before their gears make an elastic arm too light, gears in another unit too soft."""
+    problem = result.problem
+    if not problem.elastic:
+        return []
+    robot, drive_train = problem.robot, problem.drive_train
+    doubts = (rotor_doubt(robot, drive_train.rotor_inertia), gear_doubt(robot, drive_train.gear_stiffness))
+    return [f"{doubt} Forces may be too low." for doubt in doubts if doubt]

@@ -14,6 +14,7 @@ from bumpstop.identification.drive_train.joint_values import JointValues
 from bumpstop.identification.drive_train.rotors import identify_rotors
 from bumpstop.identification.drive_train.servo_fit import identify_servo
 from bumpstop.model import unit_of
+from bumpstop.model.drive_train.assumed import gear_doubt, rotor_doubt
 from bumpstop.model.drive_train.entry import QUANTITIES
 from bumpstop.model.dynamics import STANDARD_GRAVITY
 
@@ -53,6 +54,7 @@ class DriveTrainFit:
                 figure = f"{values.values[j]:.4g} +- {values.errors[j]:.2g}" + ("" if unit == "1" else f" {unit}")
                 lines.append(f"  {joint.name}: {f'not identified: {reason}' if reason else figure}")
         lines += [f"{name.replace('_', ' ')}: not looked for: {reason}" for name, reason in self.reasons.items()]
+        lines += [f"warning: {doubt}" for doubt in self.warnings]
         if not self.identified:
             lines.append("NOT USABLE  Nothing of the drive train was identified.")
         return "\n".join(lines)
@@ -61,6 +63,13 @@ class DriveTrainFit:
     def identified(self) -> tuple[str, ...]:
         """Quantities of which any joint has a figure."""
         return tuple(name for name, values in self.found.items() if values.identified.any())
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Why figures are hardly those of the arm, as of a table in another unit: a sentence for each reason."""
+        doubted = {"rotor_inertia": rotor_doubt, "gear_stiffness": gear_doubt}
+        doubts = (doubt(self.robot, self.found[name].values) for name, doubt in doubted.items() if name in self.found)
+        return tuple(doubt for doubt in doubts if doubt)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the identified quantities as a drive train file.

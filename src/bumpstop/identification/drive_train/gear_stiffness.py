@@ -10,6 +10,7 @@ import numpy as np
 from bumpstop.arrays import FloatArray, as_float_array
 from bumpstop.errors import InputError
 from bumpstop.identification.drive_train.joint_values import JointValues, judged
+from bumpstop.model.pose_limits import check_pose
 
 if TYPE_CHECKING:
     import os
@@ -120,11 +121,14 @@ def identify_gear_stiffness(pushes: Pushes, robot: Robot) -> JointValues:
         Stiffness of each gear [Nm/rad or N/m].
 
     Raises:
-        InputError: neither displacement nor twist, or arrays that do not fit the robot.
+        InputError: neither displacement nor twist, a pose beyond the joints' limits, as in degrees, or arrays that do
+            not fit the robot.
     """
     q = as_float_array(pushes.q, "pushes.q", (None, robot.dof))
     force = as_float_array(pushes.force, "pushes.force", (len(q), 3))
     jacobian = robot.jacobian(q, pushes.link, pushes.point)[:, :3]
+    for row in np.flatnonzero(robot.beyond_limits(q).any(axis=1)):
+        check_pose(robot, q[row], f"pushes.q[{row + 1}]", in_degrees=False)
     load = np.einsum("nij,ni->nj", jacobian, force)
     blocks: list[tuple[FloatArray, FloatArray]] = []
     if pushes.displacement is not None:
@@ -166,6 +170,7 @@ def _compliances(blocks: list[tuple[FloatArray, FloatArray]], dof: int) -> Joint
         elif rows <= dof:
             reasons[j] = f"{rows} measured values are too few for {dof} gears"
         elif not compliance[j] > 0:
-            reasons[j] = "it does not give"
+            against = scaled[:, j] @ y < 0
+            reasons[j] = "it gives against the force: is that the force on the arm?" if against else "it does not give"
     stiffness = 1.0 / np.where(compliance > 0, compliance, np.nan)
     return judged(stiffness, stiffness**2 * error, reasons)

@@ -38,6 +38,9 @@ _MIN_TORQUE = 2.0
 _MIN_HOLDING_SHARE = 0.25
 # A rotor before its gear is a thousandth of the reflected one and less; published and assumed ones differ by ten.
 _MIN_ROTOR_SHARE = 1 / 500
+# Gears below this share of the class twist by 0.2 rad and more under the joint's torque: no arm does, and those told by
+# twists in degrees are a 57th.
+_MIN_GEAR_SHARE = 1 / 20
 
 
 def drive_train_of(robot: SerialChain) -> DriveTrain:
@@ -167,16 +170,39 @@ def rotor_doubt(robot: SerialChain, rotors: npt.ArrayLike) -> str:
         rotors: of the joints (dof,) [kg m2]; NaN: unknown.
     """
     given, usual = np.asarray(rotors, dtype=np.float64), assumed_drive_train(robot).rotor_inertia
-    turns = np.array([joint.kind == "revolute" for joint in robot.joints])
-    lacking = np.flatnonzero(turns & (given < _MIN_ROTOR_SHARE * usual))
-    if not lacking.size:
+    joint = _least_usual(robot, given, usual, _MIN_ROTOR_SHARE)
+    if joint is None:
         return ""
-    joint = int(lacking[np.argmin(given[lacking] / usual[lacking])])
     return (
         f"The rotor inertias of {robot.name} are hardly those seen at its joints: joint {joint + 1} has "
-        f"{given[joint]:.2g} kg m2, arms like it {usual[joint]:.2g} kg m2. They count as unknown; is the gear ratio "
-        "missing?"
+        f"{given[joint]:.2g} kg m2, arms like it {usual[joint]:.2g} kg m2; is the gear ratio missing?"
     )
+
+
+def gear_doubt(robot: SerialChain, stiffness: npt.ArrayLike) -> str:
+    """Why stiffnesses are hardly those of gears, in a sentence; empty: nothing is against them.
+
+    A gear has less than a twentieth of what the class of arms has for that joint. Joints that slide are passed over.
+
+    Args:
+        robot: whose gears they are of.
+        stiffness: seen at the joints (dof,) [Nm/rad]; NaN: unknown.
+    """
+    given, usual = np.asarray(stiffness, dtype=np.float64), assumed_drive_train(robot).gear_stiffness
+    joint = _least_usual(robot, given, usual, _MIN_GEAR_SHARE)
+    if joint is None:
+        return ""
+    return (
+        f"The gears of {robot.name} are hardly as soft as given: joint {joint + 1} has {given[joint]:.3g} Nm/rad, "
+        f"arms like it {usual[joint]:.2g} Nm/rad; in another unit, or found from twists or displacements that were?"
+    )
+
+
+def _least_usual(robot: SerialChain, given: FloatArray, usual: FloatArray, share: float) -> int | None:
+    """The turning joint with the smallest share of what is usual, where any is below ``share``."""
+    turns = np.array([joint.kind == "revolute" for joint in robot.joints])
+    lacking = np.flatnonzero(turns & (given < share * usual))
+    return int(lacking[np.argmin(given[lacking] / usual[lacking])]) if lacking.size else None
 
 
 def _stretched_torque(robot: SerialChain, masses: FloatArray, centers: FloatArray, payload: float) -> FloatArray:

@@ -92,7 +92,7 @@ def with_drives(robot: Chain, efforts: Sequence[float], rotors: Sequence[float],
     if told.any() and not _placeholder(known[told]):
         doubt = rotor_doubt(robot, known)
         if doubt:
-            return _doubted(robot, doubt)
+            return _doubted(robot, f"{doubt} They count as unknown.")
         assumed = drive_train_of(robot)
         entry = entry_of_some("rotor_inertia", known, assumed.rotor_inertia, source, assumed.source["rotor_inertia"])
         robot = replace(robot, drive_train_entries=(*robot.drive_train_entries, entry))
