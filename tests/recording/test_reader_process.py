@@ -34,6 +34,22 @@ def test_a_reader_that_is_killed_is_named_and_started_again(tmp_path: Path) -> N
     assert reader_process._READER.process is not process
 
 
+def test_the_end_does_not_wait_for_a_reader_without_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It took 0.2 s of every command that read a recording, and Ctrl-C in it left a traceback."""
+    file = tmp_path / "r.parquet"
+    recording().save(file)
+    bs.Recording.load(file)
+    process = reader_process._READER.process
+    assert process is not None
+    calls = []
+    kill, wait = process.kill, process.wait
+    monkeypatch.setattr(process, "kill", lambda: (calls.append("kill"), kill())[1])
+    monkeypatch.setattr(process, "wait", lambda timeout=None: (calls.append("wait"), wait(timeout))[1])
+    reader_process._close()
+    assert calls[0] == "kill"
+    assert process.returncode == -signal.SIGKILL
+
+
 @pytest.mark.parametrize(("said", "threads"), [(None, "2"), ("1", "1")])
 def test_the_environment_says_how_many_threads_it_has(
     said: str | None, threads: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -134,6 +134,7 @@ def _running() -> subprocess.Popen[bytes]:
 
 def _close() -> None:
     if _READER.process is not None and _READER.owner == os.getpid():
+        _READER.process.kill()  # it waits for work; to wait for it held up the end of every command, and met Ctrl-C
         _end(_READER.process)
 
 
