@@ -310,3 +310,16 @@ def test_a_client_that_does_not_read_costs_the_others_nothing() -> None:
                 break
         assert bench.left_out
         assert silent.read(1.0).stamp_s == 0  # type: ignore[union-attr]
+
+
+def test_a_controller_that_lost_its_power_is_missed() -> None:
+    """It ends no connection: the monitor waited at the old one for ever, while the controller was back."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        connection = RtdeConnection("127.0.0.1", listener.getsockname()[1], 1.0)
+        own = connection._socket
+        assert own.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+        times = [own.getsockopt(socket.IPPROTO_TCP, getattr(socket, f"TCP_KEEP{name}")) for name in ("IDLE", "INTVL")]
+        assert times == [1, 1]
+        assert own.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT) == 3
+        assert own.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == 4000
+        connection.close()

@@ -12,6 +12,9 @@ from bumpstop.live.rtde import messages
 from bumpstop.live.rtde.fields import IN_USE, NOT_FOUND, ProtocolError, Recipe, Value
 
 _CHUNK = 65536
+# A controller that lost its power, or whose cable was pulled, says nothing any more: after a second of silence it is
+# asked every second, and the connection ends where it does not know of it, or three times does not answer.
+_KEEP_ALIVE = {"TCP_KEEPIDLE": 1, "TCP_KEEPINTVL": 1, "TCP_KEEPCNT": 3, "TCP_USER_TIMEOUT": 4000}
 
 
 class LostConnectionError(Exception):
@@ -49,6 +52,10 @@ class RtdeConnection:
         except OSError as error:
             raise LostConnectionError(f"cannot connect to {self.where}: {error.strerror or error}") from None
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, value in _KEEP_ALIVE.items():
+            if hasattr(socket, option):  # some systems lack some
+                self._socket.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
 
     def close(self) -> None:
         """End; may be called twice."""
