@@ -13,6 +13,7 @@ from bumpstop.identification.drive_train.gear_stiffness import Pushes, identify_
 from bumpstop.identification.drive_train.joint_values import JointValues
 from bumpstop.identification.drive_train.rotors import identify_rotors
 from bumpstop.identification.drive_train.servo_fit import identify_servo
+from bumpstop.identification.segments.current_shift import tell_shifts
 from bumpstop.model import unit_of
 from bumpstop.model.drive_train.assumed import gear_doubt, rotor_doubt
 from bumpstop.model.drive_train.entry import QUANTITIES
@@ -36,12 +37,14 @@ class DriveTrainFit:
         found: figures by quantity, of those that were looked for.
         reasons: why a quantity was not looked for, by its name.
         drive_train: what was found; for joints and quantities that showed nothing, the robot's own.
+        warnings: why figures are hardly those of the arm, as of a table in another unit: a sentence for each reason.
     """
 
     robot: Robot
     found: Mapping[str, JointValues]
     reasons: Mapping[str, str]
     drive_train: DriveTrain
+    warnings: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         """What ``bumpstop identify --model drive-train`` prints."""
@@ -63,13 +66,6 @@ class DriveTrainFit:
     def identified(self) -> tuple[str, ...]:
         """Quantities of which any joint has a figure."""
         return tuple(name for name, values in self.found.items() if values.identified.any())
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Why figures are hardly those of the arm, as of a table in another unit: a sentence for each reason."""
-        doubted = {"rotor_inertia": rotor_doubt, "gear_stiffness": gear_doubt}
-        doubts = (doubt(self.robot, self.found[name].values) for name, doubt in doubted.items() if name in self.found)
-        return tuple(doubt for doubt in doubts if doubt)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the identified quantities as a drive train file.
@@ -113,6 +109,7 @@ def identify_drive_train(
         raise InputError("recordings", "there are none, and no pushes", "wanted one or more")
     found: dict[str, JointValues] = {}
     reasons: dict[str, str] = {}
+    warnings: list[str] = []
     sources = ", ".join(log.source or "a recording" for log in logs)
     if not any(log.tau is not None or log.current is not None for log in logs):
         reasons["rotor_inertia"] = "no recording has torques or currents"
@@ -120,6 +117,12 @@ def identify_drive_train(
         reasons["rotor_inertia"] = robot.inertia_objection
     else:
         found["rotor_inertia"] = identify_rotors(logs, robot, payloads=payloads, cutoff_hz=cutoff_hz, gravity=gravity)
+        quantity = "tau" if all(log.tau is not None for log in logs) else "current"
+        faults: list[str] = []
+        tell_shifts(logs, robot, quantity, faults, warnings, gravity=gravity)
+        if faults:
+            del found["rotor_inertia"]
+            reasons["rotor_inertia"] = "; ".join(faults)
     if any(log.q_ref is not None for log in logs):
         servo = identify_servo(logs, robot)
         found |= {
@@ -137,7 +140,10 @@ def identify_drive_train(
     for name, values in found.items():
         if values.identified.any():
             drive_train = _with(drive_train, name, values, "static pushes" if name == "gear_stiffness" else sources)
-    return DriveTrainFit(robot, found, reasons, drive_train)
+    for name, doubt_of in (("rotor_inertia", rotor_doubt), ("gear_stiffness", gear_doubt)):
+        doubt = doubt_of(robot, found[name].values) if name in found else ""
+        warnings += [doubt] if doubt else []
+    return DriveTrainFit(robot, found, reasons, drive_train, tuple(warnings))
 
 
 def _with(drive_train: DriveTrain, name: str, found: JointValues, source: str) -> DriveTrain:
