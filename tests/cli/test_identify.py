@@ -368,7 +368,8 @@ def test_a_refused_fit_says_what_the_times_look_like(tmp_path: Path) -> None:
     path, model = tmp_path / "ms.parquet", tmp_path / "model.toml"
     replace(log, t=1e3 * log.t).save(path)
     arm_and_logs()[1].save(model)
-    for command in (["identify", path, "--robot", ROBOT], ["validate", model, path]):
-        refused = run(*command)
-        assert refused.status == 2, command
-        assert 'if these are no seconds, say so in a column file (time = { ..., unit = "ms" })' in refused.err, command
+    said = 'if these are no seconds, say so in a column file (time = { ..., unit = "ms" })'
+    refused = run("identify", path, "--robot", ROBOT)
+    assert (refused.status, said in refused.err) == (2, True)
+    judged = run("validate", model, path)
+    assert (judged.status, "verdict: not usable" in judged.out, said in judged.out) == (3, True, True)
