@@ -238,6 +238,33 @@ def test_pushes_from_a_table(tmp_path: Path) -> None:
         Pushes.load(path, UR5E)
 
 
+def test_tables_of_pushes_as_people_write_them(tmp_path: Path) -> None:
+    """A hundred rows of whole numbers made the first decimal an error; zeros everywhere ended without a word."""
+    head = ",".join(
+        [f"q_{j}" for j in range(1, 7)] + [f"force_{x}_N" for x in "xyz"] + [f"twist_{j}" for j in range(1, 7)]
+    )
+    whole, half = ",".join(["0", "-1", "1", "-1", "-1", "0", "9", "5", "-4", *"000000"]), "," + ",".join(["0"] * 5)
+    path = tmp_path / "pushes.csv"
+    text = "\n".join([head, *[whole] * 150, whole.rsplit(",", 6)[0] + ",1e-4" + half]) + "\n"
+    for written in (text, text.replace(",", "; "), "# of 3 May\n\n" + text.replace(",", "\t")):
+        path.write_text(written, encoding="utf-8")
+        read = Pushes.load(path, UR5E)
+        assert read.twist is not None
+        assert (len(read.q), read.twist[-1, 0], read.force[0, 2]) == (151, 1e-4, -4.0)
+    path.write_text("\n".join([head, ",".join(["0"] * 15)]) + "\n", encoding="utf-8")
+    assert set(identify_gear_stiffness(Pushes.load(path, UR5E), UR5E).reasons) == {"no push loads it"}
+    for old, new, message in (
+        ("9,5", "9,x", "row 2: force_y_N is 'x'; wanted a finite number"),
+        ("9,5", "9,", "row 2: has no force_y_N; wanted pose and force"),
+        ("0,0,0\n", "0,0,inf\n", "row 2: twist_6 is 'inf'; wanted"),
+        (head, head + ",q_1", "has two columns 'q_1'"),
+        (text, head, "has no rows"),
+    ):
+        path.write_text(text.replace(old, new), encoding="utf-8")
+        with pytest.raises(InputError, match=message):
+            Pushes.load(path, UR5E)
+
+
 def test_pushes_in_another_unit_or_direction() -> None:
     """Twists in degrees gave gears a 57th as stiff, poses in degrees those of another arm, without a word."""
     made = pushes(UR5E, STIFFNESS, 30, 1)

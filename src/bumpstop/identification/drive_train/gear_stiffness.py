@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bumpstop.arrays import FloatArray, as_float_array
+from bumpstop.csv_table import read_csv_table
 from bumpstop.errors import InputError
 from bumpstop.identification.drive_train.joint_values import JointValues, judged
 from bumpstop.model.pose_limits import check_pose
+from bumpstop.text_files import read_text
 
 if TYPE_CHECKING:
     import os
@@ -19,6 +24,7 @@ if TYPE_CHECKING:
 
 # Of a joint's share of all that is measured: below it nothing is said of its gear.
 _MIN_SHARE = 1e-6
+_WANTED = "wanted a table of pushes (CSV)"
 _FORCE = ("force_x_N", "force_y_N", "force_z_N")
 _DISPLACEMENT = ("displacement_x_mm", "displacement_y_mm", "displacement_z_mm")
 
@@ -67,42 +73,48 @@ class Pushes:
         Raises:
             InputError: the file cannot be read, or lacks columns.
         """
-        import io
-
-        import polars as pl
-
-        from bumpstop.text_files import read_text
-
-        text = read_text(path, "wanted a table of pushes (CSV)")
-        try:
-            table = pl.read_csv(io.StringIO(text))
-        except Exception as error:  # polars raises many kinds
-            reason = (str(error).splitlines() or ["damaged"])[0][:120]
-            raise InputError(str(path), f"cannot be read as CSV ({reason})", "wanted a table of pushes") from None
-        q_names = [f"q_{j + 1}" for j in range(robot.dof)]
-        twist_names = [f"twist_{j + 1}" for j in range(robot.dof)]
-        known = (*q_names, *_FORCE, *_DISPLACEMENT, *twist_names)
-        for name in table.columns:
+        q_names, twist_names = ([f"{what}_{j + 1}" for j in range(robot.dof)] for what in ("q", "twist"))
+        known = [*q_names, *_FORCE, *_DISPLACEMENT, *twist_names]
+        table = read_csv_table(read_text(path, _WANTED), Path(path), _WANTED, "push", known=known)
+        for k, name in enumerate(table.names):
             if name not in known:
-                raise InputError(str(path), f"{name!r} is no column of pushes", f"valid: {', '.join(known)}")
-
-        def columns(names: tuple[str, ...] | list[str], *, needed: bool) -> FloatArray | None:
-            missing = [name for name in names if name not in table.columns]
-            if missing and (needed or len(missing) < len(names)):
+                raise InputError(str(path), f"{name[:60]!r} is no column of pushes", f"valid: {', '.join(known)}")
+            if name in table.names[:k]:
+                raise InputError(str(path), f"has two columns {name!r}", "wanted each once")
+        for names in (q_names, _FORCE, _DISPLACEMENT, twist_names):
+            missing = [name for name in names if name not in table.names]
+            if missing and (names in (q_names, _FORCE) or len(missing) < len(names)):
                 raise InputError(str(path), f"has no column {missing[0]!r}", f"wanted {', '.join(names)}")
-            if missing:
-                return None
-            try:
-                values = [table[name].cast(pl.Float64).fill_null(np.nan).to_numpy() for name in names]
-            except pl.exceptions.PolarsError:
-                raise InputError(str(path), f"columns {names[0]} .. hold no numbers", "wanted numbers") from None
-            return np.stack(values, axis=1)
+        rows: list[dict[str, float]] = []
+        for number, cells in table.rows:
+            where = f"{path} row {number}"
+            if isinstance(cells, InputError):
+                raise cells
+            rows.append({name: _number(cell, where, name) for name, cell in zip(table.names, cells, strict=True)})
+            for name in (*q_names, *_FORCE):
+                if math.isnan(rows[-1][name]):
+                    raise InputError(where, f"has no {name}", "wanted pose and force of every push")
 
-        q, force = columns(q_names, needed=True), columns(_FORCE, needed=True)
-        moved, twist = columns(_DISPLACEMENT, needed=False), columns(twist_names, needed=False)
+        def columns(names: Sequence[str]) -> FloatArray | None:
+            return np.array([[row[name] for name in names] for row in rows]) if names[0] in table.names else None
+
+        if not rows:
+            raise InputError(str(path), "has no rows", "wanted one for each push")
+        q, force, moved, twist = (columns(names) for names in (q_names, _FORCE, _DISPLACEMENT, twist_names))
         assert q is not None
         assert force is not None
         return cls(q, force, None if moved is None else moved * 1e-3, twist, link, point)
+
+
+def _number(cell: str, where: str, name: str) -> float:
+    """What a cell says; nan: it is empty."""
+    try:
+        value = float(cell.replace("\N{MINUS SIGN}", "-")) if cell.strip() else math.nan
+    except ValueError:
+        value = math.inf
+    if math.isinf(value):
+        raise InputError(where, f"{name} is {cell.strip()[:40]!r}", "wanted a finite number, with a point")
+    return value
 
 
 def identify_gear_stiffness(pushes: Pushes, robot: Robot) -> JointValues:
@@ -147,7 +159,7 @@ def identify_gear_stiffness(pushes: Pushes, robot: Robot) -> JointValues:
 def _compliances(blocks: list[tuple[FloatArray, FloatArray]], dof: int) -> JointValues:
     from scipy.optimize import nnls
 
-    weights = [1.0 / max(float(np.sqrt(np.mean(y**2))), 1e-300) for _, y in blocks]
+    weights = [1.0 / (float(np.sqrt(np.mean(y**2))) or 1.0) for _, y in blocks]
     reasons = [""] * dof
     for _ in range(3):
         columns = np.concatenate([w * x for w, (x, _) in zip(weights, blocks, strict=True)])
@@ -159,7 +171,7 @@ def _compliances(blocks: list[tuple[FloatArray, FloatArray]], dof: int) -> Joint
         weights = [w / max(float(np.sqrt(np.mean(own**2))), 1e-12) for w, own in zip(weights, residuals, strict=True)]
     rows = y.size
     squares, directions = np.linalg.eigh(scaled.T @ scaled)
-    inverse = directions / np.maximum(squares, 1e-14 * max(float(squares[-1]), 1e-300)) @ directions.T
+    inverse = directions / np.maximum(squares, 1e-14 * (float(squares[-1]) or 1.0)) @ directions.T
     variance = float(((y - scaled @ values) ** 2).sum()) / max(rows - dof, 1)
     spread = np.sqrt(np.maximum(np.diag(inverse) * variance, 0.0))
     compliance = np.where(length > 0, values / np.where(length > 0, length, 1.0), 0.0)
