@@ -117,8 +117,15 @@ class RtdeClient {
         }
         freeaddrinfo(found);
         const int on = 1;
-        if (socket_ >= 0) setsockopt(socket_, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
-        return socket_ >= 0;
+        if (socket_ < 0) return false;
+        setsockopt(socket_, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+        // A controller that lost its power closes no connection: after a second of silence it is asked every second.
+        const int tries = 3;
+        setsockopt(socket_, SOL_SOCKET, SO_KEEPALIVE, &on, sizeof on);
+        setsockopt(socket_, IPPROTO_TCP, TCP_KEEPIDLE, &on, sizeof on);
+        setsockopt(socket_, IPPROTO_TCP, TCP_KEEPINTVL, &on, sizeof on);
+        setsockopt(socket_, IPPROTO_TCP, TCP_KEEPCNT, &tries, sizeof tries);
+        return true;
     }
 
     /// Sends a request and waits two seconds for its answer; texts for people are passed.
