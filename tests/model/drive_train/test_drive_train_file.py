@@ -64,6 +64,10 @@ BODY = '[gear_damping]\nvalues = 0.1\nstatus = "assumed"\nsource = "a guess"\n'
         (HEAD.replace("version = 1", "version = 2"), r"drive_train.toml format_version: is 2; wanted 1$"),
         (HEAD.replace("version = 1", "version = true"), r"drive_train.toml format_version: is True; wanted 1$"),
         (HEAD.replace("wrist_1", "wrist_9"), r"drive_train.toml joints: .* are not those of ur5e; wanted \["),
+        (
+            HEAD.replace("ur5e", "ur10e"),
+            r"drive_train.toml robot: is 'ur10e', and the arm is 'ur5e'; wanted its own drive train$",
+        ),
         (HEAD + "[gear]\n", r"drive_train.toml gear: is no key of a drive train file; did you mean 'gear_"),
         (
             HEAD + "gear_damping = 3\n",
@@ -148,3 +152,13 @@ def test_a_file_is_what_a_robot_file_says(tmp_path: Path) -> None:
         }
     )
     assert again.drive_train == replace(UR5E.drive_train)
+
+
+def test_the_robot_may_have_a_longer_name(tmp_path: Path) -> None:
+    """The URDF of an arm is called otherwise than the built-in one; another arm of its maker has the same joints."""
+    path = tmp_path / "drive_train.toml"
+    path.write_text(HEAD + BODY, encoding="utf-8")
+    for name in ("UR5e", "ur5e_robot", "ur5e"):
+        assert load_drive_train(path, replace(UR5E, name=name)).gear_damping[0] == 0.1
+    with pytest.raises(InputError, match=r"robot: is 'ur5e', and the arm is 'ur10e'"):
+        load_drive_train(path, Robot.load("ur10e"))

@@ -13,7 +13,7 @@ from bumpstop.model.drive_train.entry import QUANTITIES, DriveTrainEntry
 from bumpstop.model.drive_train.entry_tables import FORMAT_VERSION, entries_from_table
 from bumpstop.model.drive_train.mjcf import rotors_of_mjcf
 from bumpstop.model.robot import Robot
-from bumpstop.text_files import parse_toml, read_text
+from bumpstop.text_files import other_robot, parse_toml, read_text
 
 _HEAD = ("format_version", "robot", "joints")
 
@@ -52,6 +52,9 @@ def _entries_of_file(data: Mapping[str, Any], robot: Robot) -> tuple[DriveTrainE
     names = [joint.name for joint in robot.joints]
     if data["joints"] != names:
         raise InputError("joints", f"{data['joints']!r} are not those of {robot.name}", f"wanted {names!r}")
+    # Arms of one maker share the names of their joints.
+    if other_robot(str(data["robot"]), robot.name):
+        raise InputError("robot", f"is {data['robot']!r}, and the arm is {robot.name!r}", "wanted its own drive train")
     tables = {key: value for key, value in data.items() if key not in _HEAD}
     for key in tables:
         if key not in QUANTITIES:
