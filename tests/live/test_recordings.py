@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,8 @@ from rosbags.rosbag2 import StoragePlugin
 from bumpstop.live.monitor import Monitor, MonitorSettings
 from bumpstop.live.sources.names import SourceOptions, source_of
 from bumpstop.live.summary import MonitorSummary
-from live.cases import DT, NAMES, Heard, loaded, motion
+from cli.support import run
+from live.cases import DT, NAMES, Heard, detector_file, loaded, motion
 from recording.test_bags import bag, state
 
 
@@ -44,3 +46,13 @@ def test_bad_rows_are_told_however_many(tmp_path: Path) -> None:
     assert sum(summary.found.get(kind, 0) for kind in ("repeated", "went_back")) == 35
     assert summary.samples == 445
     assert "a row of the file is left out, not a number, of 500 in all" in [event.text for event in heard.events]
+
+
+def test_a_recording_of_another_arm_with_the_same_joints_is_told(tmp_path: Path) -> None:
+    """`detect` says so; the monitor found collisions in it without a word."""
+    log, detector = motion(100), detector_file(tmp_path)
+    for name, told in (("ur10e", True), ("ur5e", False), ("", False)):
+        replace(log, robot=name).save(tmp_path / "log.parquet")
+        result = run("monitor", tmp_path / "log.parquet", "--detector", detector, "--speed", "max")
+        said = f"note: The file names robot {name!r}, and is read as a recording of 'ur5e': is it the right robot?"
+        assert (said in result.err) == told, result.err

@@ -76,7 +76,7 @@ def _recording(text: str, detector: LoadedDetector, given: SourceOptions) -> Sou
     from bumpstop.detection.rate import recorded_period
     from bumpstop.live.sources.recording import RecordingSource
     from bumpstop.recording import Recording
-    from bumpstop.recording.reading import names_in_columns
+    from bumpstop.recording.reading import names_in_columns, robot_notes
 
     if not Path(text).exists():
         raise InputError("SOURCE", f"{text!r} does not exist", WANTED)
@@ -102,7 +102,9 @@ def _recording(text: str, detector: LoadedDetector, given: SourceOptions) -> Sou
     recorded = recorded_period(log.t)
     if recorded is not None:
         _check_rate(text, recorded, detector)
-    return RecordingSource(log, 1.0 if given.speed is None else given.speed, text)
+    # Arms of one maker share the names of their joints.
+    notes = robot_notes(log.robot, detector.robot)
+    return RecordingSource(log, 1.0 if given.speed is None else given.speed, text, notes)
 
 
 def _check_rate(text: str, period_s: float, detector: LoadedDetector) -> None:

@@ -27,12 +27,15 @@ class RecordingSource(Source):
         recording: with currents or torques.
         speed: seconds of the recording in a second; infinite: every row at once when it is asked for.
         name: as the user wrote it.
+        notes: what is to be told before the first row.
     """
 
-    def __init__(self, recording: Recording, speed: float = 1.0, name: str = "recording") -> None:
+    def __init__(
+        self, recording: Recording, speed: float = 1.0, name: str = "recording", notes: tuple[str, ...] = ()
+    ) -> None:
         if not speed > 0:
             raise InputError("--speed", f"is {speed}", "wanted more than zero, or max")
-        self._recording, self._speed, self._name = recording, speed, name
+        self._recording, self._speed, self._name, self.notes = recording, speed, name, notes
         self._row, self._begin = 0, 0.0
         self._left_out: deque[SourceEvent] = deque()
 
