@@ -44,6 +44,14 @@ def law():
     return evaluate()
 
 
+def test_headings_are_words_and_not_names_of_classes():
+    sources = sorted(Path(bs.__file__).parent.joinpath("report").rglob("*.py"))
+    text = "\n".join(path.read_text(encoding="utf-8") for path in sources)
+    headings = re.findall(r'(?:\btitle = |set_title\()f?"([^"]+)"', text)
+    assert len(headings) > 60
+    assert [each for each in headings if re.search(r"[a-z][A-Z]", each.replace("MuJoCo", ""))] == []
+
+
 def test_the_drawn_arm_is_the_arm(law):
     chain = ArmSection(law)._chain
     assert chain.shape == (9, 3)

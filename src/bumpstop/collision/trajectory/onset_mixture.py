@@ -24,8 +24,9 @@ class OnsetMixture:
     def __init__(self, times: OnsetQuadrature, contact: npt.NDArray[np.int64], tick: npt.NDArray[np.int64]) -> None:
         self._order = times.order
         key = (contact // times.order) * (int(tick.max(initial=0)) + 1) + tick
-        _, self._group = np.unique(key, return_inverse=True)
-        self._place = contact % times.order
+        # Small numbers: a result is kept with hundreds of thousands of them.
+        self._group = np.unique(key, return_inverse=True)[1].astype(np.int32)
+        self._place = (contact % times.order).astype(np.int8)
         node, weight = np.polynomial.legendre.leggauss(times.order)
         edge = np.concatenate([[-1.0], -1.0 + np.cumsum(weight)])
         # From values at the nodes to those at the ends of what they stand for: the polynomial through the nodes.

@@ -126,10 +126,12 @@ def _shares_of_nodes(
     out: dict[str, npt.NDArray[Any]], of_all: Callable[[FloatArray, FloatArray], Distribution]
 ) -> PhaseShares:
     """Of the detections and the missed collisions of onsets; ``of_all`` mixes the values of both."""
+    # Not the other columns: a result keeps what it is told by.
+    detected = out["peak"], out["lasting"]
+    missed = out["undetected_peak"], out["undetected_lasting"]
 
     def shares(first: float, later: float) -> Distribution:
-        detected = greater_share(out["peak"], out["lasting"], (first, later))
-        return of_all(detected, greater_share(out["undetected_peak"], out["undetected_lasting"], (first, later)))
+        return of_all(greater_share(*detected, (first, later)), greater_share(*missed, (first, later)))
 
     return shares
 
