@@ -127,7 +127,7 @@ def test_essential_parameters_are_those_told_from_zero() -> None:
 def test_predictions_leave_out_what_is_not_told_from_zero(tmp_path: Path) -> None:
     """On unseen noiseless motion the essential values predict better; intervals are of all base parameters."""
     robot = bs.Robot.load("ur10e")
-    fit = identify_dynamics(planted(robot, 27, noise=3.0, seconds=10.0), robot, cutoff_hz=6.0)
+    fit = identify_dynamics(planted(robot, 24, noise=3.0, seconds=10.0), robot, cutoff_hz=6.0)
     assert fit.model.predicting is not None
     assert 0 < np.count_nonzero(fit.model.predicting) < fit.model.values.size
     every = replace(fit, model=replace(fit.model, predicting=None))

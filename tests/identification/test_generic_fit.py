@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import bumpstop as bs
 from bumpstop.identification import identify_dynamics
 from identification.generic_fit import COMPARED_HZ, MOTORS, arm_and_recording, generic_r2, splits
 from identification.recorded import SHARED
+from identification.test_dynamics_fit import planted
 
 
 # The first two were red: a filter drawn out at 5 kHz by what stands before the record, and torques of the fit that were
@@ -19,7 +21,6 @@ from identification.recorded import SHARED
         ("panda", "first half"),
         ("panda", "third quarter"),
         ("ur3e", "last half"),
-        ("ur10", "first quarter"),
         ("ur10", "third quarter"),
         ("ur10", "last third"),
     ],
@@ -35,3 +36,12 @@ def test_no_joint_is_predicted_worse_than_by_generic_least_squares(name: str, pa
     others = generic_r2(robot, fitted, unseen, COMPARED_HZ[name], name)
     np.testing.assert_array_equal(np.isfinite(ours), np.isfinite(others))
     assert np.nanmin(ours - others) > -0.002
+
+
+# Red: widths of 2 % of the joints' speeds stood where the three recordings told of none, 0.0041 of R2 below at joint 1.
+def test_friction_that_jumps_is_predicted_as_by_generic_least_squares() -> None:
+    robot = bs.Robot.load("ur3e")
+    *fitted, unseen = (planted(robot, seed, seconds=20.0) for seed in (20, 21, 22, 23))
+    fit = identify_dynamics(fitted, robot)
+    ours = np.array([score.r2 for score in fit.score(unseen, filter_hz=8.0)])
+    assert (ours - generic_r2(robot, fitted, unseen, 8.0)).min() > -0.0005

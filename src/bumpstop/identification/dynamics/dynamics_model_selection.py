@@ -22,12 +22,11 @@ if TYPE_CHECKING:
     from bumpstop.recording import Recording
 
 # Speed over which Coulomb friction turns from one sign to the other, as a share of a joint's root mean square speed.
-# The first is taken while the cut-off is chosen; then each joint gets the best of all.
-SIGN_SHARES = (0.03, 0.001, 0.005, 0.01, 0.1, 0.3)
+# A joint keeps the first, all but a jump as in any generic fit, unless its motion tells of another.
+SIGN_SHARES = (0.001, 0.005, 0.01, 0.03, 0.1, 0.3)
+_CUTOFF_SHARE = 0.03  # of all joints while the cut-off is chosen
 # Travel over which it turns round after a reversal instead [rad or m].
 TRAVELS = (0.01, 0.03)
-# A joint's friction that builds up begins with the whole sign of the speed, unless it stands.
-_START_SHARE = min(SIGN_SHARES)
 # Rows behind the filter that cut-off and friction are chosen on; of more, blocks spread over the time.
 ENOUGH_TO_CHOOSE = 4_000
 # Cut-offs are compared on the same rows, so many times the frequency that they are compared at.
@@ -37,8 +36,8 @@ _CUTOFFS_HZ = (2.0, 3.0, 4.5, 7.0, 10.0, 15.0, 30.0, 60.0)
 # Another law of friction is taken where it leaves so much of the error on held-out fifths, and where the parts of the
 # rows say so beyond chance, by so many standard errors.
 _CLEAR_GAIN, _SURE = 0.95, 2.0
-# A presliding travel is taken where it leaves so much. It need not be beyond chance: a recording has few reversals at
-# which a joint creeps, and a sign by the speed has no friction there, whatever other rows say of its width.
+# A width, or a presliding travel, is taken where it leaves so much. It need not be beyond chance: a recording has few
+# reversals at which a joint creeps, and where it has none that tell, others will have some.
 _LESS = 0.98
 _LOAD_ROUNDS = 3  # of a load that depends on what is fitted
 _AS_GOOD = 1.01
@@ -79,7 +78,7 @@ def choose_cutoff(
                 trim_s=trim,
                 gravity=gravity,
             )
-            system = System.of(rows, robot, candidate, couplings, SIGN_SHARES[0], reach=rows.reach)
+            system = System.of(rows, robot, candidate, couplings, _CUTOFF_SHARE, reach=rows.reach)
             predicted = system.left_out()
             wanted = rows.torque_below(reference)
             if not currents:
@@ -103,10 +102,11 @@ def best_friction(
     """The system with the laws and the widths of friction that predict held-out fifths best, joint by joint.
 
     Laws and widths are tried on all joints at once and each joint takes its own best, simplest first: another width,
-    friction that bends with the speed, friction that grows with the load, each only where it is clearly better than the
-    simpler one, beyond chance. A gain that another motion would not show is no reason to leave what is usual. Last
-    comes friction that builds up over a presliding travel, which need only be better. Joints that share a motor cannot
-    be told apart: they and their motor take one law and width, by the mean of what each leaves of its error.
+    where it is better; friction that bends with the speed, friction that grows with the load, each only where it is
+    clearly better than the simpler one, beyond chance. A gain that another motion would not show is no reason to leave
+    what is usual. Last comes friction that builds up over a presliding travel, which need only be better. Joints that
+    share a motor cannot be told apart: they and their motor take one law and width, by the mean of what each leaves of
+    its error.
 
     Args:
         rows: that it is chosen on.
@@ -127,7 +127,8 @@ def best_friction(
         ) -> System:
             return System.of(rows, robot, cutoff_hz, couplings, share, bent=bends, loads=own, known=first)
 
-        for team, place in _taken(best, [system(share).held_out_parts() for share in SIGN_SHARES], teams):
+        tried = [system(share).held_out_parts() for share in SIGN_SHARES]
+        for team, place in _taken(best, tried, teams, surely=bends or grows):
             shares[team], bent[team], loaded[team] = SIGN_SHARES[place], bends, grows
     laws = {j: loads[j] for j in np.flatnonzero(loaded[: robot.dof]).tolist()}
     presliding = np.full(groups, np.nan)
@@ -135,11 +136,12 @@ def best_friction(
     def sliding(travel: float) -> System:
         every = np.full(groups, travel)
         return System.of(
-            rows, robot, cutoff_hz, couplings, _START_SHARE, presliding=every, bent=bent, loads=laws, known=first
+            rows, robot, cutoff_hz, couplings, SIGN_SHARES[0], presliding=every, bent=bent, loads=laws, known=first
         )
 
     for team, place in _taken(best, [sliding(travel).held_out_parts() for travel in TRAVELS], teams, surely=False):
-        shares[team], presliding[team] = _START_SHARE, TRAVELS[place]
+        # What builds up begins with the whole sign of the speed, unless the joint stands.
+        shares[team], presliding[team] = SIGN_SHARES[0], TRAVELS[place]
     if of is not None and of is not rows:
         first = System.of(of, robot, cutoff_hz, couplings, SIGN_SHARES[0])
     return _with_laws(first, shares, presliding, bent, sorted(laws))
