@@ -45,7 +45,7 @@ def test_a_run_of_the_detector(tmp_path: Path) -> None:
     assert len(table) == len(found.events)
     for line in table:
         assert " ".join(line.split()) in " ".join(printed.out.split())
-    assert "force at flange along [0.0, 0.0, -1.0], of the arm on the body" in str(found)
+    assert "force at flange along 0 0 -1, of the arm on the body" in str(found)
 
 
 def test_a_fit_of_stopping_distances() -> None:

@@ -37,7 +37,8 @@ def test_show(name: str) -> None:
         assert f"\n{said}" in result.out
 
 
-def test_effective_masses_and_drive_train() -> None:
+def test_effective_masses_and_drive_train(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("COLUMNS", raising=False)  # as workers of tests have it
     out = run("robots", "show", "ur5e", "--pose-deg", "0,-90,90,-90,-90,0").out
     lines = [" ".join(line.split()) for line in out.splitlines()]
     begin = lines.index("effective mass [kg] of the tip at 0 -90 90 -90 -90 0 deg, along the axes of the base frame:")

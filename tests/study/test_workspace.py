@@ -305,7 +305,7 @@ def test_poses_in_self_collision_are_drawn_again_and_counted() -> None:
     ("scenario", "options", "field"),
     [
         (SLOW, {}, "--poses"),
-        (SLOW, {"poses": 1, "grid": 1}, "--poses"),
+        (SLOW, {"poses": 1, "grid": 1}, "--grid"),
         (SLOW, {"grid": 2, "speed_sd_mm_s": 1.0}, "--speed-sd"),
         (SLOW, {"grid": 2, "seed": 1}, "--seed"),
         (SLOW, {"poses": 1, "grid_directions": 3}, "--grid-directions"),
