@@ -63,7 +63,12 @@ class Source(Protocol):
     A source raises ``InputError`` from :meth:`open` only: no source there, two of them, a port in use, no permission,
     another type of message, another robot's joints. Afterwards everything that goes wrong is an event, and the source
     goes on as long as it can: a lost connection is made anew inside :meth:`read`.
+
+    Attributes:
+        notes: what is to be told before the first sample, as of a recording that names another robot.
     """
+
+    notes: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:

@@ -114,7 +114,7 @@ def monitor(
         speed=pace, columns=columns, topic=topic, answers=answer is not None, stop_after_s=settings.stop_after_s
     )
     stream = source_of(source, made, asked)
-    for note in getattr(stream, "notes", ()):
+    for note in stream.notes:
         typer.echo(f"note: {note}", err=True)
     view = None if as_json else MonitorView(made, terminal(standard_output()), source)
     with ExitStack() as last, ExitStack() as stack:

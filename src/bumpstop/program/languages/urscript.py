@@ -71,12 +71,12 @@ def read_urscript(source: bytes) -> ReadProgram:
     blocks = Blocks(names, URSCRIPT_PURE, _JUMPS, ("tool",), "thread run kill join")
     for statement in tree.statements:
         if statement.words:
-            waits = [Wait(statement.line)] if any(_ASKS.fullmatch(word.text) for word in statement.words) else []
-            for node in waits:
-                blocks.add(node)
+            waits = any(_ASKS.fullmatch(word.text) for word in statement.words)
+            if waits:
+                blocks.add(Wait(statement.line))
             _add(blocks, statement, constants)
-            for node in waits:
-                blocks.add(node)  # in the block that begins here, too
+            if waits:
+                blocks.add(Wait(statement.line))  # in the block that begins here, too
     functions = blocks.finish()
     main = "" if does_something(functions.get("", ())) else blocks.only_first(functions)
     return ReadProgram(
