@@ -39,6 +39,22 @@ def test_the_worst_decides_the_status(tmp_path: Path, situations: list[dict[str,
     assert run("report", path, *HEAD, "-o", tmp_path / "out").status == status
 
 
+def test_a_warning_of_many_situations_is_said_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    rows = [{"name": "rigid"}, {"name": "first", "arm.model": "elastic"}, {"name": "second", "arm.model": "elastic"}]
+    path = write_register(tmp_path, *rows)
+    warned = {
+        one["name"]: one["verdict"]["warnings"]
+        for one in strict_json(run("evaluate", path, "--json").out)["situations"]
+    }
+    (warning,) = warned["first"]
+    assert warned == {"rigid": [], "first": [warning], "second": [warning]}
+    shown = run("evaluate", path).out.splitlines()
+    assert [line for line in shown if line.startswith("warning")] == [f"warning 1, of 2 situations: {warning}"]
+    marked = {name: next("Warning 1." in line for line in shown if f" {name} " in line) for name in warned}
+    assert marked == {"rigid": False, "first": True, "second": True}
+
+
 def test_json_keys_are_documented() -> None:
     text = section(command_line(), "### Many situations")
     found = strict_json(run("evaluate", EXAMPLE, EXAMPLES / "sia5d_downward.csv", "--json").out)

@@ -30,12 +30,12 @@ def bodies(
     if form is not None:
         _write_form(form)
         return
-    from rich.console import Console
     from rich.table import Table
 
     from bumpstop.contact import LimitTable, builtin_tables
+    from bumpstop.terminal import terminal
 
-    console = Console(highlight=False, markup=False)
+    console = terminal()
     for name in [limits] if limits is not None else builtin_tables():
         table = LimitTable.load(name, field="--limits")
         rows = Table(box=None, pad_edge=False, title=f"{table.name}: {table.title}", title_justify="left")

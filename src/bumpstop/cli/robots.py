@@ -37,11 +37,11 @@ def robots(context: typer.Context) -> None:
     """Without a command: the built-in robots."""
     if context.invoked_subcommand is not None:
         return
-    from rich.console import Console
     from rich.table import Table
 
     from bumpstop.model import Robot
     from bumpstop.model import robots as names
+    from bumpstop.terminal import terminal
 
     table = Table(box=None, pad_edge=False)
     for heading in ("robot", "joints", "reach, m", "inertia", "what it is"):
@@ -50,7 +50,7 @@ def robots(context: typer.Context) -> None:
         robot = Robot.load(name)
         what = f"{robot.title}\nfigures from {robot.source}"
         table.add_row(name, str(robot.dof), f"{robot.reach:.2f}", robot.inertia_status, what)
-    Console(highlight=False, markup=False).print(table)
+    terminal().print(table)
 
 
 @app.command("show")

@@ -66,15 +66,16 @@ def evaluate_paths(
 
 
 def print_table(result: RegisterResult) -> None:
-    """Situations, worst first, with the reason of each."""
-    from rich.console import Console
+    """Situations, worst first, with the reason of each; below them every warning once, however many it is of."""
     from rich.table import Table
     from rich.text import Text
 
     from bumpstop.collision.probability_text import decimal
     from bumpstop.register.outcome import OUTCOME_WORDS
+    from bumpstop.terminal import counted, terminal
 
-    console = Console(highlight=False, markup=False)
+    console = terminal()
+    numbers = {text: n for n, text in enumerate(dict.fromkeys(w for one in result.results for w in one.warnings), 1)}
     styles = {"pass": "bold black on bright_cyan", "fail": "bold white on red", "inconclusive": "bold black on yellow"}
     table = Table(box=None, pad_edge=False)
     for heading in ("", "situation", "use", "P(over)", "reason"):
@@ -82,17 +83,20 @@ def print_table(result: RegisterResult) -> None:
         table.add_column(heading, justify="right" if number else "left", overflow="fold")
     for one in result.results:
         p, use = one.p_over, one.use
-        warnings = [f"warning: {text}" for text in one.warnings]
+        marks = [f"Warning {', '.join(str(numbers[text]) for text in one.warnings)}."] if one.warnings else []
         table.add_row(
             Text(f" {OUTCOME_WORDS[one.outcome]} ", style=styles[one.outcome]),
             one.situation.name,
             "-" if math.isnan(use) else "inf" if math.isinf(use) else one.use_percent,
             "-" if math.isnan(p) else decimal(p, integrated=one.method == "exact"),
-            "\n".join([one.reason, *warnings]),
+            " ".join([one.reason, *marks]),
         )
     console.print(table)
+    for text, n in numbers.items():
+        of = counted(sum(text in one.warnings for one in result.results), "situation")
+        console.print(f"warning {n}, of {of}: {text}")
     counts = ", ".join(f"{count} {OUTCOME_WORDS[outcome]}" for outcome, count in result.counts.items() if count)
-    console.print(f"{counts}; use: of the limit, by the quantile of the accepted probability", soft_wrap=True)
+    console.print(f"{counts}; use: of the limit, by the quantile of the accepted probability")
     console.print(
         "P(over): of exceeding a limit in one contact. This is an engineering estimate, not a certified safety "
         "function; measurement decides.",
