@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from bumpstop.program.interpreter import Interpreter
 from program.corpora import cell
-from program.test_flow import FRAME, KRL_SPEEDS, LIN, MOVE_L, absj, begins, j, krl, ptp, rapid, urscript, visits, whys
+from program.test_flow import FRAME, KRL_SPEEDS, LIN, MOVE_L, absj, begins, j, krl, ptp, rapid, urscript, whys
 
 
 @pytest.mark.parametrize(
@@ -71,11 +73,34 @@ def test_an_index_that_is_assigned_is_no_longer_the_loops() -> None:
     assert whys(krl(f"DEF a()\n{text}END\n")) == ["its speed may be one of several"]
 
 
-def test_a_blend_distance_that_is_set_further_down_is_not_in_force() -> None:
-    corner, apo = f"{LIN[:-1]} C_DIS\n", "$APO.CDIS=5\n"
-    for text, blend in ((f"{apo}{corner}{ptp(3)}", 0.005), (f"{corner}{ptp(3)}{apo}", 1000.0)):
-        found = visits(krl(f"DEF a()\n{KRL_SPEEDS}{ptp(17)}{text}END\n"))
-        assert [visit.move.blend for visit in found] == [0.0, blend, 0.0]
+@pytest.mark.parametrize(
+    ("text", "blend"),
+    [
+        ("$APO.CDIS=5\n{corner}", 0.005),
+        ("{corner}$APO.CDIS=5\n", math.inf),
+        ("IF $FLAG[1] THEN\n$APO.CDIS=5\nENDIF\n{corner}", math.inf),
+        ("$APO.CDIS=5\nBAS(#CP_PARAMS,0.2)\n$VEL.CP=0.2\n{corner}", math.inf),
+        ("$APO.CDIS=5\n$APO={{CDIS 90}}\n{corner}", math.inf),
+        ("$APO.CDIS=5\nGO()\n{corner}$APO.CDIS=9\n", 0.007),
+        ("$APO.CDIS=0\n{corner}", 0.0),
+    ],
+)
+def test_a_blend_distance_is_in_force_where_it_was_set_on_every_way(text: str, blend: float) -> None:
+    corner = f"{LIN[:-1]} C_DIS\nLIN {{X -600,Y -350,Z 500,A 0,B 0,C 180}}\n"
+    frames = "$TOOL={X 0,Y 0,Z 0,A 0,B 0,C 0}\n$BASE={X 0,Y 0,Z 0,A 0,B 0,C 0}\n"
+    body = text.format(corner=corner if "BAS" not in text else frames + corner)
+    read = krl(f"DEF a()\n{KRL_SPEEDS}{ptp(17)}{body}END\nDEF GO()\n$APO.CDIS=7\nEND\n")
+    told = Interpreter(read, cell().robot, cell().start, "program")
+    found = [visit.leg for chain in told.chains() for visit in chain]
+    assert [None if leg is None else leg.blend for leg in found] == [0.0, blend, 0.0]
+    assert any("how far it is blended is not known" in note for note in told.notes) == math.isinf(blend)
+
+
+@pytest.mark.parametrize(("ahead", "blends"), [("3", True), ("1", True), ("0", False), ("N", False)])
+def test_a_program_that_does_not_look_ahead_blends_nothing(ahead: str, blends: bool) -> None:
+    text = f"$ADVANCE={ahead}\n$APO.CDIS=5\n{KRL_SPEEDS}{ptp(17)[:-1]} C_DIS\n{ptp(27)}"
+    waits = "the program waits before the move that it is blended into"
+    assert whys(krl(f"DEF a()\n{text}END\n")) == ["" if blends else waits, ""]
 
 
 @pytest.mark.parametrize("kind", ["LIN", "PTP"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -28,7 +29,7 @@ from bumpstop.program.languages.statements import (
 )
 from bumpstop.program.motion.kinematics import joint_line, other_posture, tool_arc, tool_line, transform
 from bumpstop.program.motion.path import Leg
-from bumpstop.program.state import State, agreed, alike, equal
+from bumpstop.program.state import State, acceleration_of, agreed, alike, blend_of, equal, slots_of
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 _MAX_VISITS, _MAX_STEPS, _MAX_DEPTH = 5000, 200_000, 12
 _MAX_RECURSION = 2  # calls of a function inside itself: the second shows what the first leaves to its beginning
 _MAX_ROUNDS = 4  # of a loop that are run through before what changes is given up
-_SPEEDS = ("tool", "axes", "acceleration tool", "acceleration axes")
+_SPEEDS = ("tool", "axes", "acceleration tool", "acceleration axes", "blend")
 _AWAY = 1e-9  # [rad] joints that turn less do not move
 
 
@@ -285,16 +286,19 @@ class Interpreter:
         if self._waits:
             self._end_blend("the program waits before the move that it is blended into")
         self._waits = False
-        visit, end = self._visit(move, state)
+        if (blend := blend_of(move, state)) == math.inf:
+            told = f"line {move.line}: how far it is blended is not known; half of the way is taken"
+            self.notes += [told] if told not in self.notes else []
+        visit, end = self._visit(move, state, blend)
         if self._goes_on and self._chains:
             self._chains[-1].append(visit)
         else:
             self._chains.append([visit])
-        self._goes_on = move.blend > 0
+        self._goes_on = blend > 0
         state.reach(end, dict(move.target.external))
 
-    def _visit(self, move: Move, state: State) -> tuple[Visit, FloatArray | None]:
-        slots, why = _slots(move, state, self._robot.dof)
+    def _visit(self, move: Move, state: State, blend: float) -> tuple[Visit, FloatArray | None]:
+        slots, why = slots_of(move, state, self._robot.dof)
         q, end = self._samples(move, state)
         others = [
             f"external axis {axis} may move, too, and is not followed"
@@ -309,7 +313,7 @@ class Interpreter:
         if state.tool is None and move.measure == "tool":
             why = why or "the tool whose speed it gives is not known"
         tool = np.eye(4) if state.tool is None else state.tool
-        leg = Leg(q, tool, move.measure, move.blend, _acceleration(move, state))
+        leg = Leg(q, tool, move.measure, blend, acceleration_of(move, state))
         return Visit(move, leg, slots, why), end
 
     def _samples(self, move: Move, state: State) -> tuple[FloatArray | str, FloatArray | None]:
@@ -360,41 +364,17 @@ class Interpreter:
         return None if target.pose is None or state.frame is None else state.frame @ transform(target.pose)
 
 
-def _slots(move: Move, state: State, dof: int) -> tuple[tuple[SpeedSlot, ...], str]:
-    """Where the speed of a move is written, and why it is not known."""
-    if move.speed:
-        return move.speed, ""
-    kind = "tool" if move.measure == "tool" else "axes"
-    if kind == "axes" and any(key.startswith("axes[") for key in state.speeds):
-        each = [state.speeds.get(f"axes[{j + 1}]", state.speeds.get("axes")) for j in range(dof)]
-        known = tuple(slot for slot in each if slot is not None and slot.value is not None)
-        return (known, "") if len(known) == dof else ((), "the speed of some axes is set outside the program")
-    slot = state.speeds.get(kind)
-    if slot is not None:
-        return (slot,), "" if slot.value is not None else "its speed is not known before the program runs"
-    if kind in state.speeds:
-        return (), "its speed may be one of several"
-    return ((move.default,) if move.default else ()), ""
-
-
-def _acceleration(move: Move, state: State) -> float | None:
-    if move.acceleration is not None:
-        return move.acceleration
-    slot = state.speeds.get("acceleration tool") if move.measure == "tool" else None
-    return slot.value * slot.factor if slot is not None and slot.value else None
-
-
 def _identity(chain: Sequence[Visit]) -> object:
     return tuple((v.move.line, v.move.word, id(v.move), v.why, v.slots, v.still) for v in chain)
 
 
 def _same_motion(chain: Sequence[Visit], other: Sequence[Visit]) -> bool:
-    """Whether two runs of the same moves take the same paths with the same tool and acceleration."""
+    """Whether two runs of the same moves take the same paths with the same tool, acceleration and blends."""
     for one, two in zip((v.leg for v in chain), (v.leg for v in other), strict=True):
         if (one is None) != (two is None):
             return False
         if one is not None and two is not None:
-            same = one.acceleration == two.acceleration and equal(one.tool, two.tool)
+            same = (one.acceleration, one.blend) == (two.acceleration, two.blend) and equal(one.tool, two.tool)
             if not same or not equal(one.q, two.q):
                 return False
     return True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from bumpstop.arrays import FloatArray
-    from bumpstop.program.languages.statements import SpeedSlot
+    from bumpstop.program.languages.statements import Move, SpeedSlot
 
 _SAME = 1e-6  # [rad or m] what is less apart is the same: a place is found again from another one
 
@@ -80,3 +81,36 @@ def alike(one: State, other: State) -> bool:
     pairs = ((one.q, other.q), (one.tool, other.tool), (one.base, other.base), (one.shift, other.shift))
     same = one.speeds == other.speeds and one.external == other.external
     return same and all(equal(a, b) for a, b in pairs)
+
+
+def slots_of(move: Move, state: State, dof: int) -> tuple[tuple[SpeedSlot, ...], str]:
+    """Where the speed of a move is written, and why it is not known."""
+    if move.speed:
+        return move.speed, ""
+    kind = "tool" if move.measure == "tool" else "axes"
+    if kind == "axes" and any(key.startswith("axes[") for key in state.speeds):
+        each = [state.speeds.get(f"axes[{j + 1}]", state.speeds.get("axes")) for j in range(dof)]
+        known = tuple(slot for slot in each if slot is not None and slot.value is not None)
+        return (known, "") if len(known) == dof else ((), "the speed of some axes is set outside the program")
+    slot = state.speeds.get(kind)
+    if slot is not None:
+        return (slot,), "" if slot.value is not None else "its speed is not known before the program runs"
+    if kind in state.speeds:
+        return (), "its speed may be one of several"
+    return ((move.default,) if move.default else ()), ""
+
+
+def acceleration_of(move: Move, state: State) -> float | None:
+    """Of a move in its measure's unit per second; None: the joints'."""
+    if move.acceleration is not None:
+        return move.acceleration
+    slot = state.speeds.get("acceleration tool") if move.measure == "tool" else None
+    return slot.value * slot.factor if slot is not None and slot.value else None
+
+
+def blend_of(move: Move, state: State) -> float:
+    """How far before its target a move goes over into the next [m]; infinite: not known, half of the way at most."""
+    if move.blend is not None:
+        return move.blend
+    slot = state.speeds.get("blend")
+    return math.inf if slot is None or slot.value is None else slot.value * slot.factor

@@ -72,16 +72,16 @@ _SETTINGS = {
     "$acc.cp": ("acceleration tool", "m/s2", 10.0),
     "$vel_axis": ("axes", "%", 100.0),
     "$acc_axis": ("acceleration axes", "%", 100.0),
+    "$apo": ("blend", "", 0.0),
+    "$apo.cdis": ("blend", "mm", 1e6),
 }
 _FRAMES: tuple[Frame, ...] = ("tool", "base")
 # System variables that neither move the arm nor say how it moves, and those that change tool or base.
-_OUTPUTS, _REFRAMING = ("$out", "$anout", "$timer", "$flag", "$cycflag", "$apo"), "$act_"
+_OUTPUTS, _REFRAMING = ("$out", "$anout", "$timer", "$flag", "$cycflag", "$apo", "$advance"), "$act_"
 # Those that may turn the tool in another way or move what targets are given in, and what they are where they do not.
 _ORDINARY = {"$ori_type": "#var", "$circ_type": "#base", "$ipo_mode": "#base", "$robroot": ""}
 # System variables that a program uses without stopping its look ahead at the moves that follow.
 _AHEAD = ("$vel", "$acc", "$apo", "$tool", "$base", "$load", "$nullframe", "$out_c", *_ORDINARY)
-# Of a blend whose distance is not known: half of the way, which nothing goes beyond [m].
-_UNKNOWN_BLEND = 1e3
 _MAX_AXES = 12  # of an arm and what it carries or rides on
 
 
@@ -105,6 +105,8 @@ def read_krl(source: bytes, data: bytes = b"") -> ReadProgram:
     constants = assignments.constants()
     blocks, counts = Blocks(names, KRL_PURE, _JUMPS, _FRAMES, _LEADING), dict[str, tuple[float, float]]()
     before = ""
+    # Where it does not look ahead nothing is blended.
+    looks_ahead = "$advance" not in constants or (number_of(constants["$advance"], constants) or 0) >= 1
     for statement in tree.statements:
         if words := statement.words:
             first = words[0].text.lower()
@@ -113,7 +115,7 @@ def read_krl(source: bytes, data: bytes = b"") -> ReadProgram:
                 counts[words[1].text.lower()] = _bounds(words, constants) or (math.nan, math.nan)
             elif assigned(words, "=") is not None:
                 counts.pop(first, None)
-            waits = first in _WAITS or (before != "continue" and _looks_no_further(words))
+            waits = first in _WAITS or not looks_ahead or (before != "continue" and _looks_no_further(words))
             if waits:
                 blocks.add(Wait(statement.line))
             _add(blocks, statement, tree, constants, counts)
@@ -321,11 +323,9 @@ def _set(
     axes = _axes(words[:at], constants, counts) if name.endswith("_axis") else [""]
     known = number_of(value, constants)
     slot = None
-    if value is not None and known is not None and known > 0 and axes is not None:
-        whole = unit == "%"
-        slot = SpeedSlot(
-            value.start, value.end, known, "{}", most, unit, 0.01 if whole else 1.0, setting=True, whole=whole
-        )
+    if value is not None and known is not None and (known > 0 or name == "$apo.cdis") and axes is not None:
+        factor = {"%": 0.01, "mm": 1e-3}.get(unit, 1.0)
+        slot = SpeedSlot(value.start, value.end, known, "{}", most, unit, factor, setting=True, whole=unit == "%")
     else:
         blocks.opaque(statement, moves=False, resets=False, reframes=())
     for axis in axes or [""]:
@@ -337,14 +337,9 @@ def _move(blocks: Blocks, statement: Statement, tree: SyntaxTree, constants: Map
     words = statement.words
     kind = words[0].text.lower()
     linear = kind != "ptp"
-    blend, why, rest, set_to = 0.0, "", words[1:], constants.get("$apo.cdis")
+    why, rest, blends = "", words[1:], set[str]()
     while rest and rest[-1].text.lower() in _BLENDS:
-        # What is set further down is not in force yet.
-        told = rest[-1].text.lower() == "c_dis" and set_to is not None and set_to.start < words[0].start
-        distance = number_of(set_to, constants) if told else None
-        if distance is None and not blend:
-            blocks.note(statement.line, "how far it is blended is not known; half of the way is taken")
-        blend = max(blend, _UNKNOWN_BLEND if distance is None else distance / 1e3)
+        blends.add(rest[-1].text.lower())
         rest = rest[:-1]
     parts = split_at(rest, ",")
     if len(parts) != 1 + (kind == "circ") or any(read_expression(part) is None for part in parts):
@@ -365,6 +360,6 @@ def _move(blocks: Blocks, statement: Statement, tree: SyntaxTree, constants: Map
         target=Target(why=why) if why else pose_or_axes(read_expression(parts[-1]), constants),
         measure="tool" if linear else "axes",
         default=default,
-        blend=blend,
+        blend=(None if blends == {"c_dis"} else math.inf) if blends else 0.0,
         via=arc_place(read_expression(parts[0]), constants) if kind == "circ" else None,
     )

@@ -107,7 +107,7 @@ class Move:
         default: slot for an own speed where nothing says any.
         default_speed: of moves of this kind, in SI; None where the controller knows it alone.
         acceleration: in the measure's unit per second; None: the cell's joint acceleration.
-        blend: how far before its target it goes over into the next [m].
+        blend: how far before its target it goes over into the next [m]; infinite: not known; None: as a setting says.
         why: it cannot be judged; else empty.
     """
 
@@ -120,17 +120,17 @@ class Move:
     default: SpeedSlot | None = None
     default_speed: float | None = None
     acceleration: float | None = None
-    blend: float = 0.0
+    blend: float | None = 0.0
     why: str = ""
     via: Target | None = None
 
 
 @dataclass(frozen=True)
 class Setting:
-    """A statement that sets the speed or acceleration of moves that follow.
+    """A statement that sets the speed, acceleration or blend distance of moves that follow.
 
     Attributes:
-        key: ``"tool"``, ``"axes"``, or ``"axes[3]"`` of joint 3; with ``"acceleration "`` before it, that.
+        key: ``"tool"``, ``"axes"``, or ``"axes[3]"`` of joint 3; with ``"acceleration "`` before it, that; ``"blend"``.
         slot: where its value is written; None: set to what is not known.
     """
 
