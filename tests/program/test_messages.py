@@ -14,6 +14,7 @@ from scipy.interpolate import CubicSpline
 
 import bumpstop as bs
 from bumpstop.arrays import FloatArray
+from bumpstop.collision.trajectory.trajectory import Trajectory
 from bumpstop.collision.trajectory.trajectory_file import read_rows
 from bumpstop.program.evaluation import evaluate_program
 from bumpstop.program.safe_speed import highest_safe
@@ -167,6 +168,18 @@ def test_a_joint_beyond_its_limit_is_named_without_rows_that_are_in_no_file() ->
     (segment,) = read_messages(Path("m.json"), text.encode(), cell()).segments
     said = "at t = 0.5 s joint 1 moves at 4.5 rad/s; its limit is 2.094 rad/s"
     assert cell().judge(segment.at(1.0)).reason == said
+
+
+def test_a_joint_outside_its_limits_is_named_with_them_and_when() -> None:
+    """Of a row and between rows, without the rows that are in no file."""
+    limits = "outside its limits; valid: -6.28319 to 6.28319 rad"
+    for at, rate, said in (
+        ([6.0, 6.4], None, rf"at t = 1 s joint 1 at 6\.4 is {limits}"),
+        ([6.0, 6.2], [1.5, -1.5], rf"at t = 0\.\d+ s the curve through the rows takes joint 1 to 6\.\d+, {limits}"),
+    ):
+        q = np.array([[x, -1.57, 1.57, -1.57, -1.57, 0] for x in at])
+        qd = None if rate is None else np.outer(rate, np.eye(6)[0])
+        assert re.fullmatch(said, cell().judge(Trajectory(np.array([0.0, 1.0]), q, qd)).reason)
 
 
 def test_a_message_that_begins_elsewhere_is_named() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from bumpstop.errors import InputError
 from bumpstop.program.source import Source, read_source
 from cli.support import REPOSITORY, run
 from program.corpora import bell, cell
@@ -88,3 +89,11 @@ def test_columns_are_those_of_recordings() -> None:
         2,
         "error: --topic: has no meaning without a recording; leave it out, or name a recording\n",
     )
+
+
+def test_an_ending_of_nothing_that_is_read_names_all_that_are(tmp_path: Path) -> None:
+    (tmp_path / "place.toml").write_text("x = 1\n")
+    with pytest.raises(
+        InputError, match=r"'\.toml' is no known ending; valid: \.script, .*\.src, \.mod.*\.json, \.csv, "
+    ):
+        read_source(tmp_path / "place.toml", cell(), 1.0)

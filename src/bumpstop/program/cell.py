@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import tempfile
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,7 +15,13 @@ from bumpstop.collision import CollisionProblem, evaluate
 from bumpstop.collision.scenario.keys import leave_out
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.collision.scenario.scenario_file import robot_of
-from bumpstop.collision.trajectory.trajectory import Trajectory, checked_motion, point_motion, point_places
+from bumpstop.collision.trajectory.trajectory import (
+    JointLimitError,
+    Trajectory,
+    checked_motion,
+    point_motion,
+    point_places,
+)
 from bumpstop.collision.trajectory.trajectory_file import Rows
 from bumpstop.collision.verdict.finer_steps import STEPS_DECIDE, fails_with_finer_steps
 from bumpstop.collision.verdict.verdict_notes import verdict_notes
@@ -251,8 +256,10 @@ class Cell:
                 verdict = result.verdict
                 # What is not acceptable stays so: finer steps, which take another distribution, are of what is.
                 warnings = result.warnings if verdict.acceptable else tuple(verdict_notes(result, verdict, None))
+        except JointLimitError as error:
+            return Judgement(None, error.passed, tool_speed=speed)
         except InputError as error:
-            return Judgement(None, _refused(error), tool_speed=speed)
+            return Judgement(None, error.problem.removeprefix(f"{_PLACEHOLDER}: "), tool_speed=speed)
         where = point_places(trajectory, self.robot, problem.contact_point, np.array([worst]))[0]
         force = float(result.peak_force.quantile(1 - verdict.accepted_probability))
         return Judgement(verdict, "", force, share, worst, tuple(float(x) for x in where), speed, self, warnings)
@@ -261,14 +268,6 @@ class Cell:
         """Of this body alone, as ``--json`` prints it."""
         contact = self.scenario.contact
         return {"body": contact.body, "link": contact.link, "allowed_force_N": self.allowed_force}
-
-
-def _refused(error: InputError) -> str:
-    """Why a motion is refused, without the rows that stand in no file of the program's, and with the limit."""
-    problem = error.problem.replace(f"{_PLACEHOLDER}: ", "")
-    problem = re.sub(r"^between rows \d+ and \d+ \((t = [^)]*)\), column \w+: ", r"at \1 ", problem)
-    problem = re.sub(r"^row \d+, column \w+: ", "", problem)
-    return f"{problem}; {error.valid}" if error.valid.startswith("its limit") else problem
 
 
 def _arm(cell: Cell) -> tuple[str, ...]:

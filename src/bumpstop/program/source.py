@@ -134,7 +134,12 @@ def read_source(
     source = _commanded(path, cell, max_speed)
     if source is None:
         from bumpstop.program.trajectories.recorded import read_recorded
+        from bumpstop.recording.reading import ENDINGS
 
+        if columns is None and path.is_file() and path.suffix.lower() not in ENDINGS:
+            known = ", ".join(dict.fromkeys((*_URSCRIPT, *_KRL, *_RAPID, *_MESSAGES, *ENDINGS)))
+            valid = f"valid: {known}, or --columns with the format of a recording"
+            raise InputError(str(path), f"{path.suffix!r} is no known ending", valid)
         return read_recorded(path, cell, columns=columns, topic=topic)
     for option, given in (("--columns", columns), ("--topic", topic)):
         if given is not None:

@@ -21,7 +21,7 @@ from bumpstop.recording.select_columns import choose
 from bumpstop.terminal import named
 from bumpstop.text_files import other_robot, shown
 
-_BY_ENDING = {
+ENDINGS = {
     ".csv": "csv",
     ".txt": "csv",
     ".tsv": "csv",
@@ -137,9 +137,9 @@ def _format(path: Path, columns: Columns) -> str:
         return columns.format
     if path.is_dir():
         return "ros2bag"
-    kind = _BY_ENDING.get(path.suffix.lower())
+    kind = ENDINGS.get(path.suffix.lower())
     if kind is None:
-        known = ", ".join(_BY_ENDING)
+        known = ", ".join(ENDINGS)
         raise InputError(
             str(path), f"{path.suffix!r} is no known ending", f"valid: {known}, or format in a column file"
         )

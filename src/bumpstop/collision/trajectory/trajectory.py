@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
 from bumpstop.collision.trajectory.piecewise_cubic import PiecewiseCubic
-from bumpstop.collision.trajectory.trajectory_file import Rows, read_rows, refusal
+from bumpstop.collision.trajectory.trajectory_file import FIELD, Rows, read_rows, refusal
 from bumpstop.errors import InputError
 
 if TYPE_CHECKING:
@@ -26,6 +26,23 @@ _MAX_STEPS = 120_000
 _ROUNDING = 1e-6
 # No number of a file may be greater [s, rad or m, and per s]: a clock counts from 1970, a joint without limits turns.
 _MAX_VALUE = 1e12
+
+
+class JointLimitError(InputError):
+    """A motion passes a limit of a joint.
+
+    Attributes:
+        passed: when, which and by how much, without the rows of a file.
+    """
+
+    passed = ""
+
+    @classmethod
+    def at(cls, t: float, what: str, limit: str, *, place: str, advice: str = "") -> JointLimitError:
+        """At a time [s], and at a place of a file; ``advice`` is for who can change that file."""
+        error = cls(FIELD, f"{place}: {what}", limit + advice)
+        error.passed = f"at t = {t:.4g} s {what}; {limit}"
+        return error
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,11 +230,11 @@ def _check_rows(path: Path, rows: Rows, robot: Robot) -> None:
     outside = np.argwhere((rows.position < robot.lower - _ROUNDING) | (rows.position > robot.upper + _ROUNDING))
     if len(outside):
         i, j = (int(x) for x in outside[0])
-        raise refusal(
-            path,
-            f"{rows.row} {i + 1}, column {rows.position_names[j]}: joint {j + 1} at {rows.position[i, j]:.6g} is "
-            "outside its limits",
+        raise JointLimitError.at(
+            float(rows.time[i] - rows.time[0]),
+            f"joint {j + 1} at {rows.position[i, j]:.6g} is outside its limits",
             f"valid: {robot.lower[j]:g} to {robot.upper[j]:g} {_unit(robot, j)}",
+            place=f"{path}: {rows.row} {i + 1}, column {rows.position_names[j]}",
         )
 
 
@@ -230,11 +247,11 @@ def _check_between(path: Path, rows: Rows, trajectory: Trajectory, robot: Robot)
         worst = int(np.argmax(np.abs(rate[i, :, j])))
         fastest, limit = float(np.abs(rate[i, worst, j])), float(robot.velocity[j])
         digits = next(count for count in range(4, 18) if f"{fastest:.{count}g}" != f"{limit:.{count}g}")
-        raise refusal(
-            path,
-            f"{_between(rows, i, at[i, worst, j])}, column {rows.position_names[j]}: joint {j + 1} moves at "
-            f"{fastest:.{digits}g} {_unit(robot, j)}/s",
+        raise JointLimitError.at(
+            float(trajectory.time[i] + at[i, worst, j]),
+            f"joint {j + 1} moves at {fastest:.{digits}g} {_unit(robot, j)}/s",
             f"its limit is {limit:.{digits}g} {_unit(robot, j)}/s",
+            place=f"{path}: {_between(rows, i, at[i, worst, j])}, column {rows.position_names[j]}",
         )
     at, position = trajectory.extremes(0)
     beyond = np.maximum(robot.lower - position, position - robot.upper)
@@ -242,11 +259,12 @@ def _check_between(path: Path, rows: Rows, trajectory: Trajectory, robot: Robot)
     if len(outside):
         i, j = (int(x) for x in outside[0])
         worst = int(np.argmax(beyond[i, :, j]))
-        raise refusal(
-            path,
-            f"{_between(rows, i, at[i, worst, j])}, column {rows.position_names[j]}: the curve through the rows takes "
-            f"joint {j + 1} to {position[i, worst, j]:.6g}, outside its limits",
-            f"valid: {robot.lower[j]:g} to {robot.upper[j]:g} {_unit(robot, j)}; give more rows there",
+        raise JointLimitError.at(
+            float(trajectory.time[i] + at[i, worst, j]),
+            f"the curve through the rows takes joint {j + 1} to {position[i, worst, j]:.6g}, outside its limits",
+            f"valid: {robot.lower[j]:g} to {robot.upper[j]:g} {_unit(robot, j)}",
+            place=f"{path}: {_between(rows, i, at[i, worst, j])}, column {rows.position_names[j]}",
+            advice="; give more rows there",
         )
 
 
