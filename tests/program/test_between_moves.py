@@ -122,6 +122,18 @@ def test_an_override_that_may_raise_speeds_leaves_them_open(before: str, overrid
     assert (raised in whys(rapid(text))) == may
 
 
+def test_what_takes_moves_off_their_paths_leaves_all_of_them_open() -> None:
+    """Also those that go from one known place to another while it does."""
+    for call in ("track_conveyor_linear(p[1,0,0,0,0,0], 500)", "force_mode(p[0,0,0,0,0,0],[0,0,1,0,0,0],w,2,l)"):
+        said = f"{call.partition('(')[0]} of line 2 may take it off its path"
+        assert whys(urscript(f"{j(0.5)}{call}\n{j(0.3)}{j(0.2)}")) == [said] * 3
+    for word in ("RSI_ON(#RELATIVE)", "$TECH.MODE=#CYCLE"):
+        read = krl(f"DEF a()\n{KRL_SPEEDS}{ptp(17)}{word}\n{KRL_SPEEDS}{ptp(27)}{ptp(17)}END\n")
+        assert all("line 5 may take it off its path" in why for why in whys(read))
+    read = rapid(f"PROC main()\n{absj(17)}SoftAct 2,30;\n{absj(27)}{absj(3)}ENDPROC\n")
+    assert whys(read) == ["SoftAct of line 4 may take it off its path"] * 3
+
+
 def test_a_line_that_a_sensor_corrects_is_not_known() -> None:
     corrected = "corrections that are not known before the program runs are added to it"
     for line in (MOVE_L.replace("tool0", "tool0\\Corr"), MOVE_L.replace("fine", "fine\\Corr")):

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from bumpstop.program.languages.calls import calls_in
 from bumpstop.program.languages.expression import Expression, read_expression
 from bumpstop.program.languages.statements import Branch, Call, Frame, Jump, Leave, Loop, Move, Node, Opaque
-from bumpstop.program.languages.syntax import Statement, Token
+from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token
 
 Kind = Literal["function", "loop", "branch"]
 
@@ -40,6 +40,7 @@ class Blocks:
         jumps: Mapping[str, Jump],
         frames: tuple[Frame, ...],
         leading: str,
+        bent: str = "",
     ) -> None:
         """Prepare.
 
@@ -49,6 +50,7 @@ class Blocks:
             jumps: words of the language that leave a loop, a function or the program.
             frames: what the language's statements and functions may set.
             leading: words of statements that are not understood, but only lead to others or come from them.
+            bent: why no move of the program is known to go as it is written; empty where they do.
         """
         self.functions: dict[str, tuple[Node, ...]] = {}
         self.not_understood: list[tuple[int, str]] = []
@@ -58,12 +60,14 @@ class Blocks:
         self.own = frozenset(counts)
         self._names = {name for name, count in counts.items() if count == 1}
         self._pure, self._jumps, self._frames = pure - self._names, jumps, frames
-        self._leading = frozenset(leading.split())
+        self._leading, self._bent = frozenset(leading.split()), bent
         self._never_first: set[str] = set()
         self._open = [_Open("function", 0)]
 
     def add(self, node: Node) -> None:
         """A statement of the innermost block."""
+        if isinstance(node, Move) and not node.why:
+            node = replace(node, why=self._bent)
         self._open[-1].bodies[-1].append(node)
 
     def opaque(
@@ -237,6 +241,15 @@ def moves_unseen(body: Sequence[Node]) -> bool:
         or (isinstance(node, Branch) and any(moves_unseen(inner) for inner in node.bodies))
         for node in body
     )
+
+
+def bent_by(tree: SyntaxTree, words: frozenset[str]) -> str:
+    """Which of some words, in small letters, may take every move off its path, in a sentence; empty where none does."""
+    for statement in tree.statements:
+        for word in statement.words:
+            if word.text.lower().partition(".")[0] in words:
+                return f"{word.text} of line {statement.line} may take it off its path"
+    return ""
 
 
 _UNKNOWN = Expression("unknown", 0, 0)

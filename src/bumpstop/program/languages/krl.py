@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 
-from bumpstop.program.languages.blocks import Assignments, Blocks, does_something
+from bumpstop.program.languages.blocks import Assignments, Blocks, bent_by, does_something
 from bumpstop.program.languages.calls import KRL_PURE, function_name, has_parameters, names_given
 from bumpstop.program.languages.expression import (
     Expression,
@@ -61,6 +61,8 @@ _DECLARATIONS = ("defdat", "enddat", "ext", "extfct", "signal", "enum", "struc")
 _HARMLESS = frozenset(_HARMLESS_WORDS.split())
 _WAITS = ("wait", "halt", "pulse", "anout")
 _LEADING = "goto interrupt brake resume"
+# Sensors and weaving, which add to what is written.
+_BENDING = frozenset(("rsi_on", "st_on", "$tech", "$tech_c"))
 _JUMPS: Mapping[str, Jump] = {"exit": "loop", "return": "function"}
 # Other motions: the arm is elsewhere after them, and that is all.
 _OTHER_MOTIONS = frozenset(
@@ -103,7 +105,8 @@ def read_krl(source: bytes, data: bytes = b"") -> ReadProgram:
         if (head := _head(statement.words)) is not None:
             names.append(function_name(head))
     constants = assignments.constants()
-    blocks, counts = Blocks(names, KRL_PURE, _JUMPS, _FRAMES, _LEADING), dict[str, tuple[float, float]]()
+    blocks = Blocks(names, KRL_PURE, _JUMPS, _FRAMES, _LEADING, bent_by(tree, _BENDING))
+    counts = dict[str, tuple[float, float]]()
     before = ""
     # Where it does not look ahead nothing is blended.
     looks_ahead = "$advance" not in constants or (number_of(constants["$advance"], constants) or 0) >= 1

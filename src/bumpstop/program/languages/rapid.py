@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from bumpstop.program.languages.blocks import Assignments, Blocks
+from bumpstop.program.languages.blocks import Assignments, Blocks, bent_by
 from bumpstop.program.languages.calls import RAPID_PURE, function_name, has_parameters, names_given
 from bumpstop.program.languages.expression import (
     Expression,
@@ -84,6 +84,7 @@ _WAITS = frozenset(("waittime", "waitdi", "waitdo", "waituntil", "waitai", "wait
 _JUMPS: Mapping[str, Jump] = {"return": "function", "exit": "program", "exitcycle": "program"}
 _LEADING = "error undo backward trynext retry raise goto connect isignaldi isignaldo itimer isleep iwatch"
 _DATA = frozenset(("const", "pers", "var", "local", "task"))
+_BENDING = frozenset(("softact",))
 _MOVES = {"movel": True, "movej": False, "moveabsj": False, "movec": True}
 
 
@@ -166,11 +167,11 @@ def read_rapid(source: bytes) -> ReadProgram:
         if (head := _head(words)) is not None:
             names.append(function_name(head))
     constants = assignments.constants()
-    blocks = Blocks(names, RAPID_PURE, _JUMPS, ("shift",), _LEADING)
-    raised = _raised(tree, constants)
+    bent = _raised(tree, constants) or bent_by(tree, _BENDING)
+    blocks = Blocks(names, RAPID_PURE, _JUMPS, ("shift",), _LEADING, bent)
     for statement in tree.statements:
         if _plain(statement):
-            _add(blocks, statement, constants, raised)
+            _add(blocks, statement, constants)
     functions = blocks.finish()
     return ReadProgram(
         "RAPID",
@@ -274,7 +275,7 @@ def _raised(tree: SyntaxTree, constants: Mapping[str, Expression]) -> str:
     return ""
 
 
-def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expression], raised: str) -> None:
+def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expression]) -> None:
     words = _plain(statement)
     first = words[0].text.lower()
     rest = behind(words, _OPERATORS, frozenset()) if first in _CONDITIONS and first != "if" else []
@@ -307,7 +308,7 @@ def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
         blocks.add(Branch(statement.line, ((Leave(statement.line, _JUMPS[jump]),),)))
     elif first in _MOVES:
         blocks.evaluate(statement, words[1:])
-        _add_move(blocks, statement, words, constants, raised)
+        _add_move(blocks, statement, words, constants)
     elif first in _DATA or assigned(words, ":=") is not None:
         blocks.evaluate(statement, _value(words))
     elif first in _JUMPS:
@@ -345,9 +346,8 @@ def _runs(words: Sequence[Token], constants: Mapping[str, Expression]) -> bool:
     return None not in tuple(bounds)
 
 
-def _add_move(
-    blocks: Blocks, statement: Statement, words: list[Token], constants: Mapping[str, Expression], why: str
-) -> None:
+def _add_move(blocks: Blocks, statement: Statement, words: list[Token], constants: Mapping[str, Expression]) -> None:
+    why = ""
     arguments, kind = arguments_of(words[1:]), words[0].text.lower()
     via = arguments.pop(0) if kind == "movec" and arguments else None
     if len(arguments) < 4 or any(argument.value is None for argument in arguments[:4]):

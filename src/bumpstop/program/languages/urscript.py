@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
-from bumpstop.program.languages.blocks import Assignments, Blocks, does_something
+from bumpstop.program.languages.blocks import Assignments, Blocks, bent_by, does_something
 from bumpstop.program.languages.calls import URSCRIPT_PURE, has_parameters
 from bumpstop.program.languages.expression import (
     Expression,
@@ -35,6 +35,8 @@ _HARMLESS = frozenset(_HARMLESS_WORDS.split())
 _WAITS = frozenset(("sleep", "popup", "stopj", "stopl"))
 _ASKS = re.compile("request_(boolean|float|integer)_from_primary_client")  # and waits for the answer
 _LOADS = frozenset(("set_payload", "set_payload_mass", "set_target_payload"))
+# What takes moves that are behind it off the paths that are written, in this thread and others.
+_BENDING = frozenset(["force_mode", "track_conveyor_linear", "track_conveyor_circular", "path_offset_enable"])
 _JUMPS: Mapping[str, Jump] = {"break": "loop", "continue": "round", "return": "function", "halt": "program"}
 _BLOCKS = frozenset(("if", "elif", "else", "while", "def", "sec", "thread"))
 _SIGNS = ("=", "+=", "-=", "*=", "/=", "%=")
@@ -68,7 +70,7 @@ def read_urscript(source: bytes) -> ReadProgram:
                 assignments.add(parameter.text, None)
         _assign(assignments, words)
     constants = assignments.constants()
-    blocks = Blocks(names, URSCRIPT_PURE, _JUMPS, ("tool",), "thread run kill join")
+    blocks = Blocks(names, URSCRIPT_PURE, _JUMPS, ("tool",), "thread run kill join", bent_by(tree, _BENDING))
     for statement in tree.statements:
         if statement.words:
             waits = any(_ASKS.fullmatch(word.text) for word in statement.words)
