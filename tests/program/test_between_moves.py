@@ -134,6 +134,22 @@ def test_what_takes_moves_off_their_paths_leaves_all_of_them_open() -> None:
     assert whys(read) == ["SoftAct of line 4 may take it off its path"] * 3
 
 
+def test_persistent_data_of_moves_are_named() -> None:
+    """Other tasks and the pendant change them, and an earlier run may have."""
+    tool = "PERS tooldata grip:=[TRUE,[[0,0,0],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];\n"
+    tool += "LOCAL PERS speeddata Quick:=[50,500,5000,1000];\nPERS num count:=0;\n"
+    line = MOVE_L.replace("tool0", "grip").replace("v20", "quick")
+    read = rapid(f"{tool}PROC main()\n{absj(17)}{line}ENDPROC\n")
+    assert whys(read) == ["", ""]
+    assert [note.partition(":")[0] for note in read.notes] == ["grip, Quick"]
+    assert not rapid(f"{tool}PROC main()\n{absj(17)}{MOVE_L}ENDPROC\n").notes
+
+
+@pytest.mark.parametrize(("switch", "why"), [("Off", ""), ("Wrist", FRAME), ("LockAxis4", FRAME)])
+def test_lines_past_singularities_turn_the_tool_otherwise(switch: str, why: str) -> None:
+    assert whys(rapid(f"PROC main()\n{absj(17)}SingArea \\{switch};\n{MOVE_L}ENDPROC\n")) == ["", why]
+
+
 def test_a_line_that_a_sensor_corrects_is_not_known() -> None:
     corrected = "corrections that are not known before the program runs are added to it"
     for line in (MOVE_L.replace("tool0", "tool0\\Corr"), MOVE_L.replace("fine", "fine\\Corr")):

@@ -21,6 +21,7 @@ from bumpstop.program.languages.rapid_data import (
     frame_of_object,
     frame_of_tool,
     joint_target,
+    persistent_data,
     pose_target,
     speed_of,
     stands_apart,
@@ -173,6 +174,9 @@ def read_rapid(source: bytes) -> ReadProgram:
         if _plain(statement):
             _add(blocks, statement, constants)
     functions = blocks.finish()
+    if persistent := persistent_data(tree, _MOVES):
+        told = "taken as declared here, though other tasks, the pendant or an earlier run may have changed them"
+        blocks.notes.append(f"{', '.join(persistent)}: PERS data of moves are {told}")
     return ReadProgram(
         "RAPID",
         source,
@@ -316,7 +320,7 @@ def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
         blocks.jump(statement, first)
     elif first == "pdispoff":
         blocks.add(Frames(statement.line, "shift", (0.0,) * 6))
-    elif first in ("pdispset", "pdispon"):
+    elif first in ("pdispset", "pdispon") or (first == "singarea" and words[-1].text.lower() != "off"):
         blocks.opaque(statement, moves=False)
     elif first == "module":
         pass  # what stands in brackets are its attributes, and no call

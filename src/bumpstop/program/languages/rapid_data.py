@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from bumpstop.program.languages.expression import (
@@ -16,7 +16,7 @@ from bumpstop.program.languages.expression import (
 )
 from bumpstop.program.languages.rotation import from_quaternion
 from bumpstop.program.languages.statements import MIN_TIME_S, SpeedSlot, Target
-from bumpstop.program.languages.syntax import Token
+from bumpstop.program.languages.syntax import SyntaxTree, Token
 
 _SPEEDS = {
     f"v{v}": float(v)
@@ -164,6 +164,19 @@ def _pose(place: Expression, turn: Expression, constants: Mapping[str, Expressio
         return None
     rotation = from_quaternion(*q)
     return None if rotation is None else (*(value / 1e3 for value in x), *rotation)
+
+
+def persistent_data(tree: SyntaxTree, moves: Collection[str]) -> list[str]:
+    """Names of the persistent data that moves, instructions of these names, are given; as they are declared."""
+    found, used = {}, set[str]()
+    for words in (statement.words for statement in tree.statements):
+        texts = [word.text.lower() for word in words]
+        if "pers" in texts[:2] and len(words) > texts.index("pers") + 2:
+            place = texts.index("pers") + 2
+            found[texts[place]] = words[place].text
+        elif texts and texts[0] in moves:
+            used.update(texts)
+    return [name for key, name in found.items() if key in used]
 
 
 def stands_apart(tool: Argument, constants: Mapping[str, Expression]) -> bool:
