@@ -180,6 +180,40 @@ def test_tools_and_rotations() -> None:
     assert np.allclose(cell().robot.pose(visit.leg.q[-1], point=(0, 0, 0.1))[:3, 3], (-0.7, -0.17, 0.6), atol=1e-8)
 
 
+def test_a_script_that_polyscope_wrote_is_read() -> None:
+    """Labels of its tree, set-up, and poses with the joints that they were recorded with."""
+    q = np.array([0.3, -1.5, 1.5, -1.5, -1.5, 0.4])
+    posed = cell().robot.pose(q)
+    pose = [*posed[:3, 3], *Rotation.from_matrix(posed[:3, :3]).as_rotvec()]
+
+    def script(near: str) -> str:
+        return f"""def Program():
+  set_standard_analog_input_domain(0, 1)
+  set_tool_output_mode(0)
+  set_tcp(p[0.0,0.0,0.0,0.0,0.0,0.0])
+  global Waypoint_1_p=p{[round(float(x), 6) for x in pose]}
+  global Waypoint_1_q={near}
+  while (True):
+    $ 1 "Robot Program"
+    $ 2 "Waypoint_1" "breakAfter"
+    movej(get_inverse_kin(Waypoint_1_p, qnear=Waypoint_1_q), a=1.4, v=1.05)
+    movej([0.2, -1.57, 1.57, -1.57, -1.57, 0.0], a=1.4, v=1.05)
+  end
+end
+"""
+
+    read = read_urscript(script(str(q.round(4).tolist())).encode())
+    first, back, again = (visit for chain in chains(read) for visit in chain)
+    assert not read.not_understood
+    assert [visit.why for visit in (first, back, again)] == ["", "", ""]
+    assert first.leg is not None
+    assert np.allclose(first.leg.q[-1], q, atol=1e-4)
+    assert np.allclose(first.leg.q[:, 1], np.linspace(first.leg.q[0, 1], first.leg.q[-1, 1], len(first.leg.q)))
+    # Joints of another pose say nothing of the posture.
+    (first,), *_ = chains(read_urscript(script("[0.6, -1.5, 1.5, -1.5, -1.5, 0.4]").encode()))
+    assert first.why == "the posture that is written beside its target is not one of its pose"
+
+
 def test_krl_settings_hold_until_the_next() -> None:
     source = (EXAMPLES / "place.src").read_bytes()
     found = [v for chain in chains(read_krl(source, (EXAMPLES / "place.dat").read_bytes())) for v in chain]

@@ -27,7 +27,14 @@ from bumpstop.program.languages.statements import (
     Target,
     Wait,
 )
-from bumpstop.program.motion.kinematics import joint_line, other_posture, tool_arc, tool_line, transform
+from bumpstop.program.motion.kinematics import (
+    joint_line,
+    other_posture,
+    solution_near,
+    tool_arc,
+    tool_line,
+    transform,
+)
 from bumpstop.program.motion.path import Leg
 from bumpstop.program.state import State, acceleration_of, agreed, alike, blend_of, equal, slots_of
 
@@ -339,9 +346,15 @@ class Interpreter:
             assert target.pose is not None
             if state.tool is None or state.frame is None:
                 return "the tool or frame of its target is not known", None
+            pose = state.frame @ transform(target.pose)
+            if target.near is not None and not move.linear:
+                found = solution_near(robot, np.array(target.near), pose, state.tool)
+                if isinstance(found, str):
+                    return found, None
+                return (begin if state.q is None else joint_line(state.q, found)), found
             if state.q is None:
                 return begin, None
-            q = tool_line(robot, state.q, state.frame @ transform(target.pose), state.tool)
+            q = tool_line(robot, state.q, pose, state.tool)
         if isinstance(q, str) or move.linear:
             return q, None if isinstance(q, str) else q[-1]
         why = other_posture(robot, q[0], q[-1], target.within)

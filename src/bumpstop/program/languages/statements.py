@@ -83,6 +83,7 @@ class Target:
         why: neither is known; else empty.
         external: external axes that the target names and where they go, in the language's units; None: not known.
         within: least and greatest position of joints, by number from 0, that the target names beside its pose [rad].
+        near: joint positions of whose posture a joint move to the pose ends in the nearest, or None [rad or m].
     """
 
     joints: tuple[float, ...] | None = None
@@ -90,6 +91,7 @@ class Target:
     why: str = ""
     external: tuple[tuple[str, float | None], ...] = ()
     within: tuple[tuple[int, float, float], ...] = ()
+    near: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)

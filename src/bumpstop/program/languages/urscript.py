@@ -29,7 +29,9 @@ _HARMLESS_WORDS = (
     "set_configurable_digital_out set_standard_analog_out set_payload set_payload_mass set_payload_cog set_gravity "
     "set_target_payload stopj stopl rtde_set_watchdog request_boolean_from_primary_client set_tool_voltage "
     "modbus_set_output_signal modbus_set_output_register write_output_integer_register write_output_boolean_register "
-    "write_output_float_register set_flag enter_critical exit_critical set_safety_mode_transition_hardness"
+    "write_output_float_register set_flag enter_critical exit_critical set_safety_mode_transition_hardness "
+    "set_standard_analog_input_domain set_tool_analog_input_domain set_analog_outputdomain set_analog_output_domain "
+    "set_tool_output_mode set_tool_digital_output_mode set_tool_communication set_input_actions_to_default"
 )
 _HARMLESS = frozenset(_HARMLESS_WORDS.split())
 _WAITS = frozenset(("sleep", "popup", "stopj", "stopl"))
@@ -126,12 +128,14 @@ def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
         blocks.begin_function(statement, f"thread {words[1].text}", first=False)
         blocks.opaque(statement)
     elif first == "while" and last == ":":
-        always = len(words) == 3 and words[1].text == "True"
+        always = "".join(word.text for word in words[1:-1]) in ("True", "(True)")
         blocks.begin_loop(statement, words[1:], certain=always, endless=always)
     elif first == "if" and last == ":":
         blocks.begin_branch(statement, words[1:-1])
     elif first in ("elif", "else") and last == ":":
         blocks.otherwise(statement, words[1:])
+    elif first == "$":
+        pass  # PolyScope names the nodes of its tree so
     elif first == "end" and len(words) == 1:
         blocks.end(statement)
     elif (target := _target_of(words)) is not None:
@@ -221,12 +225,16 @@ def _arc_end(arguments: Mapping[str, Expression | None], constants: Mapping[str,
 
 
 def _target(argument: Expression | None, constants: Mapping[str, Expression]) -> Target:
-    found = resolved(argument, constants)
-    if found is not None and found.kind == "call" and found.name == "get_inverse_kin" and len(found.items) == 1:
-        found = resolved(found.items[0], constants)
+    found, near = resolved(argument, constants), None
+    if found is not None and found.kind == "call" and found.name == "get_inverse_kin" and len(found.items) in (1, 2):
+        near = numbers_of(found.argument("qnear", 1), constants)
+        whole = near is not None or len(found.items) == 1
+        found = resolved(found.argument("x", 0), constants) if whole else None
     numbers = numbers_of(found, constants)
-    if found is None or numbers is None:
+    if found is None or numbers is None or (near is not None and found.kind != "pose"):
         return Target(why="its target is not known before the program runs")
     if found.kind == "pose":
-        return Target(pose=tuple(numbers)) if len(numbers) == 6 else Target(why="its pose has not six numbers")
+        if len(numbers) != 6:
+            return Target(why="its pose has not six numbers")
+        return Target(pose=tuple(numbers), near=None if near is None else tuple(near))
     return Target(joints=tuple(numbers))

@@ -24,6 +24,8 @@ _FLAT = 1e-6
 # Postures of an arm are looked for from so many places, each joint so far from where it stands [rad]; one is another or
 # nearer where it is by more than this [rad].
 _SEEDS, _SPREAD, _APART = 24, 2.0, 1e-3
+# Within so much of each joint [rad] a posture is the one that was recorded with a pose, of the same arm.
+_BESIDE = 0.1
 # Damping of the least squares as a share of the distance that is left: none at the end.
 _DAMPING = 0.05
 
@@ -87,6 +89,13 @@ def tool_arc(robot: Robot, q0: FloatArray, via: FloatArray, target: FloatArray, 
         return np.asarray(begin + centre + np.outer(np.cos(angle * s), x) + np.outer(np.sin(angle * s), y))
 
     return _followed(robot, q0, target, tool, radius * angle, place)
+
+
+def solution_near(robot: Robot, near: FloatArray, target: FloatArray, tool: FloatArray) -> FloatArray | str:
+    """Joint positions (dof,) at which the tool has a pose, the nearest to others (dof,); or why they are not known."""
+    q = _solve(robot, near, target, tool) if robot.dof == len(near) == 6 else None
+    beside = q is not None and bool((np.abs(q - near) < _BESIDE).all())
+    return q if q is not None and beside else "the posture that is written beside its target is not one of its pose"
 
 
 def other_posture(robot: Robot, q0: FloatArray, q1: FloatArray, within: Sequence[tuple[int, float, float]]) -> str:
