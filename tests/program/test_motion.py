@@ -279,3 +279,18 @@ def test_contact_without_bound_is_the_hardest() -> None:
     narrow = _crest(lambda t: np.where(np.abs(t - 1.503) < 2e-3, np.inf, 2 - np.abs(t - 1.5)), np.arange(4), 1.0)
     assert narrow[2] == math.inf
     assert abs(narrow[1] - 1.503) < 3e-3
+
+
+@pytest.mark.parametrize("radius", [0.005, 0.05, 0.2])
+def test_a_corner_at_the_joints_limits_keeps_to_them(radius: float) -> None:
+    """A spline through samples swings beyond the rates between them, where these change within a few of them."""
+    there, back = "[1.5,-1.5,1.57,-1.4,-1.57,0.3]", "[0.6,-1.2,0.9,-1.4,-1.57,0.3]"
+    first = "movej([0.5,-1.5,1.57,-1.4,-1.57,0.3])\n"
+    *_, corner = segments(f"{first}movej({there},a=15,v=6,r={radius})\nmovej({back},a=15,v=6)\n")
+    motion = corner.at(1.0)
+    share = np.abs(motion.extremes(1)[1]) / cell().robot.velocity
+    assert 0.97 < share.max() <= 1
+    cell().problem(motion)
+    # Where no limit is near nothing is slowed down, and rows are as far apart as ever.
+    *_, slow = segments(f"{first}movej({there},a=5,v=1,r={radius})\nmovej({back},a=5,v=1)\n")
+    assert np.diff(slow.at(1.0).time).max() > 0.019

@@ -179,12 +179,12 @@ class MoveSegment:
         return [math.sqrt(max(known) * float(way.sum())) for way in self._path.way]
 
     def at(self, factor: float) -> Trajectory:  # noqa: D102
-        return timed(*self._motion(factor))
+        return timed(*self._motion(factor), self.robot.velocity)
 
     def _motion(self, factor: float) -> tuple[PiecewiseCubic, PathMotion]:
         speeds = [np.minimum(*both) for both in zip(self._speeds(factor), self._reach, strict=True)]
         q, times = without_repeats(self._path, full_speed_times(self.robot, self._path, speeds))
-        return motion_along(q, times, self._ramp(speeds), self.joint_acceleration)
+        return motion_along(q, times, self.robot.velocity, self._ramp(speeds), self.joint_acceleration)
 
     def _ramp(self, speeds: Sequence[FloatArray]) -> float | None:
         """Greatest acceleration as a share of full speed [1/s]; None where the program does not say all of them."""

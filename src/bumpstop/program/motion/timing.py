@@ -16,8 +16,10 @@ if TYPE_CHECKING:
 
 # An acceleration is built up in so much time [s]: the ramp of an industrial controller.
 RAMP_S = 0.05
-# Rows of a trajectory: so far apart at most [s], and so many at least.
-_ROW_S, _MIN_ROWS = 0.02, 40
+# Rows of a trajectory: so far apart at most [s], and so many at least; how often that is halved at most.
+_ROW_S, _MIN_ROWS, _HALVINGS = 0.02, 40, 5
+# Share of the joints' speed limits that the spline keeps to, and how often pieces are slowed down for it at most.
+_KEPT, _EASINGS = 0.995, 8
 MAX_DURATION_S = 120.0  # of a motion [s]
 # Ruckig finds no profile where acceleration and speed are reached at one moment and left at once: a little more is.
 _MORE = 1 + 1e-9
@@ -90,21 +92,29 @@ def import_ruckig() -> Any:
 
 
 def motion_along(
-    q: FloatArray, times: FloatArray, acceleration: float | None, joint_acceleration: FloatArray
+    q: FloatArray, times: FloatArray, velocity: FloatArray, acceleration: float | None, joint_acceleration: FloatArray
 ) -> tuple[PiecewiseCubic, PathMotion]:
     """The path through samples, and the motion along it.
 
     Args:
         q: (N, dof) joint positions.
-        times: that pieces take at full speed (N - 1,) [s], all above zero.
+        times: that pieces take at full speed (N - 1,) [s], all above zero; where the spline through the samples would
+            have a joint faster than its limit, as in corners, they take longer.
+        velocity: limits (dof,) [rad/s or m/s].
         acceleration: of the share of full speed [1/s]; None: as much as the joints' allow.
         joint_acceleration: (dof,) [rad/s2 or m/s2].
 
     Raises:
         InputError: it takes too long.
     """
-    u = np.append(0.0, np.cumsum(times))
-    path = PiecewiseCubic.spline(u, q)
+    for _ in range(_EASINGS):
+        u = np.append(0.0, np.cumsum(times))
+        path = PiecewiseCubic.spline(u, q)
+        inside = (u[:-1, None] + times[:, None] * np.linspace(0, 1, 5)).ravel()
+        over = (np.abs(path(inside, 1)) / velocity).max(axis=1).reshape(-1, 5).max(axis=1) / _KEPT
+        if over.max() <= 1:
+            break
+        times = times * np.maximum(over, 1.0)
     rate = path(np.concatenate([u, 0.5 * (u[1:] + u[:-1])]), 1)
     if acceleration is None:
         with np.errstate(divide="ignore"):
@@ -115,12 +125,16 @@ def motion_along(
     return path, motion
 
 
-def timed(path: PiecewiseCubic, motion: PathMotion) -> Trajectory:
-    """The trajectory of a motion along a path."""
-    rows = max(_MIN_ROWS, math.ceil(motion.duration / _ROW_S)) + 1
-    t = np.linspace(0, motion.duration, rows)
-    along, speed, _ = motion.at(t)
-    position, velocity = path(along), path(along, 1) * speed[:, None]
-    position[0], position[-1] = path(path.x[:1])[0], path(path.x[-1:])[0]
-    velocity[0] = velocity[-1] = 0.0
-    return Trajectory(t, position, velocity)
+def timed(path: PiecewiseCubic, motion: PathMotion, limit: FloatArray) -> Trajectory:
+    """The trajectory of a motion along a path; in corners at the joints' speed limits (dof,) its rows are closer."""
+    rows = max(_MIN_ROWS, math.ceil(motion.duration / _ROW_S))
+    for halvings in range(_HALVINGS + 1):
+        t = np.linspace(0, motion.duration, 2**halvings * rows + 1)
+        along, speed, _ = motion.at(t)
+        position, velocity = path(along), path(along, 1) * speed[:, None]
+        position[0], position[-1] = path(path.x[:1])[0], path(path.x[-1:])[0]
+        velocity[0] = velocity[-1] = 0.0
+        found = Trajectory(t, position, velocity)
+        if (np.abs(found.extremes(1)[1]) <= limit).all():
+            break
+    return found
