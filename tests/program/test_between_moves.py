@@ -103,6 +103,13 @@ def test_a_program_that_does_not_look_ahead_blends_nothing(ahead: str, blends: b
     assert whys(krl(f"DEF a()\n{text}END\n")) == ["" if blends else waits, ""]
 
 
+def test_a_move_that_goes_nowhere_leaves_the_corner_before_it_open() -> None:
+    """Half of its way is nothing: the arm goes to the target itself."""
+    twice = whys(urscript(f"{j(0.5, 0.1)}{j(0.5, 0.1)}{j(0.2)}"))
+    assert twice == ["the move that it is blended into goes nowhere", "", ""]
+    assert whys(urscript(f"{j(0.5)}{j(0.5, 0.1)}{j(0.2)}")) == ["", "", ""]
+
+
 @pytest.mark.parametrize("kind", ["LIN", "PTP"])
 def test_half_a_turn_goes_either_way_round(kind: str) -> None:
     """Which is decided by digits of the pose, and by encoders."""

@@ -297,6 +297,8 @@ class Interpreter:
             told = f"line {move.line}: how far it is blended is not known; half of the way is taken"
             self.notes += [told] if told not in self.notes else []
         visit, end = self._visit(move, state, blend)
+        if visit.still:
+            self._end_blend("the move that it is blended into goes nowhere")
         if self._goes_on and self._chains:
             self._chains[-1].append(visit)
         else:
