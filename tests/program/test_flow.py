@@ -292,6 +292,24 @@ def test_frames_that_are_not_understood_are_not_known() -> None:
     assert whys(rapid(text)) == ["", FRAME, BEGIN, ""]
 
 
+def test_a_frame_is_the_same_however_it_is_written() -> None:
+    """The null frame of KRL, and the object frame of RAPID in a user frame that is the base."""
+    zero = "{X 0,Y 0,Z 0,A 0,B 0,C 0}"
+    ends = []
+    for frame in (zero, "$NULLFRAME", "$nullframe"):
+        (_, line) = visits(krl(f"DEF a()\n{KRL_SPEEDS}{ptp(17)}$TOOL={frame}\n$BASE={frame}\n{LIN}END\n"))
+        ends.append(line.leg.q[-1])  # type: ignore[union-attr]
+    moved, still = "[[20,0,0],[0.9659258,0,0,0.258819]]", "[[0,0,0],[1,0,0,0]]"
+    for user, own in ((moved, still), (still, moved), (still, still)):
+        text = f'PERS wobjdata w:=[FALSE,TRUE,"",{user},{own}];\nPROC main()\n'
+        text += absj(17) + MOVE_L.replace("[-600,-350,550]", "[-690,-60,550]").replace("tool0", "tool0\\WObj:=w")
+        (_, line) = visits(rapid(f"{text}ENDPROC\n"))
+        ends.append(line.leg.q[-1])  # type: ignore[union-attr]
+    assert all(np.array_equal(end, ends[0]) for end in ends[:3])
+    assert np.array_equal(ends[3], ends[4])
+    assert not np.allclose(ends[4], ends[5], atol=0.1)
+
+
 def test_tools_that_stand_still_and_objects_that_move() -> None:
     tool, at = "PERS tooldata t:=[{},[[0,0,200],[1,0,0,0]],[1]];\n", "[[0,0,100],[1,0,0,0]],[[0,0,0],[1,0,0,0]]"
     flags = [("TRUE", "FALSE,TRUE"), ("FALSE", "FALSE,TRUE"), ("TRUE", "TRUE,TRUE"), ("TRUE", "FALSE,FALSE")]

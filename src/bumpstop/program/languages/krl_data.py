@@ -56,7 +56,9 @@ def _record(expression: Expression, constants: Mapping[str, Expression]) -> dict
 
 
 def frame_of_record(expression: Expression | None, constants: Mapping[str, Expression]) -> tuple[float, ...] | None:
-    """Translation [m] and rotation vector [rad] of a record of X, Y, Z [mm] and A, B, C [deg]."""
+    """Translation [m] and rotation vector [rad] of a record of X, Y, Z [mm] and A, B, C [deg], or of ``$NULLFRAME``."""
+    if expression is not None and expression.kind == "name" and expression.name.lower() == "$nullframe":
+        return (0.0,) * 6
     found = resolved(expression, constants)
     values = _record(found, constants) if found is not None and found.kind == "record" else None
     if values is None or not {"X", "Y", "Z", "A", "B", "C"} <= set(values):

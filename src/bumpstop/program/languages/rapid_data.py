@@ -199,7 +199,7 @@ def frame_of_tool(expression: Expression | None, constants: Mapping[str, Express
 
 
 def frame_of_object(expression: Expression | None, constants: Mapping[str, Expression]) -> tuple[float, ...] | None:
-    """Of wobjdata whose object frame is its user frame; ``wobj0`` is the base."""
+    """Of wobjdata whose user frame is the base, or whose object frame is its user frame; ``wobj0`` is the base."""
     if expression is not None and expression.kind == "name" and expression.name.lower() == "wobj0":
         return (0.0,) * 6
     found = resolved(expression, constants)
@@ -208,7 +208,7 @@ def frame_of_object(expression: Expression | None, constants: Mapping[str, Expre
     user, own = (resolved(item, constants) for item in found.items[3:])
     if user is None or own is None or len(user.items) != 2 or len(own.items) != 2:
         return None
-    inner = _pose(*own.items, constants)
-    if inner is None or any(abs(x) > 0 for x in inner):
+    outer, inner = _pose(*user.items, constants), _pose(*own.items, constants)
+    if outer is None or inner is None or (any(outer) and any(inner)):
         return None
-    return _pose(*user.items, constants)
+    return outer if any(outer) else inner
