@@ -8,7 +8,7 @@ import pytest
 
 from bumpstop.program.interpreter import Interpreter
 from program.corpora import cell
-from program.test_flow import FRAME, KRL_SPEEDS, LIN, MOVE_L, absj, begins, j, krl, ptp, rapid, urscript, whys
+from program.test_flow import BEGIN, FRAME, KRL_SPEEDS, LIN, MOVE_L, absj, begins, j, krl, ptp, rapid, urscript, whys
 
 
 @pytest.mark.parametrize(
@@ -101,6 +101,21 @@ def test_a_program_that_does_not_look_ahead_blends_nothing(ahead: str, blends: b
     text = f"$ADVANCE={ahead}\n$APO.CDIS=5\n{KRL_SPEEDS}{ptp(17)[:-1]} C_DIS\n{ptp(27)}"
     waits = "the program waits before the move that it is blended into"
     assert whys(krl(f"DEF a()\n{text}END\n")) == ["" if blends else waits, ""]
+
+
+@pytest.mark.parametrize(
+    ("body", "known"),
+    [
+        ("n = n + 1\nsleep(0.1)\n", True),
+        ("if n > 3:\nreturn 1\nend\n", True),
+        ("movej(q)\n", False),
+        ("set_tcp(p[0,0,1,0,0,0])\n", False),
+        ("grip()\n", False),
+    ],
+)
+def test_a_thread_that_only_counts_leaves_the_arm_where_it_is(body: str, known: bool) -> None:
+    thread = f"thread T():\nwhile (True):\n{body}end\nend\n"
+    assert whys(urscript(f"{thread}{j(0.5)}run T()\n{j(0.3)}"))[:2] == ["", "" if known else BEGIN]
 
 
 def test_a_move_that_goes_nowhere_leaves_the_corner_before_it_open() -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bumpstop.errors import InputError
-from bumpstop.program.languages.blocks import called_by
+from bumpstop.program.languages.blocks import called_by, idles
 from bumpstop.program.languages.statements import (
     Branch,
     Call,
@@ -251,6 +251,10 @@ class Interpreter:
         self._meet(state, [*jumps, *([] if state.dead else [state.copy()])])
 
     def _opaque(self, node: Opaque, state: State) -> None:
+        started = re.match(r"run\s+(\w+)", node.text)
+        body = self._program.functions.get(f"thread {started[1].lower()}") if started else None
+        if body is not None and idles(body):
+            return
         if node.moves:
             # A jump may come here, too.
             state.reach(None, {})

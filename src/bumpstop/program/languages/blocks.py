@@ -10,7 +10,7 @@ from typing import Literal
 
 from bumpstop.program.languages.calls import calls_in
 from bumpstop.program.languages.expression import Expression, read_expression
-from bumpstop.program.languages.statements import Branch, Call, Frame, Jump, Leave, Loop, Move, Node, Opaque
+from bumpstop.program.languages.statements import Branch, Call, Frame, Jump, Leave, Loop, Move, Node, Opaque, Wait
 from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token
 
 Kind = Literal["function", "loop", "branch"]
@@ -229,6 +229,16 @@ def does_something(body: Sequence[Node]) -> bool:
         isinstance(node, (Move, Call))
         or (isinstance(node, Loop) and does_something(node.body))
         or (isinstance(node, Branch) and any(does_something(inner) for inner in node.bodies))
+        for node in body
+    )
+
+
+def idles(body: Sequence[Node]) -> bool:
+    """Whether a body only waits and computes: it moves nothing, and sets nothing that moves hang on."""
+    return all(
+        isinstance(node, (Wait, Leave))
+        or (isinstance(node, Loop) and idles(node.body))
+        or (isinstance(node, Branch) and all(idles(inner) for inner in node.bodies))
         for node in body
     )
 

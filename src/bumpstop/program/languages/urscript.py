@@ -125,8 +125,8 @@ def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
         blocks.begin_function(statement, words[1].text, first=first == "def" and not has_parameters(words))
     elif first == "thread" and last == ":" and len(words) > 2:
         # What runs beside the rest is called by nobody.
+        blocks.opaque(statement, moves=False, resets=False, reframes=())
         blocks.begin_function(statement, f"thread {words[1].text}", first=False)
-        blocks.opaque(statement)
     elif first == "while" and last == ":":
         always = "".join(word.text for word in words[1:-1]) in ("True", "(True)")
         blocks.begin_loop(statement, words[1:], certain=always, endless=always)
