@@ -118,6 +118,15 @@ def test_a_thread_that_only_counts_leaves_the_arm_where_it_is(body: str, known: 
     assert whys(urscript(f"{thread}{j(0.5)}run T()\n{j(0.3)}"))[:2] == ["", "" if known else BEGIN]
 
 
+def test_the_size_of_a_corner_of_an_unknown_tool_is_not_known() -> None:
+    for tool, blend in (("p[0,0,0.2,0,0,0]", 0.05), ("t", math.inf)):
+        told = Interpreter(urscript(f"set_tcp({tool})\n{j(0.5, 0.05)}{j(0.2)}"), cell().robot, cell().start, "program")
+        ((first, last),) = told.chains()
+        assert first.leg is not None
+        assert (first.leg.blend, first.why, last.why) == (blend, "", "")
+        assert bool(told.notes) == math.isinf(blend)
+
+
 def test_a_move_that_goes_nowhere_leaves_the_corner_before_it_open() -> None:
     """Half of its way is nothing: the arm goes to the target itself."""
     twice = whys(urscript(f"{j(0.5, 0.1)}{j(0.5, 0.1)}{j(0.2)}"))

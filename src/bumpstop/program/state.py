@@ -109,8 +109,11 @@ def acceleration_of(move: Move, state: State) -> float | None:
 
 
 def blend_of(move: Move, state: State) -> float:
-    """How far before its target a move goes over into the next [m]; infinite: not known, half of the way at most."""
-    if move.blend is not None:
-        return move.blend
-    slot = state.speeds.get("blend")
-    return math.inf if slot is None or slot.value is None else slot.value * slot.factor
+    """How far before its target a move goes over into the next [m]; infinite: not known, half of the way at most.
+
+    It is a distance of the tool: of an unknown one it is not known.
+    """
+    slot, blend = state.speeds.get("blend"), move.blend
+    if blend is None:
+        blend = math.inf if slot is None or slot.value is None else slot.value * slot.factor
+    return math.inf if blend > 0 and state.tool is None else blend
