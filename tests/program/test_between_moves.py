@@ -127,6 +127,15 @@ def test_the_size_of_a_corner_of_an_unknown_tool_is_not_known() -> None:
         assert bool(told.notes) == math.isinf(blend)
 
 
+def test_a_round_goes_over_into_the_next_at_the_speeds_of_later_rounds() -> None:
+    """The first round ends slower than the second, which goes over into the third."""
+    rounds = f"FOR I=1 TO 3\n{ptp(20)}{ptp(10)[:-1]} C_DIS\n$VEL_AXIS=40\nENDFOR\n"
+    read = krl(f"DEF a()\n$APO.CDIS=5\n{KRL_SPEEDS}{rounds}END\n")
+    chains = Interpreter(read, cell().robot, cell().start, "program").chains()
+    found = [[(visit.move.line, visit.slots[0].value) for visit in chain] for chain in chains]
+    assert found == [[(6, 20.0)], [(7, 20.0), (6, 40.0)], [(7, 40.0), (6, 40.0)], [(7, 40.0)]]
+
+
 def test_a_move_that_goes_nowhere_leaves_the_corner_before_it_open() -> None:
     """Half of its way is nothing: the arm goes to the target itself."""
     twice = whys(urscript(f"{j(0.5, 0.1)}{j(0.5, 0.1)}{j(0.2)}"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +23,6 @@ from bumpstop.program.languages.statements import (
     Opaque,
     ReadProgram,
     Setting,
-    SpeedSlot,
     Target,
     Wait,
 )
@@ -36,7 +35,8 @@ from bumpstop.program.motion.kinematics import (
     transform,
 )
 from bumpstop.program.motion.path import Leg
-from bumpstop.program.state import State, acceleration_of, agreed, alike, blend_of, equal, slots_of
+from bumpstop.program.state import State, acceleration_of, agreed, alike, blend_of, slots_of
+from bumpstop.program.visit import Visit, identity, same_motion
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -47,25 +47,6 @@ _MAX_RECURSION = 2  # calls of a function inside itself: the second shows what t
 _MAX_ROUNDS = 4  # of a loop that are run through before what changes is given up
 _SPEEDS = ("tool", "axes", "acceleration tool", "acceleration axes", "blend")
 _AWAY = 1e-9  # [rad] joints that turn less do not move
-
-
-@dataclass(frozen=True, eq=False)
-class Visit:
-    """One run of a move.
-
-    Attributes:
-        move: the statement.
-        leg: its path; None where it is not known.
-        slots: where its speed is written.
-        why: it cannot be judged; else empty.
-        still: the arm stands at its target already.
-    """
-
-    move: Move
-    leg: Leg | None
-    slots: tuple[SpeedSlot, ...]
-    why: str = ""
-    still: bool = False
 
 
 class Interpreter:
@@ -125,8 +106,8 @@ class Interpreter:
         found: dict[object, list[tuple[Visit, ...]]] = {}
         each: list[tuple[Visit, ...]] = []
         for number, chain in enumerate(self._chains):
-            same = found.setdefault(_identity(chain), [])
-            if any(_same_motion(chain, other) for other in same):
+            same = found.setdefault(identity(chain), [])
+            if any(same_motion(chain, other) for other in same):
                 continue
             if number not in again:
                 same.append(tuple(chain))
@@ -166,7 +147,7 @@ class Interpreter:
             self._waits = self._waits or not node.certain
         elif not node.certain:
             self._end_blend()
-        before, heads, ends = state.copy(), [state.copy()], list[State]()
+        before, heads, ends = state.copy(), [(state.copy(), self._blended)], list[State]()
         self._breaks.append([])
         while True:
             self._rounds.append([])
@@ -176,20 +157,26 @@ class Interpreter:
                 break
             head = agreed(again)
             ends.append(head)
-            if len(heads) > 1 and any(alike(head, other) for other in heads):
+            blended = self._blended
+            if len(heads) > 1 and any(alike(head, other) and same_motion(blended, last) for other, last in heads):
                 break
             if len(heads) >= _MAX_ROUNDS:
                 # What changes from round to round is not known.
-                head = agreed([*heads, head])
-                if alike(head, heads[-1]):
+                head = agreed([*(other for other, _ in heads), head])
+                if alike(head, heads[-1][0]):
                     break
-            heads.append(head)
+            heads.append((head, blended))
             state.set(head)
         jumps = self._breaks.pop()
         # Where the end of a certain loop goes over into what follows, that is its last round's.
         if (jumps or not node.certain) and self._may_move((node,)):
             self._end_blend()
         self._meet(state, [*jumps, *([] if node.certain else [before]), *([] if node.endless else ends)])
+
+    @property
+    def _blended(self) -> Sequence[Visit]:
+        """The move that goes over into the next, if one does."""
+        return self._chains[-1][-1:] if self._goes_on else ()
 
     def _branch(self, node: Branch, state: State, depth: int) -> None:
         moves = self._may_move((node,))
@@ -381,19 +368,3 @@ class Interpreter:
         if target.joints is not None and state.tool is not None and len(target.joints) == self._robot.dof:
             return np.asarray(self._robot.pose(np.array(target.joints)) @ state.tool)
         return None if target.pose is None or state.frame is None else state.frame @ transform(target.pose)
-
-
-def _identity(chain: Sequence[Visit]) -> object:
-    return tuple((v.move.line, v.move.word, id(v.move), v.why, v.slots, v.still) for v in chain)
-
-
-def _same_motion(chain: Sequence[Visit], other: Sequence[Visit]) -> bool:
-    """Whether two runs of the same moves take the same paths with the same tool, acceleration and blends."""
-    for one, two in zip((v.leg for v in chain), (v.leg for v in other), strict=True):
-        if (one is None) != (two is None):
-            return False
-        if one is not None and two is not None:
-            same = (one.acceleration, one.blend) == (two.acceleration, two.blend) and equal(one.tool, two.tool)
-            if not same or not equal(one.q, two.q):
-                return False
-    return True

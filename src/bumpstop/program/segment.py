@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from bumpstop.collision.trajectory.piecewise_cubic import PiecewiseCubic
     from bumpstop.collision.trajectory.trajectory import Trajectory
     from bumpstop.model import Robot
-    from bumpstop.program.interpreter import Visit
     from bumpstop.program.languages.statements import SpeedSlot
     from bumpstop.program.motion.timing import PathMotion
+    from bumpstop.program.visit import Visit
 
 
 _TIMES = 1000  # at which the speed along a path is looked at
