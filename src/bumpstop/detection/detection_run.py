@@ -64,6 +64,7 @@ class DetectionRun(Displayed):
         monitored: (n,) joints with a threshold; empty: not said, all.
         units: (n,) of the torques.
         force_at: where and along what the forces of events act, in words.
+        found_with: robot, model and settings behind the residuals, as :func:`found_with` has them; empty: not said.
     """
 
     t: FloatArray
@@ -82,6 +83,7 @@ class DetectionRun(Displayed):
     monitored: tuple[bool, ...] = ()
     units: tuple[str, ...] = ()
     force_at: str = ""
+    found_with: Mapping[str, Any] = field(default_factory=dict)
 
     def __str__(self) -> str:
         return text_of(self.show)
@@ -244,7 +246,7 @@ class DetectionRun(Displayed):
         seen = ~self.no_data
         if not seen.any():
             raise InputError("residuals", "the detector had no data all the time", "nothing is left to write")
-        write_residuals(path, self.t[seen], self.residual[seen])
+        write_residuals(path, self.t[seen], self.residual[seen], self.found_with)
 
 
 def frozen_notes(t: FloatArray, frozen: npt.NDArray[np.bool_]) -> list[str]:

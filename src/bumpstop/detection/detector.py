@@ -17,6 +17,7 @@ from bumpstop.detection.loop.loop_detector import LoopDetector
 from bumpstop.detection.loop.unknown_gains import force_thresholds
 from bumpstop.detection.rate import period_of
 from bumpstop.detection.settings import DetectorSettings, check_rearm
+from bumpstop.detection.tuning.found_with import found_with
 from bumpstop.errors import InputError
 from bumpstop.model import unit_of
 from bumpstop.model.dynamics import STANDARD_GRAVITY
@@ -174,6 +175,7 @@ class Detector(LoopDetector):
                 *frozen_notes(times, fault == FAULTS.index("frozen")),
             ),
             settings=self.summary(period),
+            found_with=found_with(self.robot, self.model, self.settings),
             monitored=tuple(self.thresholds.monitored),
             **self.in_words,
         )

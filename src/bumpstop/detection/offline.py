@@ -18,6 +18,7 @@ from bumpstop.detection.rate import period_of
 from bumpstop.detection.settings import DetectorSettings, check_rearm
 from bumpstop.detection.standing import hidden_torques
 from bumpstop.detection.thresholds import Thresholds
+from bumpstop.detection.tuning.found_with import found_with
 from bumpstop.detection.tuning.residual_record import ResidualRecord
 from bumpstop.errors import InputError
 from bumpstop.model import with_some_inertia
@@ -118,6 +119,7 @@ def detect(
             name: detector.summary(period)[name] for name in ("residual", "period_s", "frozen_s", "arming_delay_s")
         },
         monitored=tuple(law.monitored),
+        found_with=found_with(robot, model, given),
         **detector.in_words,
     )
 
@@ -265,4 +267,5 @@ def residual_record(
                 f"for example {stride * period:.6g}",
             )
         seen = seen[::stride]
-    return ResidualRecord.from_rows(np.ascontiguousarray(run.residual[seen]), notes, run.t[seen])
+    record = ResidualRecord.from_rows(np.ascontiguousarray(run.residual[seen]), notes, run.t[seen])
+    return replace(record, found_with=run.found_with)

@@ -12,6 +12,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.detection.settings import DetectorSettings, ResidualKind
+from bumpstop.detection.tuning.found_with import SAME_GAIN
 from bumpstop.errors import InputError, near_matches
 from bumpstop.model.dynamics import STANDARD_GRAVITY
 from bumpstop.model.inertia import vector3
@@ -45,7 +46,6 @@ _SETTINGS = (
 )
 _ONE_FOR_ALL = ("model_errors", "period_s", "per_hour", *_SETTINGS)
 _GROWING = ("speed", "acceleration", "model errors")
-_SAME_GAIN = 0.01
 _SAME = 1e-6  # of numbers that are written with all their digits
 _WANTED = "wanted one number above 0 for each joint; inf: not monitored"
 
@@ -181,7 +181,7 @@ class Thresholds:
         if self.residual is not None and residual != self.residual:
             raise InputError("residual", f"is {residual!r}", f"the thresholds were found for {self.residual!r}")
         gain = self.observer_gain_1_s
-        if residual == "observer" and gain is not None and abs(gain - observer_gain_1_s) > _SAME_GAIN * gain:
+        if residual == "observer" and gain is not None and abs(gain - observer_gain_1_s) > SAME_GAIN * gain:
             raise InputError(
                 "observer_gain_1_s", f"is {observer_gain_1_s:g}", f"the thresholds were found for {gain:g}"
             )

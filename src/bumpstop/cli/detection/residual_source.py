@@ -240,26 +240,6 @@ class Watcher:
         """What ``--payload`` says; None: nothing."""
         return None if self.payload is None else payload_of(self.payload)
 
-    @property
-    def held(self) -> dict[str, Any]:
-        """What a file of thresholds says of the detector whose residuals they were found with."""
-        from bumpstop.identification import DynamicsModel
-        from bumpstop.model.dynamics import STANDARD_GRAVITY
-
-        settings = self.settings
-        names = ["residual", "frozen_s"]
-        fitted = isinstance(self.parts[0], DynamicsModel)
-        if fitted:
-            names.append("causal")
-        if settings.causal or not fitted:
-            names += ["window_s", "measured_rates", "limit_margin", "payload_kg", "payload_center"]
-        if settings.residual == "observer":
-            names.append("observer_gain_1_s")
-        found = {name: value for name in names if (value := getattr(settings, name)) is not None}
-        model = self.parts[0]
-        falls = settings.gravity or (STANDARD_GRAVITY if model is None else model.gravity)
-        return found if fitted or falls == STANDARD_GRAVITY else found | {"gravity": falls}
-
 
 @dataclass(frozen=True, kw_only=True)
 class ResidualSource(Watcher):

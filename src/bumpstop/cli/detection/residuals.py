@@ -49,7 +49,7 @@ def load_series(
         record = residual_record(log, arm, model, settings=residual_source.settings)
     assert record.t is not None
     notes = [note for note in record.notes if "blocks of" not in note]
-    series = ResidualSeries(record.t, record.rows, shown(path))
+    series = ResidualSeries(record.t, record.rows, shown(path), found_with=record.found_with)
     if motion:
         series = with_motion(series, log, arm, model, residual_source.settings)
     known = fit_notes(residual_source.model, [log])

@@ -20,12 +20,13 @@ from bumpstop.cli.detection.residual_source import (
 )
 from bumpstop.cli.detection.residuals import holds_residuals, load_run, residuals_of
 from bumpstop.cli.folders import check_folder, check_inputs
+from bumpstop.cli.option_names import as_options
 from bumpstop.cli.progress import progress
 from bumpstop.errors import InputError
 from bumpstop.text_files import read_text
 
 if TYPE_CHECKING:
-    from bumpstop.detection import Label, ResidualSeries, Roc, Score, Tolerance
+    from bumpstop.detection import Label, ResidualSeries, Roc, Score, Thresholds, Tolerance
     from bumpstop.recording import Recording
 
 _MAX_BYTES = 100_000_000  # of events
@@ -168,6 +169,17 @@ def _print(found: Score, roc: Roc | None) -> None:
     console.print(table)
 
 
+def _found_with_others(series: ResidualSeries, given: Thresholds) -> list[str]:
+    """Sentences on what residuals were found with and thresholds were not; another kind of residual is refused."""
+    from bumpstop.detection import DetectorSettings
+    from bumpstop.detection.tuning.found_with import settings_of
+
+    settings = DetectorSettings(**{**given.settings, **settings_of(series.found_with)})
+    with as_options({"residual": series.source, "observer_gain_1_s": series.source}):
+        given.check_residual(settings.residual, settings.observer_gain_1_s)
+    return given.differences(settings)
+
+
 def _of_residuals(
     file: Path,
     labels: tuple[Label, ...],
@@ -199,6 +211,7 @@ def _of_residuals(
             raise InputError("--arming-delay", f"has no meaning with the residuals of {str(file)!r}", "leave it out")
         given = thresholds_of(thresholds, series.dof)
         period_of(series.t, DetectorSettings(), given)
+        notes.extend(_found_with_others(series, given))
         if given.beyond_constant:
             left = ", ".join(given.beyond_constant)
             notes.append(

@@ -67,6 +67,7 @@ def command(
     from bumpstop.cli.detection.operating_curve import check_joints, load_scenarios, notes, operating_curve
     from bumpstop.cli.detection.scenario_noise import ScenarioNoise
     from bumpstop.detection import tune
+    from bumpstop.detection.tuning.found_with import in_common, settings_of
     from bumpstop.model import unit_of
 
     wanted = _terms(terms)
@@ -86,6 +87,9 @@ def command(
             report(done / len(recordings))
     series = [_trimmed(one, trim_start, trim_end) for one, _ in loaded]
     check_joints(scenarios, series[0].dof)
+    common, differs = in_common([(one.source, one.found_with) for one in series])
+    # What a file of thresholds says of the detector they are for.
+    held = {"period_s": float(f"{series[0].period:.12g}")} | settings_of(common)
     recorded = not all(holds_residuals(path) for path in recordings)
     model, robot = residual_source.parts if recorded else (None, None)
     units = [] if robot is None else [unit_of(joint) for joint in robot.joints]
@@ -97,16 +101,17 @@ def command(
         options = {"per_hour": "--per-hour", "confidence": "--confidence", "terms": "--terms"}
         option = options.get(error.field, error.field)
         raise InputError(option, error.problem, error.valid) from None
-    tuning = replace(tuning, notes=(*tuning.notes, *dict.fromkeys(note for _, told in loaded for note in told)))
+    of_files = dict.fromkeys(note for _, told in loaded for note in told)
+    tuning = replace(tuning, notes=(*tuning.notes, *differs, *of_files))
     names = residual_source.names if recorded else []
-    with ScenarioNoise(series, residual_source.settings.residual if recorded else None) as noise:
+    with ScenarioNoise(series, common.get("residual")) as noise:
         points = operating_curve(tuning, scenarios, noise, robot, model)
     told = notes(
         points, scenarios, noise, robot="" if robot is None else robot.name, terms=bool(set(wanted) - {"fast"})
     )
     tuning = replace(tuning, notes=(*tuning.notes, *told))
     if save is not None:
-        _save(tuning, series, save, residual_source if recorded else None)
+        _save(tuning, series, save, held)
     page = None
     if out is not None:
         from bumpstop.report.detection.tuning import write_tuning
@@ -133,7 +138,6 @@ def command(
             detector=detector_settings(residual_source, None) if recorded else {},
         )
     if as_json:
-        held = _hold_for(series, residual_source if recorded else None)
         found = tuning.to_json() | {key: None if value == math.inf else value for key, value in held.items()}
         found |= {"operating_curve": [point.to_json() for point in points]} if scenario else {}
         typer.echo(json.dumps(found, allow_nan=False, indent=2))
@@ -144,15 +148,7 @@ def command(
             typer.echo(f"{what}: {path}")
 
 
-def _hold_for(series: list[ResidualSeries], residual_source: ResidualSource | None) -> dict[str, Any]:
-    """What a file of thresholds says of the detector they are for: the rate, and the residual where it is known."""
-    held: dict[str, Any] = {"period_s": float(f"{series[0].period:.12g}")}
-    if residual_source is not None:
-        held |= residual_source.held
-    return held
-
-
-def _save(tuning: Tuning, series: list[ResidualSeries], path: Path, residual_source: ResidualSource | None) -> None:
+def _save(tuning: Tuning, series: list[ResidualSeries], path: Path, held: dict[str, Any]) -> None:
     import bumpstop
     from bumpstop.detection.durations import hours_in_words, rates_in_words
 
@@ -170,8 +166,7 @@ def _save(tuning: Tuning, series: list[ResidualSeries], path: Path, residual_sou
         if key in found:
             values = ", ".join("inf" if x is None else repr(x) for x in found[key])
             lines.append(f"{key} = [{values}]")
-    held = {"per_hour": tuning.target} | _hold_for(series, residual_source)
-    lines += [f"{key} = {toml_value(value)}" for key, value in held.items()]
+    lines += [f"{key} = {toml_value(value)}" for key, value in ({"per_hour": tuning.target} | held).items()]
     write_text(path, "\n".join(lines) + "\n")
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +31,7 @@ class ResidualSeries:
         source: the file, or what else it came from.
         qd, qdd: (N, dof) speeds and accelerations of the joints as the detector takes them, or their sizes [rad/s,
             rad/s2 or m/s, m/s2]; None: not known. A file does not hold them.
+        found_with: robot, model and settings behind them, as :func:`found_with` has them; empty: not said.
     """
 
     t: FloatArray
@@ -36,6 +39,7 @@ class ResidualSeries:
     source: str = "residuals"
     qd: FloatArray | None = None
     qdd: FloatArray | None = None
+    found_with: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         t = as_float_array(self.t, "t", (None,))
@@ -80,7 +84,7 @@ class ResidualSeries:
     def only(self, rows: slice) -> ResidualSeries:
         """Some of its rows; times stay as they are."""
         qd, qdd = (None if values is None else values[rows] for values in (self.qd, self.qdd))
-        return ResidualSeries(self.t[rows], self.rows[rows], self.source, qd, qdd)
+        return replace(self, t=self.t[rows], rows=self.rows[rows], qd=qd, qdd=qdd)
 
     @classmethod
     def load(cls, path: str | Path) -> ResidualSeries:
@@ -89,7 +93,8 @@ class ResidualSeries:
         Raises:
             InputError: the file cannot be read, columns are missing, a value is not finite, or time runs backwards.
         """
-        return cls(*read_residuals(path), shown(path))
+        t, rows, found = read_residuals(path)
+        return cls(t, rows, shown(path), found_with=found)
 
     def save(self, path: str | Path) -> None:
         """Write the file that :meth:`load`, ``bumpstop tune`` and the scenario key ``detector.residuals`` read.
@@ -97,4 +102,4 @@ class ResidualSeries:
         Raises:
             InputError: the file cannot be written.
         """
-        write_residuals(path, self.t, self.rows)
+        write_residuals(path, self.t, self.rows, self.found_with)

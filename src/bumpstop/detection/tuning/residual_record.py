@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from bumpstop.arrays import FloatArray, as_float_array
+from bumpstop.detection.tuning.found_with import from_text, to_text
 from bumpstop.errors import InputError
 from bumpstop.output_files import write_parquet
 from bumpstop.recording.formats.reader_process import read_guarded
@@ -23,6 +26,7 @@ _MAX_UNEVEN_SHARE = 0.05  # share of the intervals
 _MIN_ROWS = 100
 # A block this many correlation times long keeps nine tenths and more of the correlation inside blocks.
 _TIMES = 10
+_FOUND_WITH = "found_with"  # key of a file's metadata
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +40,7 @@ class ResidualRecord:
         correlation_rows: (dof,) integrated correlation time of each joint, in rows; 1 for white noise.
         notes: what is unusual about the record.
         t: (N,) times of the rows [s]; None: not kept.
+        found_with: robot, model and settings behind them, as :func:`found_with` has them; empty: not said.
     """
 
     rows: FloatArray
@@ -43,6 +48,7 @@ class ResidualRecord:
     correlation_rows: FloatArray
     notes: tuple[str, ...] = ()
     t: FloatArray | None = None
+    found_with: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def from_rows(cls, rows: FloatArray, notes: tuple[str, ...] = (), t: FloatArray | None = None) -> ResidualRecord:
@@ -86,7 +92,7 @@ class ResidualRecord:
         """
         where = "detector.residuals"
         try:
-            t, rows = read_residuals(path)
+            t, rows, said = read_residuals(path)
         except InputError as error:
             raise InputError(where, f"{error.field!r} {error.problem}", error.valid) from None
         joints = rows.shape[1]
@@ -98,7 +104,7 @@ class ResidualRecord:
             raise InputError(where, problem, f"the robot has {dof} joints")
         if rows.shape[0] < _MIN_ROWS:
             raise InputError(where, f"{str(path)!r} has {rows.shape[0]} rows", f"wanted at least {_MIN_ROWS}")
-        return cls.from_rows(rows, _check_time(t, period, where, str(path)), t)
+        return replace(cls.from_rows(rows, _check_time(t, period, where, str(path)), t), found_with=said)
 
     def save(self, path: str | Path) -> None:
         """Write ``t, residual_1 .. residual_n`` as Parquet: a scenario takes it as its noise.
@@ -108,11 +114,13 @@ class ResidualRecord:
         """
         if self.t is None:
             raise InputError("residuals", "have no times", "only records with times can be written")
-        write_residuals(path, self.t, self.rows)
+        write_residuals(path, self.t, self.rows, self.found_with)
 
 
-def read_residuals(path: str | Path) -> tuple[FloatArray, FloatArray]:
-    """Times (N,) [s] and residuals (N, n) [Nm or N] of a Parquet file with ``t, residual_1 .. residual_n``.
+def read_residuals(path: str | Path) -> tuple[FloatArray, FloatArray, dict[str, Any]]:
+    """Times (N,) [s], residuals (N, n) [Nm or N] and what they were found with, as far as the file says it.
+
+    The file is Parquet with ``t, residual_1 .. residual_n``.
 
     Raises:
         InputError: the file cannot be read, columns are missing or hold something else than finite numbers.
@@ -146,16 +154,20 @@ def read_residuals(path: str | Path) -> tuple[FloatArray, FloatArray]:
         if bad.size:
             raise InputError(where, f"column {name!r}, row {bad[0] + 1} is not a finite number")
         columns.append(column)
-    return columns[0], np.stack(columns[1:], axis=1)
+    said = found["said"].get(_FOUND_WITH, "")
+    return columns[0], np.stack(columns[1:], axis=1), from_text(said, where) if said else {}
 
 
-def write_residuals(path: str | Path, t: FloatArray, rows: FloatArray) -> None:
+def write_residuals(
+    path: str | Path, t: FloatArray, rows: FloatArray, found_with: Mapping[str, Any] | None = None
+) -> None:
     """Write ``t, residual_1 .. residual_n`` as Parquet.
 
     Args:
         path: of the file.
         t: (N,) [s].
         rows: (N, n) [Nm or N].
+        found_with: robot, model and settings behind them, for the file's metadata; None: not said.
 
     Raises:
         InputError: the file cannot be written.
@@ -164,7 +176,7 @@ def write_residuals(path: str | Path, t: FloatArray, rows: FloatArray) -> None:
 
     columns = {"t": t} | {f"residual_{j + 1}": rows[:, j] for j in range(rows.shape[1])}
     try:
-        write_parquet(path, pl.DataFrame(columns))
+        write_parquet(path, pl.DataFrame(columns), {_FOUND_WITH: to_text(found_with)} if found_with else None)
     except OSError as error:
         raise InputError(str(path), f"cannot be written ({error.strerror or error})") from None
 

@@ -49,7 +49,7 @@ def parquet(path: Path, shown: str, columns: list[str] | None, rows: int | None)
     except Exception as error:  # polars raises many kinds for a damaged file
         raise _damaged(shown, "Parquet", error) from None
     numeric = [kind.is_numeric() for kind in schema.values()]
-    said = {key: said[key] for key in ("joint_names", "robot") if key in said}
+    said = {key: said[key] for key in ("joint_names", "robot", "found_with") if key in said}
     return {"names": list(schema), "numeric": numeric, "rows": count, "said": said}, []
 
 
