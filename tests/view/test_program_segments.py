@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,19 @@ from bumpstop.view.document import ViewDocument, with_keys
 from bumpstop.view.opened import open_source
 from bumpstop.view.page.program_panel import ProgramPanel
 from bumpstop.view.program_segments import ProgramSegments
+from cli.support import run
 from view.cases import ROOT
 from view.panels import Host
 
 PROGRAMS = ROOT / "examples" / "programs"
+
+
+@pytest.fixture(autouse=True)
+def temporary(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where temporary folders are made: that of a program stays when its page is closed."""
+    folder = tmp_path_factory.mktemp("temporary")
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    return folder
 
 
 @pytest.mark.parametrize("name", ["place.script", "place.src", "place.mod"])
@@ -44,6 +54,21 @@ def test_segments_have_the_verdicts_of_the_program(name: str) -> None:
     while document.past:
         document = document.undo()
     assert document.scenario == opened.scenario
+
+
+def test_no_folder_stays_where_no_page_was(tmp_path: Path, temporary: Path) -> None:
+    """One stayed of every refused program, and of every picture."""
+    pytest.importorskip("ruckig")
+    program, cell = tmp_path / "bad.script", PROGRAMS / "cell.toml"
+    program.write_text("nothing here\n")
+    assert run("view", program, "--scenario", cell).status == 2
+    assert run("view", PROGRAMS / "place.script", "--scenario", tmp_path / "none.toml").status == 2
+    assert not list(temporary.iterdir())
+    assert run("view", PROGRAMS / "place.script", "--scenario", cell, "--port", 70_000).status == 2
+    assert not list(temporary.iterdir())
+    done = run("view", PROGRAMS / "place.script", "--scenario", cell, "--record", tmp_path / "out")
+    assert done.status == 0, done.err
+    assert not list(temporary.iterdir())
 
 
 def test_a_program_needs_its_cell(tmp_path: Path) -> None:

@@ -61,14 +61,21 @@ def command(
     if record is not None:
         from bumpstop.view.recorder import record as write
 
-        for file in write(opened.scenario, record):
-            typer.echo(str(file))
+        try:
+            for file in write(opened.scenario, record):
+                typer.echo(str(file))
+        finally:
+            opened.discard()
         return
     from bumpstop.view.freed_memory import return_freed_memory
     from bumpstop.view.page.server import ViewServer, is_loopback
 
     return_freed_memory()
-    server = ViewServer(opened, host=host, port=port)
+    try:
+        server = ViewServer(opened, host=host, port=port)
+    except BaseException:
+        opened.discard()
+        raise
     if not is_loopback(host):
         typer.echo(f"warning: {host} is not loopback: whoever reaches it can read and change these pages", err=True)
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -76,6 +77,11 @@ class Opened:
         if self.program is not None:
             return self.program.folder
         return Path(tempfile.mkdtemp(prefix="bumpstop-view-"))
+
+    def discard(self) -> None:
+        """Remove the folder, where nothing on a page names its files."""
+        if self.program is not None:
+            shutil.rmtree(self.program.folder)
 
     @cached_property
     def shapes(self) -> tuple[LinkShape, ...]:
@@ -196,8 +202,12 @@ def _program(path: Path, cell: Path | None) -> Opened:
     if cell is None:
         raise InputError("--scenario", "is missing", "name the scenario of the cell that the program is judged in")
     folder = Path(tempfile.mkdtemp(prefix="bumpstop-view-"))
-    program = ProgramSegments.read(path, load_scenario(cell), folder)
-    scenario = program.first()
+    try:
+        program = ProgramSegments.read(path, load_scenario(cell), folder)
+        scenario = program.first()
+    except BaseException:
+        shutil.rmtree(folder)
+        raise
     return Opened(scenario, robot_of(scenario), str(path), program.notes, program=program)
 
 
