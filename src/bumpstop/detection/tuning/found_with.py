@@ -124,8 +124,8 @@ def in_common(sources: Sequence[tuple[str, Mapping[str, Any]]]) -> tuple[dict[st
     if not saying:
         return {}, []
     notes = [
-        f"{name} does not say what its residuals were found with: whether it is what those of {saying[0][0]} were is not "
-        "known, and the thresholds do not say it either."
+        f"{name} does not say what its residuals were found with: whether it is what those of {saying[0][0]} were is "
+        "not known, and the thresholds do not say it either."
         for name in dumb
     ]
     (first, ours), *others = saying
