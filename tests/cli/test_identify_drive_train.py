@@ -49,6 +49,9 @@ def test_a_drive_train_file(tmp_path: Path) -> None:
     alone = strict_json(run("identify", *options, "--json").out)
     assert alone["quantities"]["gear_stiffness"] == gears
     assert run("identify", *options[:2], *options[4:], "--json").out == run("identify", *options, "--json").out
+    for option, value in (("--payload", "2"), ("--cutoff", "4"), ("--gravity", "0,0,9.8")):
+        silent = run("identify", *options, option, value)
+        assert (silent.status, f"error: {option}: has no meaning with pushes alone" in silent.err) == (2, True)
     refused = run("identify", *options[:4])
     assert (refused.status, "error: recordings: there are none; wanted" in refused.err) == (2, True)
 

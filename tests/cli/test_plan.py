@@ -66,6 +66,12 @@ def test_minutes_have_a_digit_where_they_are_few() -> None:
     assert re.fullmatch(r"\d\.\d", minutes[1])
 
 
+def test_a_motion_that_hardly_tells_parameters_apart_is_told_so() -> None:
+    given = ("plan", "excitation", "--robot", "ur5e", "--rounds", 0, "--periods", 1)
+    assert "hardly tells parameters apart" in run(*given, "--acceleration", 0.1).out
+    assert "warning" not in run(*given[:4], "--rounds", 20, "--periods", 1).out
+
+
 def test_the_rate_of_the_rows_is_not_one_of_the_motion(tmp_path: Path) -> None:
     """At one row a second the curve through the points was another motion, 5 mm nearer to the floor than was told."""
     written = []

@@ -33,6 +33,19 @@ def test_parameters_and_pseudo_inertia_are_one_thing_said_twice() -> None:
     np.testing.assert_allclose(parameters_of(pseudo_inertia(parameters)), parameters, atol=1e-14)
 
 
+@pytest.mark.parametrize("falls", [(0.0, 0.0, 9.80665), (-9.80665, 0.0, 0.0)])
+def test_an_arm_that_was_mounted_another_way_is_told_so(falls: tuple[float, float, float]) -> None:
+    """Of one on the ceiling the mass was hardly known, or negative for signs that were right."""
+    robot = bs.Robot.load("ur5e")
+    t, q, qd, qdd = fourier(robot, 15.0, 100.0, 1)
+    torque = inverse_dynamics(with_payload(robot, MASS, CENTER), q, qd, qdd, gravity=falls)
+    log = Recording(t=t, q=q, qd=qd, tau=torque + np.random.default_rng(1).normal(0, 0.2, q.shape))
+    told = f"free fall along {','.join(f'{x:g}' for x in falls)} explains the recording far better"
+    assert any(fault.startswith(told) for fault in judge_payload(identify_payload(log, robot), log, robot).faults)
+    right = judge_payload(identify_payload(log, robot, gravity=falls), log, robot)
+    assert not any("free fall" in fault for fault in right.faults)
+
+
 def test_from_currents_with_a_joint_model() -> None:
     robot = bs.Robot.load("ur5e")
     carrying = with_payload(robot, MASS, CENTER)

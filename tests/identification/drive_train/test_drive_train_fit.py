@@ -272,6 +272,10 @@ def test_pushes_in_another_unit_or_direction() -> None:
     assert identify_drive_train([], UR5E, pushes=made).warnings == ()
     (warning,) = identify_drive_train([], UR5E, pushes=replace(made, displacement=57.3 * made.displacement)).warnings
     assert "arms like it" in warning
+    # As with displacements in m.
+    (warning,) = identify_drive_train([], UR5E, pushes=replace(made, displacement=1e-3 * made.displacement)).warnings
+    assert "hardly as stiff as found" in warning
+    assert "are displacements in mm" in warning
     with pytest.raises(InputError, match=r"^pushes\.q\[1\]: joint . at .* is outside its limits; valid: .* rad"):
         identify_gear_stiffness(replace(made, q=np.degrees(made.q)), UR5E)
     turned = identify_gear_stiffness(replace(made, force=-made.force), UR5E)

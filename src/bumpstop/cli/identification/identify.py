@@ -176,6 +176,10 @@ def identify(
     elif model is None:
         model = "joint" if all(log.current is not None and log.tau is None for log in logs) else "dynamics"
     check_options(model, options)
+    if not logs:
+        for option in ("--payload", "--gravity", "--cutoff"):
+            if options[option]:
+                raise InputError(option, "has no meaning with pushes alone", "leave it out, or give recordings")
     with with_faults(logs):
         if model == "drive-train":
             from bumpstop.cli.identification.identify_drive_train import identify_drive_train_of

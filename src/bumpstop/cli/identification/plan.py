@@ -287,6 +287,7 @@ def excitation(
     from bumpstop.arrays import finite_or_none
     from bumpstop.cli.progress import progress
     from bumpstop.identification.design.excitation import ExcitationSettings, plan_excitation
+    from bumpstop.identification.dynamics.dynamics_verdict import ILL_CONDITIONED
 
     check_folder(out)
     check_inputs(out, [robot], "excitation.csv", "excitation.json")
@@ -328,6 +329,11 @@ def excitation(
     if math.isfinite(found.condition):
         begun = f"the search began with a random motion of {found.start_condition:.3g}"
         typer.echo(f"condition number {found.condition:.3g}; {begun}")
+        if found.condition > ILL_CONDITIONED:
+            typer.echo(
+                f"warning: above {ILL_CONDITIONED:g} a motion hardly tells parameters apart, and identify warns of its "
+                "fit; below 100 is good. A longer --period-s, more --rounds, --speed-percent or --acceleration help"
+            )
     else:
         typer.echo("condition number infinite: the motion does not tell the base parameters apart, try a larger one")
     if math.isfinite(found.clearance):

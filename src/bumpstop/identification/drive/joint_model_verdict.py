@@ -44,6 +44,8 @@ _ILL_CONDITIONED = 1000.0
 _SURELY = 3.0
 # A payload's mass is hardly known where its standard error is above this share of it.
 _HARDLY = 0.3
+# A payload that leaves more of the torque's square is doubtful.
+_MUCH = 0.5
 
 
 def judge_joint_model(fit: JointModelFit, recordings: Sequence[Recording]) -> FitVerdict:
@@ -207,6 +209,12 @@ def judge_payload(found: PayloadFit, recording: Recording, robot: Robot) -> FitV
     if found.joints_left_out:
         warnings.append(f"{named(found.joints_left_out)} of unknown gain is left out")
     left = (found.rmse**2).sum() / max(float((found.rmse_without**2).sum()), 1e-300)
+    if left > _MUCH or (mass is not None and error is not None and mass < 2 * error):
+        # A search that needs five more fits, and imports what imports scipy.
+        from bumpstop.identification.payload.other_gravity import other_gravity
+
+        mounted = other_gravity(found, recording, robot)
+        faults += [mounted] if mounted else []
     if mass is not None and error is not None and abs(mass) > 2 * error and left > 1 - 0.05:
         warnings.append(f"the payload explains {in_percent(1 - left, 2)} of what the arm leaves open")
     warnings += found.outside

@@ -15,7 +15,7 @@ from bumpstop.identification.drive_train.rotors import identify_rotors
 from bumpstop.identification.drive_train.servo_fit import identify_servo
 from bumpstop.identification.segments.current_shift import tell_shifts
 from bumpstop.model import unit_of
-from bumpstop.model.drive_train.assumed import gear_doubt, rotor_doubt
+from bumpstop.model.drive_train.assumed import gear_doubt, rotor_doubt, stiff_gear_doubt
 from bumpstop.model.drive_train.entry import QUANTITIES
 from bumpstop.model.dynamics import STANDARD_GRAVITY
 
@@ -140,7 +140,11 @@ def identify_drive_train(
     for name, values in found.items():
         if values.identified.any():
             drive_train = _with(drive_train, name, values, "static pushes" if name == "gear_stiffness" else sources)
-    for name, doubt_of in (("rotor_inertia", rotor_doubt), ("gear_stiffness", gear_doubt)):
+    for name, doubt_of in (
+        ("rotor_inertia", rotor_doubt),
+        ("gear_stiffness", gear_doubt),
+        ("gear_stiffness", stiff_gear_doubt),
+    ):
         doubt = doubt_of(robot, found[name].values) if name in found else ""
         warnings += [doubt] if doubt else []
     return DriveTrainFit(robot, found, reasons, drive_train, tuple(warnings))

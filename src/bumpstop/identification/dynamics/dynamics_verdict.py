@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 _UNKNOWN, _UNSURE = 1.0, 0.3
 # Condition numbers that planned excitations stay below by far; beyond the second, which is near where columns count as
 # dependent, noise decides what the parameters are.
-_ILL_CONDITIONED, _UNDECIDED = 500.0, 5000.0
+ILL_CONDITIONED, _UNDECIDED = 500.0, 5000.0
 # A figure counts as negative when it is so many standard errors below zero.
 _SURELY = 3.0
 # Friction against the motion of this share of a joint's torque is a matter of sign, not of an imperfect model.
@@ -72,7 +72,7 @@ def judge_dynamics(fit: DynamicsFit, recordings: Sequence[Recording]) -> FitVerd
     warnings = reading_warnings(recordings, fit.model.robot)
     names = [joint.name for joint in fit.model.robot.joints]
     moving = [name not in fit.still for name in names]
-    if fit.condition is not None and fit.condition > _ILL_CONDITIONED:
+    if fit.condition is not None and fit.condition > ILL_CONDITIONED:
         (faults if fit.condition > _UNDECIDED else warnings).append(
             f"the motion hardly tells parameters apart (condition number {fit.condition:.3g}, below 100 is good): move "
             "several joints at once, as bumpstop plan excitation does"

@@ -180,7 +180,7 @@ def rotor_doubt(robot: SerialChain, rotors: npt.ArrayLike) -> str:
 
 
 def gear_doubt(robot: SerialChain, stiffness: npt.ArrayLike) -> str:
-    """Why stiffnesses are hardly those of gears, in a sentence; empty: nothing is against them.
+    """Why stiffnesses are too soft for gears, in a sentence; empty: nothing is against them.
 
     A gear has less than a twentieth of what the class of arms has for that joint. Joints that slide are passed over.
 
@@ -195,6 +195,25 @@ def gear_doubt(robot: SerialChain, stiffness: npt.ArrayLike) -> str:
     return (
         f"The gears of {robot.name} are hardly as soft as given: joint {joint + 1} has {given[joint]:.3g} Nm/rad, "
         f"arms like it {usual[joint]:.2g} Nm/rad; in another unit, or found from twists or displacements that were?"
+    )
+
+
+def stiff_gear_doubt(robot: SerialChain, stiffness: npt.ArrayLike) -> str:
+    """Why stiffnesses that were measured are too stiff for gears, in a sentence; empty: nothing is against them.
+
+    A gear has more than twenty times what the class of arms has for that joint. Joints that slide are passed over.
+
+    Args:
+        robot: whose gears they are of.
+        stiffness: seen at the joints (dof,) [Nm/rad]; NaN: not measured.
+    """
+    given, usual = np.asarray(stiffness, dtype=np.float64), assumed_drive_train(robot).gear_stiffness
+    joint = _least_usual(robot, usual, given, _MIN_GEAR_SHARE)
+    if joint is None:
+        return ""
+    return (
+        f"The gears of {robot.name} are hardly as stiff as found: joint {joint + 1} has {given[joint]:.3g} Nm/rad, "
+        f"arms like it {usual[joint]:.2g} Nm/rad; are displacements in mm and forces in N, as their columns say?"
     )
 
 
