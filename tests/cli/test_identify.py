@@ -268,7 +268,7 @@ DAMAGE: dict[str, tuple[Any, str]] = {
     "garbage values": (lambda lines: [lines[0], *(line + "e306" for line in lines[1:])], "rows are bad"),
     "a column too many": (
         lambda lines: [lines[0], *(line + ",1" for line in lines[1:])],
-        "the header names 13 columns",
+        "line 1 names 13 columns",
     ),
     "empty": (lambda lines: [], "is empty"),
     "names alone": (lambda lines: lines[:1], "has no row of data"),

@@ -295,3 +295,38 @@ def leaps_after(interval: float, period: float) -> bool:
     q[50:] = 100.0
     dropped, leaps = impossible_rows(t, q, np.ones(2), np.zeros(2, dtype=bool))
     return bool(leaps.any() or dropped.any())
+
+
+@pytest.mark.parametrize("above", [["Robot log v2", "Date: 2024-01-01", ""], ["Program: A, B, C"]])
+def test_lines_above_the_header_may_be_comments(above: list[str], tmp_path: Path) -> None:
+    """The refusal told numbers of columns, and not what would help."""
+    rows = ["t,q_1", *(f"{0.01 * i:.2f},{0.1 * i:.3f}" for i in range(50))]
+    with pytest.raises(InputError, match=r"line 1 names 3 columns, most rows have \d; .*delete or begin with #"):
+        Recording.load(written(tmp_path, [*above, *rows]))
+    path = written(tmp_path, [*(f"#{line}" for line in above), *rows])
+    assert Recording.load(path).t.size == 50
+
+
+@pytest.mark.parametrize("mark", [".", ","])
+def test_marks_of_thousands_are_no_decimal_marks(mark: str, tmp_path: Path) -> None:
+    """Of currents in mA 1.012 beside 987 were 1.012 and 987: the largest were the smallest, without a word."""
+    path = tmp_path / "log.csv"
+    t, other = 0.01 * np.arange(300), "," if mark == "." else "."
+
+    def write(currents: list[str]) -> None:
+        rows = (f"{time:.3f};{position:.4f}".replace(".", other) for time, position in zip(t, np.sin(t), strict=True))
+        rows = (f"{row};{current}" for row, current in zip(rows, currents, strict=True))
+        path.write_text("t;q_1;current_1\n" + "\n".join(rows) + "\n")
+
+    sizes = 1010 + 100 * np.sin(9 * t)
+    write([f"{size:,.0f}".replace(",", mark) for size in sizes])
+    with pytest.raises(InputError, match=rf"column 'current_1' has 1\{mark}\d\d\d: is that a mark of thousands"):
+        Recording.load(path)
+    write([f"{size:.0f}" for size in sizes])
+    np.testing.assert_allclose(Recording.load(path).current[:, 0], sizes, atol=0.51)
+    # Three digits behind the mark may well be decimal ones.
+    write([f"{size / 1000:.3f}".replace(".", other) for size in sizes])
+    np.testing.assert_allclose(Recording.load(path).current[:, 0], sizes / 1000, atol=0.00051)
+    write([f"{size:,.2f}".replace(",", "_").replace(".", other).replace("_", mark) for size in sizes])
+    with pytest.raises(InputError, match="is that a mark of thousands"):
+        Recording.load(path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +13,9 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray
 from bumpstop.errors import InputError
 from bumpstop.recording.formats.table import Table, side_by_side
+
+if TYPE_CHECKING:
+    import polars as pl
 
 WRONG_COUNT = "wrong field count"
 _BOM = b"\xef\xbb\xbf"
@@ -126,7 +130,11 @@ def _split(
     usual = int(np.bincount(counts[filled]).argmax())
     width = len(names) or usual
     if names and usual != width:
-        raise InputError(str(path), f"the header names {width} columns, most rows have {usual}")
+        raise InputError(
+            str(path),
+            f"line {skipped} names {width} columns, most rows have {usual}",
+            "wanted the names of the columns above the rows; what stands above these, delete or begin with #",
+        )
     good = filled & (counts == width)
     lines = np.arange(1, ends.size + 1) + skipped
     if not good.all():
@@ -135,7 +143,13 @@ def _split(
     top = _fields(_first_good(data, ends, good), separator)
 
     def fetch(wanted: list[int]) -> FloatArray:
-        return _parse(body, body.count(b"\n", 0, start), separator, width, wanted, comma)
+        before = body.count(b"\n", 0, start)
+        if comma:
+            texts = _columns(body, before, separator, width, wanted, decimal_comma=False, numbers=False)
+            for i, text in zip(wanted, texts, strict=True):
+                _refuse_thousands(text, path, repr(names[i]) if names else str(i + 1))
+        columns = _columns(body, before, separator, width, wanted, decimal_comma=comma, numbers=True)
+        return side_by_side(columns)
 
     return Table(
         names=names,
@@ -171,8 +185,33 @@ def _lines(data: npt.NDArray[np.uint8], separator: bytes) -> tuple[npt.NDArray[n
     return np.concatenate(ends), upto[1:] - upto[:-1]
 
 
-def _parse(body: bytes, skipped: int, separator: bytes, width: int, wanted: list[int], comma: bool) -> FloatArray:
-    """Columns of rows that all have ``width`` fields, after so many lines that are left out."""
+def _refuse_thousands(text: pl.Series, path: Path, column: str) -> None:
+    """Refuse a column whose numbers have marks of thousands: 1.012 beside 987 is 1012, and would be read as 1.012.
+
+    Raises:
+        InputError: every number with a mark has three digits behind it, beside whole ones of three digits; or one has
+            marks of both kinds.
+    """
+    marked = text.filter(text.str.contains(r"[.,]"))
+    both = marked.filter(marked.str.contains(r"\d[.,'\s]\d{3}(?:[.,'\s]\d{3})*[.,]\d") & ~_as_groups(marked))
+    whole = text.str.contains(r"^[+-]?[1-9]\d\d$").any() and _as_groups(marked).all()
+    found = both if both.len() else marked if whole else marked.clear()
+    if found.len():
+        raise InputError(
+            str(path),
+            f"column {column} has {found[0]}: is that a mark of thousands?",
+            "wanted numbers without such marks",
+        )
+
+
+def _as_groups(text: pl.Series) -> pl.Series:
+    return text.str.contains(r"^[+-]?[1-9]\d{0,2}(?:\.\d{3})+$|^[+-]?[1-9]\d{0,2}(?:,\d{3})+$")
+
+
+def _columns(
+    body: bytes, skipped: int, separator: bytes, width: int, wanted: list[int], *, decimal_comma: bool, numbers: bool
+) -> list[pl.Series]:
+    """Columns of rows that all have ``width`` fields, after so many lines that are left out; as numbers or as text."""
     import polars as pl
 
     labels = [str(i) for i in range(width)]
@@ -183,13 +222,13 @@ def _parse(body: bytes, skipped: int, separator: bytes, width: int, wanted: list
         separator=separator.decode(),
         quote_char=None,
         # Text, not Float64, for columns that are not used: they need not hold numbers.
-        schema={label: pl.Float64 if i in wanted else pl.String for i, label in enumerate(labels)},
+        schema={label: pl.Float64 if numbers and i in wanted else pl.String for i, label in enumerate(labels)},
         columns=sorted(set(wanted)),
         ignore_errors=True,
         encoding="utf8-lossy",
-        decimal_comma=comma,
+        decimal_comma=decimal_comma,
     )
-    return side_by_side([table[labels[i]] for i in wanted])
+    return [table[labels[i]] for i in wanted]
 
 
 def _first_line(body: bytes) -> tuple[int, bytes]:
