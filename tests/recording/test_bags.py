@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from bumpstop import InputError, Joint, Robot
@@ -55,6 +55,34 @@ def test_folder_and_bare_file(plugin: StoragePlugin, bare: bool, tmp_path: Path)
     assert found.tau is not None
     np.testing.assert_allclose(found.tau, 3 * found.q)
     assert any("Time 0 is 5.0" in note for note in found.report.notes)
+
+
+def test_what_is_no_bag_of_ros_2_says_what_helps(tmp_path: Path) -> None:
+    """A compressed message was one that names no joints, and a bag of ROS 1 an unknown ending."""
+    for mode, said in ((CompressionMode.FILE, "is compressed"), (CompressionMode.MESSAGE, "its messages are compress")):
+        folder = tmp_path / mode.name
+        writer = Writer(folder, version=9, storage_plugin=StoragePlugin.SQLITE3)
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+        with writer:
+            connection = writer.add_connection("/joint_states", STATE, typestore=STORE)
+            for i in range(50):
+                writer.write(connection, i * 10_000_000, state(5 + 0.01 * i, ["a", "b"]))
+        assert Recording.load(folder).t.size == 50
+        (file,) = folder.glob("*.db3*")
+        with pytest.raises(InputError, match=f"{said}.*; give the bag's folder, with its metadata.yaml"):
+            Recording.load(file)
+    (tmp_path / "old.bag").write_bytes(b"#ROSBAG V2.0\n")
+    with pytest.raises(InputError, match="is a bag of ROS 1; make one of ROS 2 of it, as rosbags-convert does"):
+        Recording.load(tmp_path / "old.bag")
+
+
+def test_a_file_that_the_metadata_leave_out_is_named(tmp_path: Path) -> None:
+    """The third part of a split bag was left out without a word."""
+    path = bag(tmp_path, StoragePlugin.MCAP, {"/joint_states": [state(0.01 * i, ["a", "b"]) for i in range(50)]})
+    assert not any("does not name" in note for note in Recording.load(path).report.notes)
+    (path / "bag_1.mcap").write_bytes((path / "bag.mcap").read_bytes())
+    (note,) = [note for note in Recording.load(path).report.notes if "does not name" in note]
+    assert note.startswith("bag_1.mcap is in the bag's folder")
 
 
 def test_a_bag_is_written_where_its_name_says(tmp_path: Path) -> None:

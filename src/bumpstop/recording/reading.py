@@ -132,6 +132,13 @@ def names_in_columns(path: Path, columns: str | Path | Mapping[str, Any] | None)
     return given.joint_names, _format(path, given) in _BAGS
 
 
+# What is no recording that can be read, and what helps.
+_ADVICE = {
+    ".bag": ("is a bag of ROS 1", "make one of ROS 2 of it, as rosbags-convert does, which comes with bumpstop"),
+    ".zstd": ("is compressed", "give the bag's folder, with its metadata.yaml, or unpack it (zstd -d)"),
+}
+
+
 def _format(path: Path, columns: Columns) -> str:
     if columns.format:
         return columns.format
@@ -139,6 +146,8 @@ def _format(path: Path, columns: Columns) -> str:
         return "ros2bag"
     kind = ENDINGS.get(path.suffix.lower())
     if kind is None:
+        if path.suffix.lower() in _ADVICE:
+            raise InputError(str(path), *_ADVICE[path.suffix.lower()])
         known = ", ".join(ENDINGS)
         raise InputError(
             str(path), f"{path.suffix!r} is no known ending", f"valid: {known}, or format in a column file"

@@ -18,6 +18,7 @@ from bumpstop.recording.formats.table import RawRecording
 JOINT_STATE = "sensor_msgs/msg/JointState"
 _PARTS = ("position", "velocity", "torque")
 _STILL = 0.01  # a joint that moves by less stands [rad or m]
+_ZSTD = b"\x28\xb5\x2f\xfd"  # a frame of it begins so, and a message with the order of its bytes
 _WALL_NS = 100_000_000 * 1_000_000_000  # later than this is a clock on the wall, not one of a simulation
 
 
@@ -49,10 +50,15 @@ def read_bag(path: Path, columns: Columns, robot: Robot | None, topic: str | Non
     received, bodies, chosen = _messages(_bag(path), topic or columns.topic)
     if not bodies:
         raise InputError(str(path), f"topic {chosen!r} holds no message")
+    if all(body.startswith(_ZSTD) for body in bodies):
+        raise InputError(str(path), "its messages are compressed", "give the bag's folder, with its metadata.yaml")
     wanted = columns.joint_names or (tuple(joint.name for joint in robot.joints) if robot is not None else ())
     base, other = ((), ()) if robot is None else (robot.base_joints, robot.other_joints)
     found, names = _gather(bodies, wanted, (*base, *other), path)
-    notes = []
+    notes = [
+        f"{name} is in the bag's folder, and its metadata.yaml does not name it: it is not read (ros2 bag reindex)."
+        for name in _unnamed_files(path)
+    ]
     if found.others:
         notes.append(f"{found.others} messages of other joints on the topic are left out.")
     for kind, count in found.wrong_counts.items():
@@ -189,6 +195,15 @@ def _bag(path: Path) -> Path:
         problem = f"has no metadata.yaml and {len(files)} bag files"
         raise InputError(str(path), problem, "give the path of one .db3 or .mcap file")
     return files[0]
+
+
+def _unnamed_files(path: Path) -> list[str]:
+    """Names of a folder's bag files that its metadata leave out."""
+    metadata = path / "metadata.yaml"
+    if not metadata.is_file():
+        return []
+    text = metadata.read_text(encoding="utf-8", errors="replace")
+    return sorted(file.name for kind in ("*.db3", "*.mcap") for file in path.glob(kind) if file.name not in text)
 
 
 def _messages(path: Path, topic: str) -> tuple[npt.NDArray[np.int64], list[bytes], str]:
