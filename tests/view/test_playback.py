@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -115,6 +116,30 @@ def test_a_recording_of_other_column_names(tmp_path: Path) -> None:
     np.testing.assert_allclose(opened.recorded.recording.q, log.q)
     with pytest.raises(bs.InputError, match=r"^--columns: has no meaning without a recording"):
         open_source("ur10e", columns=columns)
+
+
+def test_a_bag_is_read_as_detect_reads_it(tmp_path: Path) -> None:
+    """Of an arm whose driver sorts its joints, or has a gripper beside them, ``view`` opened no bag."""
+    log = recording()
+    order, names = [2, 1, 0, 3, 4, 5], [joint.name for joint in ARM.joints]
+    one = replace(log, q=log.q[:, order], qd=None, tau=None, current=None, joint_names=tuple(names[j] for j in order))
+    one.save(tmp_path / "sorted.mcap")
+    opened = open_source(str(tmp_path / "sorted.mcap"), robot=ARM.name)
+    assert opened.recorded is not None
+    np.testing.assert_allclose(opened.recorded.recording.q, log.q)
+
+
+def test_rows_that_no_arm_has_are_dropped_and_counted(tmp_path: Path) -> None:
+    """The page did not say so, as ``detect`` does."""
+    log = recording()
+    t = 0.01 * np.arange(10 * ROWS)
+    q = log.q[0] + 0.1 * np.sin(t)[:, None]
+    q[50, 1] += 1.0
+    replace(log, t=t, q=q, qd=None, tau=None, current=None).save(tmp_path / "log.parquet")
+    opened = open_source(str(tmp_path / "log.parquet"), robot=ARM.name)
+    assert opened.recorded is not None
+    assert opened.recorded.recording.t.size == len(q) - 1
+    assert f"1 of {len(q)} rows dropped while reading." in opened.notes
 
 
 def test_what_is_unusual_of_a_run_stands_on_its_page(tmp_path: Path) -> None:

@@ -216,16 +216,19 @@ def _recording(path: Path, robot: str | None, watch: Watch | None, columns: Path
     from bumpstop.recording import Recording
     from bumpstop.recording.reading import robot_notes
 
-    recording = Recording.load(path, columns=columns, topic=topic)
-    name = robot or (recording.robot if recording.robot in robots() else None)
-    if name is None:
+    name = robot or Recording.load(path, columns=columns, topic=topic).robot
+    if robot is None and name not in robots():
         raise InputError(
             "--robot", "is missing", f"the recording does not say whose it is; valid: {', '.join(robots())}"
         )
     start = _scenario(name)
+    # As the commands have it: the robot says which joints of a bag count, in which order, and what they cannot do.
+    recording = Recording.load(path, columns=columns, topic=topic, robot=start.robot)
     recording.check_robot(start.robot)
     run = None if watch is None else watch(recording, start.robot)
     without = (*recording.report.notes, "Without --thresholds there are no residuals and no alarms.")
     told = robot_notes(recording.robot, start.robot.name)
-    notes = (*start.notes, *told, *(without if run is None else run.notes))
+    report = recording.report
+    rows = [f"{report.rows_dropped} of {report.rows_read} rows dropped while reading."] * (report.rows_dropped > 0)
+    notes = (*start.notes, *told, *rows, *(without if run is None else run.notes))
     return Opened(start.scenario, start.robot, str(path), notes, recorded=Recorded(recording, run))
