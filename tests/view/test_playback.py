@@ -104,6 +104,25 @@ def test_a_recording_without_any_residual_can_be_played(run: Any) -> None:
     assert len(re.findall("<polyline", str(playback.chart(0.0)))) == 1
 
 
+def test_a_peak_between_the_rows_that_are_drawn_is_drawn() -> None:
+    """Of a collision of some rows in a long recording the chart and the way had nothing, and of many alarms fifty."""
+    rows, log = 5000, recording()
+    t = 0.004 * np.arange(rows)
+    share = np.full((rows, ARM.dof), 0.1)
+    share[2503, 1], share[2600:2900] = -7.0, np.nan
+    alarms = tuple(SimpleNamespace(t=0.1 * k) for k in range(80))
+    run: Any = SimpleNamespace(t=t, residual=share, threshold=np.ones((rows, ARM.dof)), events=alarms, notes=(),
+                               state=np.full(rows, STATES.index("monitoring")))  # fmt: skip
+    long = replace(log, t=t, q=np.repeat(log.q[:1], rows, axis=0))
+    playback = recorded_playback(Recorded(long, run), ARM)
+    assert np.nanmax(playback.shown_values) == 7.0
+    chart = str(playback.chart(0.0))
+    lines = [re.findall(r"[-\d.]+,([-\d.]+)", one) for one in re.findall('<polyline points="([^"]*)"', chart)]
+    heights = [float(y) for line in lines[:2] for y in line]
+    assert min(heights) < 0.5 * max(heights)
+    assert chart.count("<circle") == 80
+
+
 def test_a_recording_of_other_column_names(tmp_path: Path) -> None:
     log, dof = recording(), 6
     names = [f"a{j}" for j in range(dof)]

@@ -83,18 +83,19 @@ class Playback:
     def chart(self, t: float) -> Html:
         """Value and limit over time, the time that is shown, and alarms."""
         kept = np.unique(np.linspace(0, self.time.size - 1, _MAX_CHART).astype(int))
-        limit = self.limit[kept]
+        # Of the rows between two that are drawn the worst: a collision takes few of them.
+        value, limit = np.fmax.reduceat(self.value, kept), np.fmin.reduceat(self.limit, kept)
         finite = limit[np.isfinite(limit)]
         top = 1.2 * max(float(np.nan_to_num(self.value).max(initial=0.0)), float(finite.min(initial=0.0)), 1e-9)
         span = (float(self.time[0]), float(self.time[-1]))
         labels = ("time [s]", self.value_label)
         chart = Chart(self.limit_label, span, (0.0, top), labels=labels, height=150, name="playback")
-        known = np.isfinite(self.value[kept])
+        known = np.isfinite(value)
         for part in np.split(np.arange(kept.size), np.flatnonzero(np.diff(known)) + 1):
             if known[part].all():
-                chart.line(self.time[kept[part]], self.value[kept[part]], LAW)
+                chart.line(self.time[kept[part]], value[part], LAW)
         chart.line(self.time[kept], np.minimum(np.nan_to_num(limit, posinf=2 * top), 2 * top), "#D55E00", dash="6 3")
-        for alarm in self.alarms[:50]:
+        for alarm in self.alarms[:_MAX_CHART]:
             chart.mark(alarm, 0.0, "", EVENT)
         chart.vertical(t, "", "#222222", dash="2 2")
         return chart.svg()
@@ -162,7 +163,7 @@ def recorded_playback(recorded: Recorded, robot: Robot) -> Playback:
     with np.errstate(invalid="ignore"):
         share = np.fmax.reduce(np.abs(run.residual) / run.threshold, axis=1)
     return Playback(
-        t, q, places, share[kept], share, np.ones(t.size),
+        t, q, places, np.fmax.reduceat(share, kept), share, np.ones(t.size),
         "largest residual over its threshold", "threshold", share > 1, int(np.nan_to_num(share, nan=-1.0).argmax()),
         tuple(event.t for event in run.events), run.state == STATES.index("alarm"),
     )  # fmt: skip
