@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -238,3 +239,12 @@ def test_quoted_decimal_commas_between_commas_are_refused(tmp_path: Path) -> Non
     words = [f'{0.01 * i:.2f},"so, it said","{i}","1"' for i in range(50)]
     shifted: dict[str, Any] = {"time": {"column": 1}, "position": {"columns": [3, 4]}}
     assert Recording.load(written(tmp_path, words), columns=shifted).q[7].tolist() == [7.0, 1.0]
+
+
+@pytest.mark.parametrize(("unit", "size"), [("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+def test_the_unit_of_a_time_is_one_that_makes_seconds_of_it(unit: str, size: float, tmp_path: Path) -> None:
+    """Of nanoseconds the note asked whether they are milliseconds: the rows would be 10 000 s apart."""
+    log = recording()
+    replace(log, t=size * log.t).save(tmp_path / "log.parquet")
+    (note,) = [note for note in Recording.load(tmp_path / "log.parquet").report.notes if "s apart" in note]
+    assert f'(time = {{ ..., unit = "{unit}" }})' in note

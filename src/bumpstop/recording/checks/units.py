@@ -110,9 +110,11 @@ def suspect_time(values: dict[str, FloatArray]) -> list[str]:
     notes = [f"{short[0].upper()}{short[1:]}"] if short else []
     step = float(np.median(np.diff(values["t"][:, 0])))
     if step > _MAX_PERIOD_S:
+        units = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+        unit = next((name for name, size in units.items() if size * step <= _MAX_PERIOD_S), "ns")
         notes.append(
             f"Rows are {step:.4g} s apart: if these are no seconds, say so in a column file "
-            '(time = { ..., unit = "ms" }).'
+            f'(time = {{ ..., unit = "{unit}" }}).'
         )
     return notes
 
