@@ -305,6 +305,10 @@ def test_lines_above_the_header_may_be_comments(above: list[str], tmp_path: Path
         Recording.load(written(tmp_path, [*above, *rows]))
     path = written(tmp_path, [*(f"#{line}" for line in above), *rows])
     assert Recording.load(path).t.size == 50
+    # As a spreadsheet writes a line of text.
+    wide = [",".join(["t", *(f"q_{j}" for j in range(1, 7))]), *(",".join([f"{0.01 * i:.2f}"] * 7) for i in range(50))]
+    with pytest.raises(InputError, match="or delete what stands above the names of the columns"):
+        Recording.load(written(tmp_path, ["Robot log" + 6 * ",", *wide]))
 
 
 @pytest.mark.parametrize("mark", [".", ","])

@@ -210,6 +210,8 @@ def _found(table: Table, path: Path) -> tuple[dict[str, Quantity], bool]:
     if not names:
         problem = f"has no header, and {table.width} columns"
         raise MissingColumnsError(str(path), problem, valid, draft_of_numbers(table.width))
+    if 2 * sum(not name for name in table.names) > len(table.names):  # as a spreadsheet writes a line of text
+        valid += "; or delete what stands above the names of the columns, or begin it with #"
     problem = f"has no columns t and q_1, but {len(table.names)} others: {as_list(table.names)}"
     raise MissingColumnsError(str(path), problem, valid, draft_of_names(table.names))
 
