@@ -12,7 +12,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray, as_float_array, as_number
 from bumpstop.detection.settings import DetectorSettings, ResidualKind
-from bumpstop.detection.tuning.found_with import SAME_GAIN
+from bumpstop.detection.tuning.found_with import SAME_GAIN, SETTINGS
 from bumpstop.errors import InputError, near_matches
 from bumpstop.model.dynamics import STANDARD_GRAVITY
 from bumpstop.model.inertia import vector3
@@ -31,20 +31,7 @@ _KEYS = {
     "at_rest_Nm": "rest",
     "fast_Nm": "fast",
 }
-# Settings of the detector whose residuals they were found for, beside its rate.
-_SETTINGS = (
-    "residual",
-    "observer_gain_1_s",
-    "window_s",
-    "measured_rates",
-    "limit_margin",
-    "frozen_s",
-    "payload_kg",
-    "payload_center",
-    "gravity",
-    "causal",
-)
-_ONE_FOR_ALL = ("model_errors", "period_s", "per_hour", *_SETTINGS)
+_ONE_FOR_ALL = ("model_errors", "period_s", "per_hour", *SETTINGS)
 _GROWING = ("speed", "acceleration", "model errors")
 _SAME = 1e-6  # of numbers that are written with all their digits
 _WANTED = "wanted one number above 0 for each joint; inf: not monitored"
@@ -124,7 +111,7 @@ class Thresholds:
     @property
     def settings(self) -> dict[str, Any]:
         """Settings that they were found with, as far as they say: arguments of ``DetectorSettings``."""
-        return {name: value for name in _SETTINGS if (value := getattr(self, name)) is not None}
+        return {name: value for name in SETTINGS if (value := getattr(self, name)) is not None}
 
     @property
     def settings_looking_ahead(self) -> dict[str, Any]:

@@ -138,7 +138,7 @@ def test_a_scenario_refuses_residuals_of_another_kind(log: Path) -> None:
 
 def test_what_no_detector_has_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "odd.parquet"
-    for odd in ({"window_s": -1.0}, {"other": 3}):
+    for odd in ({"window_s": -1.0}, {"other": 3}, {"degree": 3}):
         ResidualSeries(0.004 * np.arange(200), np.ones((200, 2)), found_with=odd).save(file)
         with pytest.raises(bs.InputError, match="says of its residuals what cannot be"):
             ResidualSeries.load(file)

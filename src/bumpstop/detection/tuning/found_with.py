@@ -16,7 +16,20 @@ if TYPE_CHECKING:
     from bumpstop.joint import JointTorqueModel
     from bumpstop.model import Robot
 
-# Beside the settings of the detector.
+SETTINGS = (
+    "residual",
+    "observer_gain_1_s",
+    "window_s",
+    "measured_rates",
+    "limit_margin",
+    "frozen_s",
+    "payload_kg",
+    "payload_center",
+    "gravity",
+    "causal",
+)
+"""Of the detector whose residuals thresholds were found for, beside its rate."""
+# Beside these.
 _PARTS = ("robot", "model")
 # Residuals of which are signals of another kind: no threshold is one of both.
 _KIND = ("residual", "observer_gain_1_s")
@@ -82,9 +95,12 @@ def from_text(text: str, file: str) -> dict[str, Any]:
     from bumpstop.detection.settings import DetectorSettings
 
     found = parse_toml(text, file)
+    unknown = [name for name in found if name not in (*_PARTS, *SETTINGS)]
     try:
+        if unknown:
+            raise InputError(unknown[0], "is no setting of residuals")
         DetectorSettings(**settings_of(found))
-    except (InputError, TypeError) as error:
+    except InputError as error:
         raise InputError(file, f"says of its residuals what cannot be ({error})", "find them anew") from None
     return found
 
