@@ -334,3 +334,14 @@ def test_marks_of_thousands_are_no_decimal_marks(mark: str, tmp_path: Path) -> N
     write([f"{size:,.2f}".replace(",", "_").replace(".", other).replace("_", mark) for size in sizes])
     with pytest.raises(InputError, match="is that a mark of thousands"):
         Recording.load(path)
+
+
+@pytest.mark.parametrize("channel", ["qd", "current", "tau"])
+def test_a_channel_that_is_always_zero_is_refused(channel: str, tmp_path: Path) -> None:
+    """As of a simulated driver without efforts: it ended in an internal fault."""
+    t = 0.01 * np.arange(300)
+    q = np.sin(t[:, None] + np.arange(6))
+    given = {channel: np.zeros_like(q)}
+    Recording(t=t, q=q, **given).save(tmp_path / "log.parquet")
+    with pytest.raises(InputError, match=r"300 of 300 rows are bad.*row of zeros: all .* while the arm moves"):
+        Recording.load(tmp_path / "log.parquet")

@@ -162,6 +162,8 @@ def _implausible(
         reasons.append((int(rows[place[i]]), what, "" if zero[i] else f"q_{j + 1} = {q[int(i), j]:.6g}"))
     good[place[bad]] = False
     _zeros(values, rows, good, reasons)
+    if good.sum() < 2:
+        return values, [], faults, 0
     for name in ("velocity", "current", "torque"):
         if name in values:
             place = np.flatnonzero(good)
