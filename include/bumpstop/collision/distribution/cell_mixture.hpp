@@ -6,19 +6,14 @@
 
 namespace bumpstop::inline BUMPSTOP_TARGET {
 
-/// A mixture of uniform distributions over cells, some of which are points, with the nodes of a quadrature for the
-/// moments. Nothing is sorted: a tail is a sum over all cells, in lanes.
+/// A mixture of uniform distributions over cells, some of which are points, with the moments of the nodes of a
+/// quadrature. Nothing is sorted: a tail is a sum over all cells, in lanes.
 class CellMixture {
   public:
     CellMixture() = default;
 
-    /// Reserves memory for so many cells and nodes. Arrays that grow by themselves need up to three times as much,
-    /// which for very soft bodies are hundreds of megabytes; memory that is reserved and not used costs none.
-    void reserve(std::size_t cells, std::size_t nodes) {
-        for (std::vector<double>* values : {&low_, &high_, &mass_}) values->reserve(cells);
-        for (std::vector<double>* values : {&node_, &node_mass_}) values->reserve(nodes);
-    }
     void add_cell(double one_end, double other_end, double mass) {
+        make_room(1);
         if (!(mass > 0)) return;
         const double low = std::min(one_end, other_end), high = std::max(one_end, other_end);
         if (std::isinf(high)) {
@@ -34,6 +29,7 @@ class CellMixture {
     }
     /// Adds adjacent cells between `count` + 1 finite edges.
     void add_cells(const double* edge, const double* mass, std::size_t count) {
+        make_room(count);
         const std::size_t first = mass_.size();
         for (std::vector<double>* values : {&low_, &high_, &mass_}) values->resize(first + count);
         for (std::size_t i = 0; i < count; ++i) {
@@ -48,8 +44,11 @@ class CellMixture {
         }
     }
     void add_node(double value, double mass) {
-        node_.push_back(value);
-        node_mass_.push_back(mass);
+        // Moments about a value that occurs lose no digits.
+        if (node_mass_ == 0 && std::isfinite(value)) about_ = value;
+        node_mass_ += mass;
+        node_sum_ += mass * (value - about_);
+        node_square_ += mass * (value - about_) * (value - about_);
     }
 
     /// Probability of all cells, and of those at infinity.
@@ -57,15 +56,9 @@ class CellMixture {
     double infinite() const { return infinite_; }
 
     Moments moments() const {
-        double mass = 0, sum = 0, square = 0;
-        for (std::size_t i = 0; i < node_.size(); ++i) {
-            mass += node_mass_[i];
-            sum += node_[i] * node_mass_[i];
-        }
-        const double mean = sum / mass;
-        if (!std::isfinite(mean)) return {mean, NAN};
-        for (std::size_t i = 0; i < node_.size(); ++i) square += (node_[i] - mean) * (node_[i] - mean) * node_mass_[i];
-        return {mean, std::sqrt(std::max(0.0, square / mass))};
+        const double mean = node_sum_ / node_mass_;
+        if (!std::isfinite(mean)) return {about_ + mean, NAN};
+        return {about_ + mean, std::sqrt(std::max(0.0, node_square_ / node_mass_ - mean * mean))};
     }
 
     /// P(value > x).
@@ -103,6 +96,36 @@ class CellMixture {
     }
 
   private:
+    static constexpr std::size_t most_cells = 1 << 18, bins = 1 << 16;
+
+    /// Very soft bodies have millions of cells. Once there are too many a histogram takes the place of all that are
+    /// not points: at the ends of its bins P(value > x) stays what it is.
+    void make_room(std::size_t count) {
+        if (mass_.size() + count <= room_) return;
+        const double width = (max_ - min_) / double(bins);
+        std::vector<double> in_bin(bins, 0.0);
+        std::size_t points = 0;
+        for (std::size_t i = 0; i < mass_.size(); ++i) {
+            const double from = (low_[i] - min_) / width, to = (high_[i] - min_) / width;
+            if (!(from < to)) {
+                low_[points] = low_[i];
+                high_[points] = high_[i];
+                mass_[points++] = mass_[i];
+                continue;
+            }
+            const std::size_t first = std::min(std::size_t(from), bins - 1), end = std::min(std::size_t(to) + 1, bins);
+            for (std::size_t bin = first; bin < end; ++bin)
+                in_bin[bin] += mass_[i] * (std::min(to, double(bin + 1)) - std::max(from, double(bin))) / (to - from);
+        }
+        for (std::vector<double>* values : {&low_, &high_, &mass_}) values->resize(points);
+        for (std::size_t bin = 0; bin < bins; ++bin) {
+            if (!(in_bin[bin] > 0)) continue;
+            low_.push_back(min_ + double(bin) * width);
+            high_.push_back(min_ + double(bin + 1) * width);
+            mass_.push_back(in_bin[bin]);
+        }
+        room_ = std::max(most_cells, 2 * mass_.size() + count);
+    }
     /// Number of cells that overlap `low` to `high`.
     std::size_t count_between(double low, double high) const {
         std::size_t count = 0;
@@ -135,8 +158,10 @@ class CellMixture {
         return mass * min(max((high - V(x)) / width, V(0.0)), V(1.0));
     }
 
-    std::vector<double> low_, high_, mass_, node_, node_mass_;
+    std::vector<double> low_, high_, mass_;
     double total_ = 0, infinite_ = 0, max_ = 0, min_ = HUGE_VAL;
+    double about_ = 0, node_mass_ = 0, node_sum_ = 0, node_square_ = 0;  ///< sums of the nodes, about a value
+    std::size_t room_ = most_cells;                                      ///< of cells, before they become a histogram
 };
 
 /// Quantities of dynamic contact.
@@ -206,9 +231,6 @@ CellMixture contact_mixture(const CollisionDistribution& collision, ContactQuant
     const auto once = [](std::size_t) { return 1.0; };
     const auto series = [](std::size_t l) { return double(2 * l + 1); };
     CellMixture out;
-    const std::size_t early_pieces = collision.early_reactions.pieces(), series_count = density.mass.size() + panels;
-    out.reserve(series_count * cells + early_pieces * EarlyReactions::cells + 2,
-                series_count * order + early_pieces * EarlyReactions::nodes + 2);
     std::vector<double> mass(rows), edge(rows), node_mass(rows);
     const auto add = [&](const double* coefficient, const double* value) {
         product(below, coefficient, series, mass.data());
