@@ -158,6 +158,7 @@ class Detector {
         no_data_ticks_ = events_ = 0;
         last_tick_ = -std::numeric_limits<double>::infinity();
         out_ = {};
+        event_ = {};
     }
     /// Declares the payload from now on. An observer keeps its residual in the next tick, as nothing is known of that.
     void set_payload(const Payload& payload) noexcept {

@@ -324,7 +324,7 @@ void a_detector_that_is_reset_is_as_new() {
         for (int i = 1000; i < 1060; ++i) used.update(sample_at(i, 0.5));
         CHECK(used.alarmed());
         used.reset();
-        CHECK(!used.alarmed());
+        CHECK(!used.alarmed() && used.events() == 0 && used.event().over == 0 && used.event().over_fast == 0);
         for (int i = 0; i < 60; ++i) {
             // So slow that a last motion, had there been one, would count.
             const DetectorSample sample = sample_at(i, i < 30 ? 0.0 : 0.5);
