@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import bumpstop as bs
-from register.cases import write_register
+from bumpstop.text_files import to_toml
+from register.cases import REPOSITORY, write_register
 from register.test_register_files import faults_of
 
 
@@ -63,3 +66,59 @@ def test_a_register_is_no_scenario(tmp_path: Path) -> None:
     (told,) = faults_of(tmp_path / "other.csv")
     assert "row 2 ('a'), scenario: " in told
     assert "is a register of contact situations" in told
+
+
+_OF_TABLE = {"deceleration": "table", "stopping_table": str(REPOSITORY / "examples/stopping/tm5_700.toml")}
+
+
+def _braking_by_a_table(folder: Path, *rows: dict[str, Any]) -> Path:
+    path = write_register(folder, *rows)
+    reaction = {"kind": "stop", "joint_acceleration_rad_s2": 4.5, "payload_percent": 33, **_OF_TABLE}
+    cell = bs.load_scenario(folder / "cell.toml").as_given() | {"reaction": reaction}
+    (folder / "cell.toml").write_text(to_toml({k: v for k, v in cell.items() if k != "folder"}), encoding="utf-8")
+    return path
+
+
+def test_a_row_takes_keys_of_its_scenario_out(tmp_path: Path) -> None:
+    out = {"stopping_table": "none", "payload_percent": "none"}
+    other = {"name": "b", "payload_kg": 2, "reaction": {"deceleration": "constant", **out}}
+    table, constant = bs.load_register(_braking_by_a_table(tmp_path, {"name": "a"}, other)).situations
+    assert table.scenario.reaction.stopping_table is not None
+    assert constant.scenario.reaction.deceleration == "constant"
+    assert constant.scenario.reaction.stopping_table is None
+    assert (constant.scenario.reaction.payload_percent, constant.payload_kg) == (None, 2)
+
+
+def test_a_row_that_cannot_leave_a_key_out_is_told_how(tmp_path: Path) -> None:
+    path = _braking_by_a_table(tmp_path, {"name": "a"}, {"name": "b", "reaction.deceleration": "constant"})
+    (told,) = faults_of(path)
+    assert "leave it out (set reaction.stopping_table to none)" in told
+    with pytest.raises(bs.InputError, match=r"leave it out \(set reaction\.stopping_table to none\)"):
+        bs.load_scenario(tmp_path / "cell.toml", {"reaction.deceleration": "constant"})
+
+
+@pytest.mark.parametrize("value", ["none", None])
+def test_a_key_that_is_taken_out_is_as_if_nobody_had_given_it(tmp_path: Path, value: str | None) -> None:
+    write_register(tmp_path)
+    changes = {"contact.area_cm2": 3.0, "uncertainty.contact.area_cm2": {"interval": [2.0, 4.0]}}
+    scenario = bs.load_scenario(tmp_path / "cell.toml", changes)
+    left = scenario.with_values({"contact.area_cm2": value, "uncertainty.contact.area_cm2": value})
+    assert "area_cm2" not in left.contact.model_fields_set
+    assert left.uncertainty == {}
+    assert scenario.with_values({"uncertainty": value}).uncertainty == {}
+    assert left.with_values({"contact.area_cm2": value}) == left
+
+
+@pytest.mark.parametrize(
+    ("key", "told"),
+    [
+        ("contact.bdy", "contact.bdy: is not a key of a scenario; did you mean 'body'"),
+        ("contat.body", "contat: is not a key of a scenario; did you mean 'contact'"),
+        ("robot.name", "'robot.name': is not a key of a scenario"),
+        ("reaction", "reaction: is missing"),
+    ],
+)
+def test_what_no_scenario_has_or_all_need_is_not_taken_out(tmp_path: Path, key: str, told: str) -> None:
+    write_register(tmp_path)
+    with pytest.raises(bs.InputError, match=f"^{re.escape(told)}"):
+        bs.load_scenario(tmp_path / "cell.toml", {key: "none"})

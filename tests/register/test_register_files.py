@@ -121,8 +121,8 @@ def test_a_fault_of_the_scenario_is_told_once_and_not_for_every_row(tmp_path: Pa
         f"{cell}, reaction.joint_acceleration_rad_s2",
         f"{path} [[situation]] 2 ('b'), body",
     ]
-    told = faults_of(path, **{"detector.residual": "none"})
-    assert sum("detector.residual: 'none' cannot be used" in line for line in told) == 1
+    told = faults_of(path, **{"detector.residual": "nothing"})
+    assert sum("detector.residual: 'nothing' cannot be used" in line for line in told) == 1
 
 
 def test_a_key_that_only_one_row_lacks_is_that_row_s_fault(tmp_path: Path) -> None:

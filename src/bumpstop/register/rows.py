@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from bumpstop.collision import CollisionProblem, Scenario
-from bumpstop.collision.scenario.keys import set_keys
+from bumpstop.collision.scenario.keys import set_keys, takes_out, told_to_take_out
 from bumpstop.collision.scenario.scenario_file import robot_of
 from bumpstop.collision.scenario.scenario_words import as_written
 from bumpstop.errors import InputError, near_matches
@@ -119,7 +119,7 @@ class Row:
             found += _name_faults(data, scenario)
             if scenario is not None and not found:
                 found += _problem_faults(scenario)
-            faults += [self._fault(error, given) for error in _distinct(found)]
+            faults += [self._fault(told_to_take_out(error, {**given, **changes}), given) for error in _distinct(found)]
         if faults or scenario is None:
             return None, faults
         return Situation(
@@ -154,7 +154,7 @@ class Row:
                 own[key] = float(value) if key == "payload_kg" and fault is None else value
             elif key in WORDS and WORDS[key] in self.values:
                 faults.append(InputError(key, f"and {WORDS[key]} are both given", "give one of the two"))
-            elif key in _PAYLOADS and "payload_kg" in self.values:
+            elif key in _PAYLOADS and "payload_kg" in self.values and not takes_out(value):
                 faults.append(InputError("payload_kg", f"and {key} are both given", "give one of the two"))
             elif (unknown := unknown_key_of_row(key)) is not None:
                 faults.append(unknown)

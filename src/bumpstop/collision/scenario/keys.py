@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from bumpstop.collision.scenario.scenario_words import as_written
+from bumpstop.collision.scenario.scenario_tables import ScenarioTables
+from bumpstop.collision.scenario.scenario_words import as_written, unknown_key
 from bumpstop.collision.scenario.spellings import check_one_spelling, other_spelling, replace_other_spelling
 from bumpstop.collision.scenario.uncertainty_table import flattened
 from bumpstop.errors import InputError
@@ -17,21 +19,56 @@ _MAX_LIST = 10_000  # characters
 MADE_BY = "made_by"
 # The key that lists keys whose values nobody knows of the cell.
 ASSUMED = "assumed"
+# The word that takes a key out, for rows and options, in which None cannot be written.
+_NONE = "none"
+
+
+def takes_out(value: Any) -> bool:
+    """Whether setting a key to a value takes the key out: None, or the word ``none``."""
+    return value is None or (isinstance(value, str) and value == _NONE)
 
 
 def set_keys(data: dict[str, Any], changes: Mapping[str, Any]) -> None:
     """Set dotted keys in nested dictionaries; what is set is not :data:`ASSUMED` any more.
+
+    A value that :func:`takes_out` leaves the scenario without the key, as if nobody had given it.
 
     Raises:
         InputError: a key cannot be set, or two of them say one thing.
     """
     if not isinstance(changes, Mapping) or not all(isinstance(key, str) for key in changes):
         raise InputError("changes", f"{as_written(changes)} cannot be used", "wanted dotted keys and their values")
-    check_one_spelling(key for key, value in changes.items() if value is not None)
+    check_one_spelling(key for key, value in changes.items() if not takes_out(value))
     for key, value in changes.items():
-        set_key(data, key, value)
+        if takes_out(value):
+            _take_out(data, key)
+        else:
+            set_key(data, key, value)
     if ASSUMED not in changes:
         drop_assumed(data, changes)
+
+
+def told_to_take_out(error: InputError, changes: Mapping[str, Any]) -> InputError:
+    """A refusal that asks for a key to be left out, with how that is done where other keys were changed."""
+    if not changes or error.field in changes:
+        return error
+    valid = re.sub("leave (it|one of the two) out", rf"\g<0> (set {error.field} to {_NONE})", error.valid)
+    return InputError(error.field, error.problem, valid)
+
+
+def _take_out(data: dict[str, Any], key: str) -> None:
+    """Take a dotted key, or a table, out of nested dictionaries, whether it is given or not."""
+    table, dot, name = key.partition(".")
+    if table == "uncertainty" and dot:
+        data[table] = {one: spec for one, spec in flattened(data.get(table, {})).items() if one != name}
+        return
+    field = ScenarioTables.model_fields.get(table)
+    if field is None or (dot and name not in getattr(field.annotation, "model_fields", {})):
+        is_table = field is not None and hasattr(field.annotation, "model_fields")
+        raise unknown_key(ScenarioTables, (table, name) if is_table else (table if field is None else key,))
+    inner = data.get(table) if dot else data
+    if isinstance(inner, dict):
+        inner.pop(name or table, None)
 
 
 def drop_assumed(data: dict[str, Any], known: Iterable[str]) -> None:

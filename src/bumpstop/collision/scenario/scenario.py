@@ -149,7 +149,8 @@ class Scenario(ScenarioTables):
         """A copy with some keys changed.
 
         Args:
-            changes: dotted keys and their new values, e.g. ``{"motion.velocity_mm_s": [0, 50, 0]}``.
+            changes: dotted keys and their new values, e.g. ``{"motion.velocity_mm_s": [0, 50, 0]}``; None, or the
+                word ``none``, takes a key out.
         """
         data = self.as_given()
         set_keys(data, changes)

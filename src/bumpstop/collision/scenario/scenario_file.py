@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bumpstop.collision.scenario.keys import set_keys
+from bumpstop.collision.scenario.keys import set_keys, told_to_take_out
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.errors import InputError
 from bumpstop.text_files import as_path, read_text
@@ -24,7 +24,8 @@ def load_scenario(path: str | Path, changes: dict[str, Any] | None = None) -> Sc
 
     Args:
         path: of a TOML file.
-        changes: dotted keys and values that replace those of the file before it is checked.
+        changes: dotted keys and values that replace those of the file before it is checked; None, or the word
+            ``none``, takes a key out.
 
     Raises:
         InputError: the file is absent or damaged, or a key is unknown, missing or has an unusable value.
@@ -32,7 +33,10 @@ def load_scenario(path: str | Path, changes: dict[str, Any] | None = None) -> Sc
     path = as_path(path, "scenario")
     data = read_tables(path)
     set_keys(data, changes or {})
-    return Scenario.from_dict(data, path.parent)
+    try:
+        return Scenario.from_dict(data, path.parent)
+    except InputError as error:
+        raise told_to_take_out(error, changes or {}) from None
 
 
 def read_tables(path: Path) -> dict[str, Any]:
