@@ -9,7 +9,15 @@ from functools import partial
 import pytest
 
 import bumpstop as bs
-from bumpstop.collision.probability_text import accepted_percent, apart, decimal, percent, small_percent, use_percent
+from bumpstop.collision.probability_text import (
+    accepted_percent,
+    apart,
+    decimal,
+    none_of,
+    percent,
+    small_percent,
+    use_percent,
+)
 from cli.support import EXAMPLE, run
 
 
@@ -81,3 +89,28 @@ def test_a_result_prints_what_the_terminal_shows() -> None:
     assert "never detected < 1e-12" in shown
     drawn = str(bs.evaluate(bs.load_scenario(EXAMPLE), samples=1000, seed=1))
     assert "never detected 0.0000" in drawn
+
+
+@pytest.mark.parametrize(
+    ("runs", "told"),
+    [
+        (1, "less than 95 % (none of 1 run), accepted: 0.1 %"),
+        (20, "less than 14 % (none of 20 runs), accepted: 0.1 %"),
+        (4000, "less than 0.075 % (none of 4000 runs), within the accepted 0.1 %"),
+    ],
+)
+def test_no_run_over_a_limit_is_no_probability_of_zero(runs: int, told: str) -> None:
+    """Some 3 over the number of runs is what is left at 95 % confidence."""
+    verdict = bs.evaluate(bs.load_scenario(EXAMPLE), samples=runs).verdict
+    assert verdict.p_over_force == 0
+    assert verdict.reason.endswith(f"with probability {told}.")
+
+
+def test_no_run_over_a_limit_of_an_uncertain_scenario_either() -> None:
+    scenario = bs.load_scenario(EXAMPLE).with_values({"uncertainty.contact.area_cm2": {"interval": [1.9, 2.1]}})
+    reason = bs.evaluate_uncertain(scenario, samples=20).reason
+    assert "with probability less than 14 % (none of 20 runs), accepted: 0.1 %" in reason
+
+
+def test_the_bound_of_no_run_has_no_more_words_than_one() -> None:
+    assert none_of(10_000_000) == "less than 0.0001 % (none of 10000000 runs)"

@@ -269,10 +269,10 @@ def test_two_phases_have_a_use_of_the_limit(tmp_path: Path) -> None:
     assert {one.use > 1 for one in found} == {True, False}
     # No power of ten among percents.
     assert found[0].use > 10
-    assert found[0].use_percent == f"{100 * found[0].use:.0f} %"
+    assert found[0].use_text == f"{100 * found[0].use:.0f} %"
     never = {"name": "never", "body": "face", "speed_mm_s": 20, **two}
     (one,) = bs.evaluate_register(bs.load_register(write_register(tmp_path, never))).results
-    assert (one.outcome, one.use) == ("fail", math.inf)
+    assert (one.outcome, one.use, one.use_text) == ("fail", math.inf, "no contact permitted")
 
 
 def test_too_few_sampled_collisions_do_not_pass(tmp_path: Path) -> None:
@@ -371,4 +371,4 @@ def test_uncertain_inputs_are_sampled_as_the_others(tmp_path: Path) -> None:
     assert found.judgement is not None
     assert found.judgement.conclusion == alone.conclusion
     assert found.judgement.p_over == alone.case("central").p_over == 0, "no run of so few is above a limit"
-    assert "(0 % in the central case)" in found.reason
+    assert "(less than 0.015 % (none of 20000 runs) in the central case)" in found.reason

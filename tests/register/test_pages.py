@@ -8,8 +8,7 @@ import re
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import pytest
 
@@ -20,17 +19,24 @@ from bumpstop.register.shots import Shot, load_shots
 from bumpstop.report.register.dossier import DossierHead, write_dossier
 from bumpstop.report.register.page import write_register
 from bumpstop.report.register.provenance import ProvenancePart
-from bumpstop.report.register.situations import use_text
 from register.cases import EXAMPLES
 from register.cases import write_register as register_of
 
 HEAD = DossierHead(cell='Press 4 </style> "x"', author="A. <b> Smith", revision="C\\2")
 
 
-@pytest.mark.parametrize(("permitted", "text"), [(True, "unbounded"), (False, "no contact permitted")])
-def test_an_infinite_use_says_why(permitted: bool, text: str) -> None:
-    verdict = SimpleNamespace(limits=SimpleNamespace(permitted=permitted))
-    assert use_text(cast("Any", SimpleNamespace(use=math.inf, verdict=verdict))) == text
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"body": "face", "kind": "free"}, "no contact permitted"),
+        ({"body": "face", "verdict.clamped_limit": "two_phase"}, "no contact permitted"),
+        ({"detector.thresholds_Nm": [1e9] * 7}, "unbounded"),
+    ],
+)
+def test_an_infinite_use_says_why(tmp_path: Path, changes: dict[str, Any], text: str) -> None:
+    row = {"name": "a", "contact.limits": "ts15066", **changes}
+    (found,) = bs.evaluate_register(bs.load_register(register_of(tmp_path, row))).results
+    assert (found.use, found.use_text) == (math.inf, text)
 
 
 class Text(HTMLParser):

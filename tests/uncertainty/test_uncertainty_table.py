@@ -60,6 +60,12 @@ def test_it_is_refused(table: Any, field: str, said: str) -> None:
     assert said in str(refused.value)
 
 
+def test_an_area_that_is_not_given_has_no_uncertainty() -> None:
+    table = {AREA: {"distribution": "normal", "mean": 2.0, "sd": 0.1}}
+    with pytest.raises(bs.InputError, match="an area is known that is not given"):
+        control_group(contact__area_cm2=2.0, uncertainty=table).with_values({AREA: None})
+
+
 # These need the robot, the body or a file.
 LATER: list[tuple[dict[str, Any], str]] = [
     ({"detector.thresholds_Nm": {"interval": [9, 11]}}, "has 7 values; give relative figures"),

@@ -46,6 +46,24 @@ def small_percent(p: float, *, integrated: bool = False, up: bool = False) -> st
     return f"{_rounded(p, 2, up):.2g} %" if p > 0 else f"less than {100 * MIN_PRINTED_PROBABILITY:.0e} %"
 
 
+def none_of(runs: int, text: Callable[..., str] = percent) -> str:
+    """What drawn runs say of a probability where none of them had it: nothing above this, at 95 % confidence."""
+    most = text(_none_at_most(runs), up=True)
+    less, plural = "" if most.startswith("less") else "less than ", "" if runs == 1 else "s"
+    return f"{less}{most} (none of {runs} run{plural})"
+
+
+def within(p: float, accepted: float, runs: int | None) -> str:
+    """How a probability that is not above what is accepted lies beside it; ``runs``: that were drawn, None: none."""
+    shown = p > 0 or runs is None or _none_at_most(runs) <= accepted
+    return f"{'within the accepted' if shown else 'accepted:'} {accepted_percent(accepted)}"
+
+
+def _none_at_most(runs: int) -> float:
+    """Some 3 over the runs: a probability above would have shown itself in 95 % of draws."""
+    return -math.expm1(math.log(0.05) / runs)
+
+
 def accepted_percent(p: float) -> str:
     """What is accepted, in percent with all of its digits: others are compared with it."""
     return f"{100 * p:.10g} %"

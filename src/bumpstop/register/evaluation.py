@@ -81,8 +81,13 @@ class SituationResult:
         return max(found, default=math.nan)
 
     @property
-    def use_percent(self) -> str:
-        """A finite use in percent."""
+    def use_text(self) -> str:
+        """The use in percent, or why there is none."""
+        if math.isnan(self.use):
+            return "not judged"
+        if math.isinf(self.use):
+            phases = (self.verdict.limits, self.verdict.transient)
+            return "unbounded" if all(one is None or one.permitted for one in phases) else "no contact permitted"
         return use_percent(self.use)
 
     def to_json(self) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
-from bumpstop.collision.probability_text import accepted_percent
+from bumpstop.collision.probability_text import accepted_percent, within
 
 if TYPE_CHECKING:
     from bumpstop.collision.verdict.verdict import Conclusion
@@ -128,7 +128,7 @@ def conclude(
         over = max(at_rank(points.p_over, confidence) for points in (cases.base, *cases.worst))
         return "acceptable", (
             f"{sure} one contact exceeds the limits for {label} with probability "
-            f"{evaluator.said_at_most(over, accepted)}, within the accepted {accepted_percent(accepted)} ({central})."
+            f"{evaluator.said_at_most(over, accepted)}, {within(over, accepted, evaluator.runs)} ({central})."
         )
     over, alarm = at_rank(cases.base.p_over, confidence), at_rank(cases.base.false_alarm, confidence)
     faults = []

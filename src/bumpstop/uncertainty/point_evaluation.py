@@ -16,7 +16,8 @@ import numpy.typing as npt
 from bumpstop.arrays import FloatArray
 from bumpstop.collision import CollisionProblem, evaluate, integrate, stopping_curve
 from bumpstop.collision.distribution.distribution import FAR, ExactDistribution
-from bumpstop.collision.probability_text import apart, percent, small_percent
+from bumpstop.collision.evaluation import RESAMPLED_RUNS
+from bumpstop.collision.probability_text import apart, none_of, percent, small_percent
 from bumpstop.collision.verdict.two_phase_use import TwoPhaseUse
 from bumpstop.collision.verdict.verdict_notes import MAX_UNTOUCHED, untouched_share
 from bumpstop.errors import InputError
@@ -113,6 +114,11 @@ class PointEvaluator:
         """Whether the probabilities of points are integrated, and not counted among drawn collisions."""
         return self._samples is None and self.problem.residuals is None
 
+    @property
+    def runs(self) -> int | None:
+        """Collisions that are drawn at every point; None: none are."""
+        return None if self.integrated else self._samples or RESAMPLED_RUNS
+
     def said(self, p: float, accepted: float) -> str:
         """A probability as sentences say it, with digits that tell it from what is accepted."""
         return self._apart(p, accepted, up=False)
@@ -123,6 +129,8 @@ class PointEvaluator:
 
     def _apart(self, p: float, accepted: float, *, up: bool) -> str:
         text = small_percent if accepted < _SMALL else percent
+        if self.runs is not None and not p > 0:
+            return none_of(self.runs, text)
         return apart(p, accepted, partial(text, integrated=self.integrated, up=up), up=up)
 
     def said_at_most(self, p: float, accepted: float) -> str:

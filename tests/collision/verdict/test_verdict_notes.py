@@ -297,7 +297,7 @@ def test_too_few_collisions_of_measured_residuals_stand_beside_the_verdict(tmp_p
     )
     assert few.to_json()["verdict"]["warnings"] == [said]
     assert few.notes.count(said) == 1
-    assert f"within the accepted 1e-05 %. warning: {said}" in " ".join(str(few).split())
+    assert f"accepted: 1e-05 %. warning: {said}" in " ".join(str(few).split())
     assert bs.evaluate(case).warnings == ()
 
 

@@ -82,12 +82,12 @@ def print_table(result: RegisterResult) -> None:
         number = heading in ("use", "P(over)")
         table.add_column(heading, justify="right" if number else "left", overflow="fold")
     for one in result.results:
-        p, use = one.p_over, one.use
+        p = one.p_over
         marks = [f"Warning {', '.join(str(numbers[text]) for text in one.warnings)}."] if one.warnings else []
         table.add_row(
             Text(f" {OUTCOME_WORDS[one.outcome]} ", style=styles[one.outcome]),
             one.situation.name,
-            "-" if math.isnan(use) else "inf" if math.isinf(use) else one.use_percent,
+            one.use_text,
             "-" if math.isnan(p) else decimal(p, integrated=one.method == "exact"),
             " ".join([one.reason, *marks]),
         )

@@ -242,6 +242,9 @@ def _check_key(each: UncertainInput, scenario: ScenarioTables) -> None:
         raise InputError(each.field, "is a list", f"name one of its items, as {each.key}[1]")
     if each.whole_key.startswith("arm.") and scenario.arm.model == "rigid":
         raise InputError(each.field, 'has no meaning with arm.model = "rigid"', 'leave it out, or model = "elastic"')
+    if each.whole_key == "contact.area_cm2" and "area_cm2" not in scenario.contact.model_fields_set:
+        # Its default is an assumption, which no verdict should be relative to.
+        raise InputError(each.field, "tells how well an area is known that is not given", "give contact.area_cm2, too")
     why = keys_without_effect(scenario).get(each.whole_key)
     if why is not None:
         raise InputError(each.field, f"has no effect {why}", "leave it out")

@@ -6,7 +6,15 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
-from bumpstop.collision.probability_text import MIN_PERCENT, accepted_percent, apart, percent, small_percent
+from bumpstop.collision.probability_text import (
+    MIN_PERCENT,
+    accepted_percent,
+    apart,
+    none_of,
+    percent,
+    small_percent,
+    within,
+)
 from bumpstop.collision.verdict.alarm_rate import alarm_rate
 
 if TYPE_CHECKING:
@@ -126,7 +134,7 @@ def judge(result: CollisionOutcome, over: tuple[float, float | None] | None, not
         nothing_hit: why most cases touch nothing; empty where they do.
     """
     settings, problem = result.scenario.verdict, result.problem
-    limits, integrated = problem.limits, result.kind == "exact"
+    limits = problem.limits
     because = result.unbounded_because if result.undetected_probability > 0 else None
     # One never detected whose force is known has that force all the same: no failure by itself.
     undetected = (0.0, "") if because is None else (result.undetected_probability, because)
@@ -137,7 +145,7 @@ def judge(result: CollisionOutcome, over: tuple[float, float | None] | None, not
         p_force = result.peak_force.exceedance(limits.force_N)
         if limits.pressure_N_cm2 is not None:
             p_pressure = result.pressure.exceedance(limits.pressure_N_cm2)
-    words = _Words(settings, integrated)
+    words = _Words(settings, result.samples)
     faults = words.faults(
         limits, problem.transient_limits, (p_force, p_pressure), result.false_alarm_probability, undetected
     )
@@ -161,14 +169,16 @@ def judge(result: CollisionOutcome, over: tuple[float, float | None] | None, not
 class _Words:
     """The sentence that gives the reason."""
 
-    def __init__(self, settings: VerdictTable, integrated: bool) -> None:
-        self._settings, self._integrated = settings, integrated
+    def __init__(self, settings: VerdictTable, runs: int | None) -> None:
+        self._settings, self._runs = settings, runs
         # Where what is accepted is itself next to nothing, figures must be told apart there.
         tiny = min(settings.accepted_probability, settings.max_false_alarm) < MIN_PERCENT
         self._text = small_percent if tiny else percent
 
     def _said(self, p: float, accepted: float) -> str:
-        return apart(p, accepted, partial(self._text, integrated=self._integrated))
+        if self._runs is not None and not p > 0:
+            return none_of(self._runs, self._text)
+        return apart(p, accepted, partial(self._text, integrated=self._runs is None))
 
     def faults(
         self,
@@ -234,7 +244,7 @@ class _Words:
         what = "Peak force or pressure exceeds" if p_pressure is not None else "The peak force exceeds"
         return (
             f"{what} the limits for {limits.label} with probability {self._said(worst, accepted)}, "
-            f"within the accepted {accepted_percent(accepted)}."
+            f"{within(worst, accepted, self._runs)}."
         )
 
 

@@ -166,4 +166,4 @@ def write_calibration(made: PlanCalibration, folder: Path) -> Path:
     about = f"{counted(len(shots), 'shot')} in {hit} of {counted(len(made.situations), 'situation')}"
     title = "Calibration by measured forces"
     style = print_style(f"{title}, {about}")
-    return write_document(Document(title, "bumpstop: measure", "calibration", parts, about, style), folder)
+    return write_document(Document(title, "bumpstop: measure", "bumpstop measure", parts, about, style), folder)

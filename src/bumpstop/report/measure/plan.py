@@ -238,5 +238,5 @@ def write_plan_page(plan: MeasurementPlan, folder: Path) -> Path:
     shots, situations = counted(len(plan.shots), "shot"), counted(len(plan.situations), "situation")
     about = f"{plan.situations[0].scenario.robot}: {shots} in {situations}"
     style = _STYLE + print_style(f"Measurement plan, {about}")
-    document = Document("Measurement plan", "bumpstop: measure", "measurement plan", parts, about, style)
+    document = Document("Measurement plan", "bumpstop: measure", "bumpstop measure", parts, about, style)
     return write_document(document, folder)

@@ -128,5 +128,5 @@ def write_readings(readings: Sequence[GaugeReading], folder: Path) -> Path:
     about = f"{many}, {sum(each.usable for each in readings)} usable"
     title = "Recordings of a gauge"
     style = print_style(f"{title}, {about}")
-    document = Document(title, "bumpstop: measure", "gauge recordings", parts, about, style)
+    document = Document(title, "bumpstop: measure", "bumpstop measure", parts, about, style)
     return write_document(document, folder)

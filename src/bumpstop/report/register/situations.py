@@ -86,7 +86,7 @@ class SituationsPart(Part):
             (
                 r.situation.name,
                 element("strong", OUTCOME_WORDS[r.outcome], class_="whole"),
-                whole(use_text(r)),
+                whole(r.use_text),
                 whole(_p_over(r)),
                 whole_figures(r.reason),
             )
@@ -135,16 +135,6 @@ class SituationsPart(Part):
         ]
 
 
-def use_text(result: SituationResult) -> str:
-    """The use of a limit in percent."""
-    if math.isnan(result.use):
-        return "not judged"
-    if math.isinf(result.use):
-        limits = result.verdict.limits
-        return "unbounded" if limits is not None and limits.permitted else "no contact permitted"
-    return result.use_percent
-
-
 def _count(count: int) -> str:
     return f"{count} contact situation{'' if count == 1 else 's'}"
 
@@ -152,14 +142,19 @@ def _count(count: int) -> str:
 def _p_over(result: SituationResult) -> str:
     if math.isnan(result.p_over):
         return "none"
-    text = partial(percent, integrated=result.method == "exact")
-    return apart(result.p_over, result.verdict.accepted_probability, text)
+    return _probability(result, result.p_over, result.verdict.accepted_probability)
 
 
 def _false_alarm(result: SituationResult) -> str:
     verdict = result.verdict
-    text = partial(percent, integrated=result.method == "exact")
-    return apart(verdict.false_alarm_probability, verdict.max_false_alarm, text)
+    return _probability(result, verdict.false_alarm_probability, verdict.max_false_alarm)
+
+
+def _probability(result: SituationResult, p: float, accepted: float) -> str:
+    integrated = result.method == "exact"
+    if not integrated and p <= 0:
+        return "in none of the runs"
+    return apart(p, accepted, partial(percent, integrated=integrated))
 
 
 def _where(result: SituationResult) -> tuple[str, ...]:
@@ -198,9 +193,8 @@ def _draw(figure: Figure, shown: Sequence[SituationResult]) -> None:
         colour, hatch = _COLOURS[result.outcome]
         length = min(result.use, _LARGEST_BAR)
         panel.barh(i, 100 * length, color=colour, hatch=hatch, edgecolor=INK, linewidth=0.5, height=0.7)
-        text = "∞" if math.isinf(result.use) else result.use_percent
         place = (100 * length, i)
-        panel.annotate(text, place, (4, 0), textcoords="offset points", va="center", fontsize=8, bbox=PAPER)
+        panel.annotate(result.use_text, place, (4, 0), textcoords="offset points", va="center", fontsize=8, bbox=PAPER)
     names = [r.situation.name for r in shown]
     short = [name if len(name) <= _MAX_NAME else f"{name[: _MAX_NAME - 1]}…" for name in names]
     panel.set_yticks(range(len(shown)), short, fontsize=8)
