@@ -97,6 +97,15 @@ def test_a_row_that_cannot_leave_a_key_out_is_told_how(tmp_path: Path) -> None:
         bs.load_scenario(tmp_path / "cell.toml", {"reaction.deceleration": "constant"})
 
 
+def test_a_value_that_was_taken_out_is_a_default(tmp_path: Path) -> None:
+    path = write_register(tmp_path, {"name": "a", "reaction.kind": "none"}, {"name": "b", "reaction.kind": "stop"})
+    for changes in ({}, {"detector.feedback_period_s": "none"}):
+        found = bs.evaluate_register(bs.load_register(path, changes=changes)).results
+        told = {one.situation.name: {each.key: each.status for each in one.inputs} for one in found}
+        assert (told["a"]["reaction.kind"], told["b"]["reaction.kind"]) == ("default", "given")
+        assert told["a"]["detector.feedback_period_s"] == ("default" if changes else "given")
+
+
 @pytest.mark.parametrize("value", ["none", None])
 def test_a_key_that_is_taken_out_is_as_if_nobody_had_given_it(tmp_path: Path, value: str | None) -> None:
     write_register(tmp_path)

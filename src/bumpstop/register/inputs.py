@@ -75,16 +75,16 @@ def _scenario_inputs(situation: Situation) -> list[Input]:
     for key, value in _flat(scenario.to_dict()).items():
         if key == ASSUMED:
             continue
-        statement = situation.statement_of(key)
+        statement, somebody = situation.statement_of(key), key in given or says(given, key)
         if statement is not None:
             status, source = statement.status, statement.source
         elif key in scenario.assumed:
             status, source = "assumed", f"by {situation.scenario_file}"
-        elif _gives(situation.changed, key):
+        elif somebody and _gives(situation.changed, key):
             status, source = "given", "set when the register was read (--set)"
-        elif _gives(situation.given, key):
+        elif somebody and _gives(situation.given, key):
             status, source = "given", f"{situation.file} {situation.place}"
-        elif key in given or says(given, key):
+        elif somebody:
             status, source = "given", str(situation.scenario_file)
         else:
             status, source = "default", "of bumpstop: nobody gave it"
