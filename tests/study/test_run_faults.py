@@ -9,6 +9,7 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.study import run
+from cli.support import EXAMPLE
 from collision.cases import control_group
 from study.run_cases import Squares
 
@@ -51,3 +52,20 @@ def test_a_folder_in_use_is_refused(tmp_path: Path) -> None:
 
     run(study, tmp_path, progress=progress)
     assert refused == ["--out"]
+
+
+def test_rows_of_a_file_that_has_changed_meanwhile_are_not_kept(tmp_path: Path) -> None:
+    table = tmp_path / "stops.toml"
+    text = (EXAMPLE.parent / "stopping" / "tm5_700.toml").read_text(encoding="utf-8")
+    table.write_text(text, encoding="utf-8")
+    reaction = {"kind": "stop", "joint_acceleration_rad_s2": 4.5, "deceleration": "table", "payload_percent": 33}
+    scenario = bs.load_scenario(EXAMPLE, {"reaction": {**reaction, "stopping_table": str(table)}})
+
+    def change(done: int, shards: int) -> None:
+        table.write_text(text if done == 0 else text.replace("364", "728"), encoding="utf-8")
+
+    with pytest.raises(bs.InputError, match="has changed since the work began"):
+        run(Squares(scenario), tmp_path / "out", progress=change)
+    change(0, 0)
+    rows, _ = run(Squares(scenario), tmp_path / "out")
+    assert rows.equals(run(Squares(scenario)).rows)
