@@ -9,6 +9,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+import bumpstop as bs
+from collision.contact.elastic_cases import CASES, scenario
 from cpp.builds import program_beside
 
 STEP, STIFFNESS, MASS = 0.001, 20_000.0, 4.0
@@ -82,3 +84,17 @@ def test_at_constant_speed_three_bodies_tell_of_all(separations: Separations) ->
     assert len(found) < 30
     before = every[every[:, 1] < steps - HALF_OSCILLATION - 1]
     assert before[:, 2] - before[:, 1] == pytest.approx(HALF_OSCILLATION, rel=1e-9)
+
+
+@pytest.mark.parametrize("case", ["elastic", "rigid"])
+def test_nothing_is_detected_once_the_body_has_separated(case: str) -> None:
+    # Residuals are large when contact ends, so the last tick before that decides how much is detected.
+    free = scenario(**CASES["free body"])
+    if case == "rigid":
+        noise = {"detector.noise_sd_Nm": [15.0, 15.0, 11.0, 4.5, 4.5, 4.5]}
+        free = free.with_values({"arm.model": "rigid", "contact.body_mass_kg": 2.0, **noise})
+    integrated, sampled = bs.evaluate(free), bs.evaluate(free, samples=200_000, seed=2006)
+    detected = 200_000 * (1 - sampled.undetected_probability - sampled.false_alarm_probability)
+    for p in (0.5, 0.1, 0.01, 0.005):
+        beyond = sampled.detection_delay.exceedance(integrated.detection_delay.quantile(1 - p))
+        assert abs(beyond - p) < 4 * np.sqrt(p * (1 - p) / detected), p

@@ -30,7 +30,7 @@ class ContactCuts {
             before = std::move(here);
         };
         if (narrow_ == nullptr)
-            for (const Separation& each : separation_.up_to(largest)) add({each, 0, {}, {}});
+            for (const Separation& each : separation_.up_to(largest)) add({each});
         else
             for (double offset : separation_.offsets(largest)) add(probe(offset));
         std::sort(cuts.begin(), cuts.end());
@@ -44,7 +44,7 @@ class ContactCuts {
     struct Probe : Separation {
         int first = 0;                                  // tick
         int decided = std::numeric_limits<int>::max();  // first tick at which noise can hardly hide an alarm
-        std::vector<double> residual;                   // [tick from the first on][monitored joint], without noise
+        std::vector<double> residual{};                 // [tick from the first on][monitored joint], without noise
         std::array<NoiselessResidual<double>, max_joints> latest{};  // by monitored joint
 
         double at_tick(int k, int w, int monitored) const {

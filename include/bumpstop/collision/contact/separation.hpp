@@ -41,7 +41,10 @@ class Separations {
         found.touch = rise > 0 ? i + std::clamp((offset - paths_.undisturbed(i)) / rise, 0.0, 1.0) : i + 1.0;
         for (; i < paths_.last_step() && !state.separated; ++i) {
             allow_interruption();
+            const bool touched = state.touched;
             paths_.advance(dynamics_, state, i, offset);
+            // An elastic arm is not quite where its reference is.
+            if (!touched && state.touched && !state.separated) found.touch = i + 1 - state.elapsed / paths_.step;
             at_step(i, state);
         }
         if (state.separated) found.separated = found.touch + state.duration / paths_.step;
