@@ -267,9 +267,13 @@ class ContactOutcomes {
         }
         // The swing of an arm takes longer than this [s].
         constexpr double swing = 0.02;
-        // Bodies that are touched in other ticks may be met at other speeds. With a rigid arm little is gained.
-        const bool alike = reactions_.elastic() && advance > 0 && high - low <= (1 + 1e-9) * advance;
-        DetectionOutcomes detections(probability.detected, share_.data(),
+        // Bodies that are touched in other ticks may be met at other speeds.
+        const bool alike = advance > 0 && high - low <= (1 + 1e-9) * advance;
+        // Outcomes of a rigid arm are smoother: a smaller error costs next to nothing.
+        std::array<double, quantities> share = share_;
+        if (!reactions_.elastic())
+            for (double& each : share) each *= 0.1;
+        DetectionOutcomes detections(probability.detected, share.data(),
                                      reactions_.peak_only() ? ContactReactions::negligible_chance : 0.0,
                                      alike ? swing / (reactions_.paths().step * period) : 0.0);
         detections(collisions, touch, [&](const DetectionOutcomes::Detection& at, const auto& outcome) {
