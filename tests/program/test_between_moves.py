@@ -79,7 +79,7 @@ def test_an_index_that_is_assigned_is_no_longer_the_loops() -> None:
         ("$APO.CDIS=5\n{corner}", 0.005),
         ("{corner}$APO.CDIS=5\n", math.inf),
         ("IF $FLAG[1] THEN\n$APO.CDIS=5\nENDIF\n{corner}", math.inf),
-        ("$APO.CDIS=5\nBAS(#CP_PARAMS,0.2)\n$VEL.CP=0.2\n{corner}", math.inf),
+        ("$APO.CDIS=5\nBAS(#INITMOV,0)\n$VEL.CP=0.2\n{corner}", math.inf),
         ("$APO.CDIS=5\n$APO={{CDIS 90}}\n{corner}", math.inf),
         ("$APO.CDIS=5\nGO()\n{corner}$APO.CDIS=9\n", 0.007),
         ("$APO.CDIS=0\n{corner}", 0.0),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from glob import escape as glob_escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
 _MAX_BYTES = 5_000_000
 _URSCRIPT, _KRL, _RAPID = (".script", ".urscript"), (".src",), (".mod", ".modx", ".prg", ".sys")
 _MESSAGES = (".yaml", ".yml", ".json")
+_CONFIG = "$config"
 
 
 class Source(Protocol):
@@ -110,7 +110,7 @@ class TextProgram:
             factor = factors.get(segment)
             # A speed that the program did not say is written even where it is the first that was tried.
             if factor is not None and (factor != 1.0 or not segment.speed_known):
-                edits += [slot.edit(segment.new_value(slot, factor)) for slot in segment.places()]
+                edits += [one for slot in segment.places() for one in slot.edits(segment.new_value(slot, factor))]
         return edited(self.read.source, edits)
 
 
@@ -189,16 +189,17 @@ def _read(path: Path, ending: str) -> ReadProgram:
         return read_rapid(source)
     from bumpstop.program.languages.krl import read_krl
 
-    data = data_beside(path)
-    return read_krl(source, read_bytes(data) if data else b"")
+    data = {other.stem.lower(): read_bytes(other) for other in data_beside(path)}
+    return read_krl(source, data.get(path.stem.lower(), b""), data.get(_CONFIG, b""))
 
 
-def data_beside(path: Path) -> Path | None:
-    """The ``.dat`` beside a KRL program; None where there is none, and of anything else."""
+def data_beside(path: Path) -> list[Path]:
+    """The ``.dat`` and the controller's ``$config.dat`` beside a KRL program, where they are; of nothing else any."""
     if path.suffix.lower() not in _KRL:
-        return None
-    beside = (other for other in path.parent.glob(f"{glob_escape(path.stem)}.*") if other.suffix.lower() == ".dat")
-    return next(beside, None)
+        return []
+    stems = path.stem.lower(), _CONFIG
+    files = {other.stem.lower(): other for other in path.parent.iterdir() if other.suffix.lower() == ".dat"}
+    return [files[stem] for stem in stems if stem in files]
 
 
 def read_bytes(path: Path) -> bytes:

@@ -48,7 +48,7 @@ def write_program(result: ProgramResult, path: Path, folder: Path) -> list[Path]
             if old.stem.isdecimal():
                 old.unlink()  # of another run, they would be taken for this program's
         result.source.write(result.factors, target)
-        if (beside := data_beside(path)) is not None:
+        for beside in data_beside(path):
             write_bytes(folder / beside.name, read_bytes(beside))  # as it is: the program is nothing without it
             files.append(folder / beside.name)
         for number, one in enumerate(result.segments, start=1):

@@ -88,7 +88,7 @@ class Blocks:
         """
         text, words = statement.text, [word.text.lower() for word in statement.words]
         self.not_understood.append((statement.line, text))
-        leads = words[0] in self._leading or words[1:] == [":"]
+        leads = words[len(words) > 1 and words[0] == "global"] in self._leading or words[1:] == [":"]
         self.add(Opaque(statement.line, text, moves, resets, self._frames if reframes is None else reframes, leads))
         for word in statement.words:
             if word.kind == "name" and word.text.lower() in self._jumps:

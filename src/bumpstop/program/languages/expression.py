@@ -177,6 +177,8 @@ class Reader:
                 return self._unknown()
             keys.append(self.peek().upper())
             self.at += 1
+            if self.take("[") and not self.take("]"):  # of text
+                return self._unknown()
             items.append(self.expression())
         return self._unknown()
 

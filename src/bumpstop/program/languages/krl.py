@@ -18,6 +18,7 @@ from bumpstop.program.languages.expression import (
     split_at,
 )
 from bumpstop.program.languages.krl_data import arc_place, frame_of_record, pose_or_axes
+from bumpstop.program.languages.krl_forms import InlineForms
 from bumpstop.program.languages.statements import (
     Frame,
     Frames,
@@ -79,11 +80,12 @@ _SETTINGS = {
 }
 _FRAMES: tuple[Frame, ...] = ("tool", "base")
 # System variables that neither move the arm nor say how it moves, and those that change tool or base.
-_OUTPUTS, _REFRAMING = ("$out", "$anout", "$timer", "$flag", "$cycflag", "$apo", "$advance"), "$act_"
+_OUTPUTS = ("$out", "$anout", "$timer", "$flag", "$cycflag", "$apo", "$advance", "$bwdstart", "$h_pos")
+_REFRAMING = "$act_"
 # Those that may turn the tool in another way or move what targets are given in, and what they are where they do not.
 _ORDINARY = {"$ori_type": "#var", "$circ_type": "#base", "$ipo_mode": "#base", "$robroot": ""}
 # System variables that a program uses without stopping its look ahead at the moves that follow.
-_AHEAD = ("$vel", "$acc", "$apo", "$tool", "$base", "$load", "$nullframe", "$out_c", *_ORDINARY)
+_AHEAD = ("$vel", "$acc", "$apo", "$tool", "$base", "$load", "$nullframe", "$out_c", "$bwdstart", *_ORDINARY)
 _MAX_AXES = 12  # of an arm and what it carries or rides on
 
 
@@ -92,25 +94,29 @@ def parse_krl(source: bytes) -> SyntaxTree:
     return parse_lines(source, _TOKENS)
 
 
-def read_krl(source: bytes, data: bytes = b"") -> ReadProgram:
+def read_krl(source: bytes, data: bytes = b"", config: bytes = b"") -> ReadProgram:
     """What is understood of a program.
 
     Args:
         source: of the .src.
         data: of the .dat beside it, whose declarations count too.
+        config: of the controller's $config.dat, of which records count: numbers may be what other programs leave there.
     """
     tree, assignments, names = parse_krl(source), Assignments(), []
-    for statement in (*parse_krl(data).statements, *tree.statements):
+    shared = [s for s in parse_krl(config).statements if any(word.text == "{" for word in s.words)]
+    for statement in (*shared, *parse_krl(data).statements, *tree.statements):
         _assign(assignments, statement.words)
         if (head := _head(statement.words)) is not None:
             names.append(function_name(head))
     constants = assignments.constants()
     blocks = Blocks(names, KRL_PURE, _JUMPS, _FRAMES, _LEADING, bent_by(tree, _BENDING))
     counts = dict[str, tuple[float, float]]()
+    forms = InlineForms(tree, constants, blocks.own)
     before = ""
     # Where it does not look ahead nothing is blended.
     looks_ahead = "$advance" not in constants or (number_of(constants["$advance"], constants) or 0) >= 1
     for statement in tree.statements:
+        forms.follow(statement)
         if words := statement.words:
             first = words[0].text.lower()
             if first == "for" and len(words) > 1:
@@ -121,7 +127,10 @@ def read_krl(source: bytes, data: bytes = b"") -> ReadProgram:
             waits = first in _WAITS or not looks_ahead or (before != "continue" and _looks_no_further(words))
             if waits:
                 blocks.add(Wait(statement.line))
-            _add(blocks, statement, tree, constants, counts)
+            if (nodes := forms.sets(statement)) is None:
+                _add(blocks, statement, tree, constants, counts)
+            for node in nodes or ():
+                blocks.add(node)
             if waits:
                 blocks.add(Wait(statement.line))  # in the block that begins here, too
             before = first
@@ -133,7 +142,7 @@ def read_krl(source: bytes, data: bytes = b"") -> ReadProgram:
         source,
         functions,
         tuple(blocks.not_understood),
-        tuple(blocks.notes),
+        (*blocks.notes, *forms.notes),
         constants,
         main=main if main is not None and blocks.may_be_first(main) else None,
         frames=_FRAMES,
@@ -270,7 +279,7 @@ def _add(
             reframes = named.get(first.partition(".")[0]) or (_FRAMES if first.startswith(_REFRAMING) else ())
             blocks.opaque(statement, moves=False, resets=not reframes, reframes=reframes)
     elif first == "bas" or first.startswith("$"):
-        blocks.opaque(statement, moves=False)
+        blocks.opaque(statement, moves=False, reframes=("tool", "base", "shift"))
     elif words[0].kind == "name" and [word.text for word in words[1:]] == ["(", ")"]:
         blocks.call(statement, first)
     else:

@@ -32,6 +32,7 @@ class SpeedSlot:
         setting: it holds for all moves that follow, not for one.
         whole: the language takes whole numbers.
         time: it is the time that the move takes [s], not a speed.
+        shown: first and last byte of comments that show its value, and from which a teach pendant may write it anew.
     """
 
     start: int
@@ -44,6 +45,7 @@ class SpeedSlot:
     setting: bool = False
     whole: bool = False
     time: bool = False
+    shown: tuple[tuple[int, int], ...] = ()
 
     def scaled(self, value: float, factor: float) -> float:
         """What stands for a value at so many times its speed."""
@@ -63,6 +65,10 @@ class SpeedSlot:
     def edit(self, value: float) -> Edit:
         """A new value for it."""
         return Edit(self.start, self.end, self.template.format(self.rounded(value)))
+
+    def edits(self, value: float) -> list[Edit]:
+        """A new value for it and for the comments that show it."""
+        return [self.edit(value), *(Edit(start, end, self.rounded(value)) for start, end in self.shown)]
 
 
 def short(value: float, *, up: bool = False) -> str:

@@ -1,0 +1,156 @@
+"""KRL's inline forms: lines that the smartPAD writes around a move, whose call of BAS sets speed, blend, tool, base."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping
+
+from bumpstop.program.languages.expression import Expression, number_of, read_expression, resolved
+from bumpstop.program.languages.krl_data import frame_of_record
+from bumpstop.program.languages.statements import Frame, Frames, Node, Setting, SpeedSlot, Wait
+from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token
+
+_RECORDS = ("pdat_act", "ldat_act", "fdat_act")
+_LINES = ("$bwdstart", "$h_pos", "bas", "set_cd_params", *_RECORDS)
+_SPEEDS = ("tool", "axes", "acceleration tool", "acceleration axes", "blend")
+# What commands of BAS set: first what they leave unknown or may, then what is known, by what it is taken from.
+_SETS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "#initmov": (_SPEEDS, ("no frames",)),
+    "#ptp_params": ((), ("axes", "pdat_act", "fdat_act")),
+    "#cp_params": (("axes",), ("tool", "ldat_act", "fdat_act")),
+    "#vel_ptp": ((), ("axes",)),
+    "#vel_cp": ((), ("tool",)),
+    "#acc_ptp": (("acceleration axes",), ()),
+    "#acc_cp": (("acceleration tool",), ()),
+    "#ptp_dat": (("axes",), ("pdat_act",)),
+    "#cp_dat": (("axes", "tool"), ("ldat_act",)),
+    "#frames": ((), ("fdat_act",)),
+    "#tool": ((), ("tool_data",)),
+    "#base": ((), ("base_data",)),
+}
+_SPEED = {"axes": (100.0, "%", 0.01), "tool": (2.0, "m/s", 1.0)}  # the most that a form takes, unit, factor to SI
+_FOLD = re.compile(r";\s*FOLD\s+(PTP|LIN|CIRC)\b", re.IGNORECASE)
+_SHOWN = re.compile(r"(?:\bVel\s*=\s*|,\s*5\s*:\s*|\bKuka\.Velocity(?:Ptp|Path)\s*=\s*)([0-9]+(?:\.[0-9]+)?)", re.I)
+# The interrupt of every program that the smartPAD makes: what runs when the arm has been stopped.
+_STOPPED = "interrupt decl 3 when $stopmess == true do ir_stopm ( )"
+_DECLARED = re.compile(r"interrupt decl (?:3 |(?![0-9])).*")
+_GIVE = "give the program's .dat and the controller's $config.dat in its folder"
+
+
+class InlineForms:
+    """Follows a program line by line: what an inline form gives to BAS counts up to the form's move."""
+
+    def __init__(self, tree: SyntaxTree, constants: Mapping[str, Expression], own: Collection[str]) -> None:
+        """Of a program with these constants and its own functions, whose names BAS and others have lost."""
+        self.notes: list[str] = []
+        self._constants, self._own = constants, own
+        self._given: dict[str, Expression | None] = {}
+        self._comments: list[Token] = []
+        declared = {match[0] for s in tree.statements if (match := _DECLARED.search(_text(s)))}
+        stopped = {_STOPPED, f"global {_STOPPED}", "interrupt on 3"} if declared == {_STOPPED} else set()
+        self._harmless = {"ir_stopm": stopped, "set_cd_params": {"set_cd_params ( 0 )"}}
+
+    def follow(self, statement: Statement) -> None:
+        """The next line."""
+        words = statement.words
+        first = words[0].text.lower() if words else ""
+        if not words:
+            for token in statement.tokens:
+                if token.kind == "comment":
+                    self._comments = [*([] if _FOLD.match(token.text) else self._comments), token]
+        elif first not in _LINES:
+            self._given, self._comments = {}, []
+        elif first in _RECORDS:
+            self._given[first] = read_expression(words[2:]) if [word.text for word in words[1:2]] == ["="] else None
+
+    def sets(self, statement: Statement) -> list[Node] | None:
+        """What a line of a form sets; None where that is not known, and of other lines."""
+        text, words = _text(statement), statement.words
+        if any(text in texts for name, texts in self._harmless.items() if name not in self._own):
+            return []
+        call = read_expression(words) if words[0].text.lower() == "bas" and "bas" not in self._own else None
+        if call is None or call.kind != "call" or not 1 <= len(call.items) <= 2:
+            return None
+        unknown, known = _SETS.get(call.items[0].name.lower(), ((), ("",)))
+        nodes: list[Node] = [Setting(statement.line, key, None) for key in unknown]
+        for source in known:
+            found = self._from(source, call.items[1] if len(call.items) == 2 else None, statement.line)
+            if found is None:
+                return None
+            nodes += found
+        return nodes
+
+    def _from(self, source: str, value: Expression | None, line: int) -> list[Node] | None:
+        if source == "no frames":
+            return [Wait(line), Frames(line, "tool", None), Frames(line, "base", None)]
+        if source in _SPEED:
+            slot = self._slot(source, value)
+            return None if slot is None else [Setting(line, source, slot)]
+        if source.endswith("_data"):
+            return [self._frame("tool" if source == "tool_data" else "base", value, line)]
+        record = self._record(source)
+        if record is None:
+            if source:
+                self._note(f"line {line}: what {source.upper()} is given is not known; {_GIVE}")
+            return None
+        if source == "fdat_act":
+            tool, base = (self._frame(which, record.get(f"{which}_NO".upper()), line) for which in ("tool", "base"))
+            return [tool, base, *_unless(_named(record, "IPO_FRAME") == "#base", line)]
+        distance = number_of(record.get("APO_DIST"), self._constants)
+        in_mm = source == "ldat_act" or _named(record, "APO_MODE") == "#cdis"
+        known = in_mm and distance is not None and distance >= 0
+        blend = Setting(line, "blend", SpeedSlot(0, 0, distance, unit="mm", factor=1e-3) if known else None)
+        if source == "pdat_act":
+            return [blend, Setting(line, "acceleration axes", None)]
+        ordinary = _named(record, "ORI_TYP") in ("", "#var") and _named(record, "CIRC_TYP") in ("", "#base")
+        return [blend, Setting(line, "acceleration tool", None), *_unless(ordinary, line)]
+
+    def _slot(self, measure: str, value: Expression | None) -> SpeedSlot | None:
+        number = number_of(value, self._constants)
+        if value is None or number is None or number <= 0:
+            return None
+        places = ((token.start, match.span(1)) for token in self._comments for match in _SHOWN.finditer(token.text))
+        shown = tuple((start + begin, start + end) for start, (begin, end) in places)
+        most, unit, factor = _SPEED[measure]
+        whole = unit == "%"
+        return SpeedSlot(
+            value.start, value.end, number, most=most, unit=unit, factor=factor, setting=True, whole=whole, shown=shown
+        )
+
+    def _record(self, name: str) -> dict[str, Expression] | None:
+        found = resolved(self._given.get(name), self._constants)
+        if found is None or found.kind != "record" or len(set(found.keys)) < len(found.keys):
+            return None
+        return dict(zip(found.keys, found.items, strict=True))
+
+    def _frame(self, which: Frame, number: Expression | None, line: int) -> Frames:
+        """``TOOL_DATA`` or ``BASE_DATA`` of a number; of 0 the flange, or the arm's base."""
+        value = number_of(number, self._constants)
+        if value == 0:
+            return Frames(line, which, (0.0,) * 6)
+        name = f"{which}_data[{'?' if value is None else f'{value:g}'}]"
+        pose = frame_of_record(self._constants.get(name), self._constants)
+        if which == "tool":
+            self._note(
+                "what the arm carries BAS sets, which is not followed: the load of the scenario's robot is judged"
+            )
+        if pose is None:
+            self._note(f"{name.upper()} is not known; {_GIVE}")
+        return Frames(line, which, pose)
+
+    def _note(self, text: str) -> None:
+        self.notes += [text] if text not in self.notes else []
+
+
+def _text(statement: Statement) -> str:
+    return " ".join(word.text.lower() for word in statement.words)
+
+
+def _named(record: Mapping[str, Expression], key: str) -> str:
+    """The value of an enumeration in small letters; empty where there is none."""
+    return (record[key].name.lower() or "?") if key in record else ""
+
+
+def _unless(ordinary: bool, line: int) -> list[Node]:
+    """Where poses are meant in another way, none is known."""
+    return [] if ordinary else [Frames(line, "shift", None)]
