@@ -365,6 +365,13 @@ SOME = "the speed of some axes is set outside the program"
         ("I=3\n$VEL_AXIS[I]=20\n", SOME),
         ("FOR I=1 TO N\n$VEL_AXIS[I]=20\nENDFOR\n", "its speed may be one of several"),
         ("FOR I=1 TO 6\n$VEL_AXIS[J]=20\nENDFOR\n", "its speed may be one of several"),
+        (
+            f"{KRL_SPEEDS}FOR I=1 TO 6\n$VEL_AXIS[I]=5\nIF X THEN\nEXIT\nENDIF\nENDFOR\n",
+            "its speed may be one of several",
+        ),
+        (f"{KRL_SPEEDS}FOR I=1 TO 6\n$VEL_AXIS[I]=5\nX=GO(I)\nENDFOR\n", "its speed may be one of several"),
+        (f"{KRL_SPEEDS}FOR I=1 TO 6\nX=1\nENDFOR\n$VEL_AXIS[I]=5\n", "its speed may be one of several"),
+        ("FOR I=1 TO 6\n\n; all\n$VEL_AXIS[I]=5\n$ACC_AXIS[I]=5\nENDFOR\n", ""),
     ],
 )
 def test_only_the_axes_that_are_counted_are_set(settings: str, why: str) -> None:

@@ -292,8 +292,9 @@ def numbers_of(expression: Expression | None, constants: Mapping[str, Expression
 
 
 def _number(text: str) -> float:
+    base = {"'b": 2, "'h": 16}.get(text[:2].lower())  # of KRL's 'B101' and 'HFF'
     try:
-        value = float(text)
-    except ValueError:
+        value = float(int(text[2:-1], base)) if base else float(text)
+    except (ValueError, OverflowError):
         return math.nan
     return value if math.isfinite(value) else math.nan

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from bumpstop.program.languages.blocks import Assignments, Blocks, bent_by, does_something
-from bumpstop.program.languages.calls import KRL_PURE, function_name, has_parameters, names_given
+from bumpstop.program.languages.calls import KRL_PURE, calls_in, function_name, has_parameters, names_given
 from bumpstop.program.languages.expression import (
     Expression,
     Reader,
@@ -34,7 +34,7 @@ from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token, pars
 
 _TOKENS = re.compile(
     r"(?P<comment>;[^\n\r]*|(?:(?<![^\n])|(?<=\A\xef\xbb\xbf))&[^\n\r]*)|(?P<newline>\r?\n)|(?P<space>[ \t\r\f\v]+)"
-    r"|(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
+    r"|(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|'(?:[bB][01]+|[hH][0-9a-fA-F]+)')"
     r"|(?P<name>[$#]?[A-Za-z_][A-Za-z0-9_$]*(?:\.[A-Za-z_][A-Za-z0-9_]*)*)|(?P<string>\"[^\"\n\r]*\")"
     r"|(?P<division>/)|(?P<operator>==|<>|<=|>=|[-+*=<>()\[\]{},:!?'])"
 )
@@ -115,13 +115,16 @@ def read_krl(source: bytes, data: bytes = b"", config: bytes = b"") -> ReadProgr
     before = ""
     # Where it does not look ahead nothing is blended.
     looks_ahead = "$advance" not in constants or (number_of(constants["$advance"], constants) or 0) >= 1
-    for statement in tree.statements:
+    for number, statement in enumerate(tree.statements):
         forms.follow(statement)
         if words := statement.words:
             first = words[0].text.lower()
             if first == "for" and len(words) > 1:
-                # What the index of a setting runs through is said by the loop before it.
-                counts[words[1].text.lower()] = _bounds(words, constants) or (math.nan, math.nan)
+                # What the index of a setting runs through is said by the loop around it, where it does nothing else.
+                bounds = _bounds(words, constants) if _only_sets(tree.statements, number) else None
+                counts[words[1].text.lower()] = bounds or (math.nan, math.nan)
+            elif first == "endfor" or _head(words):
+                counts.clear()
             elif assigned(words, "=") is not None:
                 counts.pop(first, None)
             waits = first in _WAITS or not looks_ahead or (before != "continue" and _looks_no_further(words))
@@ -299,6 +302,14 @@ def _bounds(words: list[Token], constants: Mapping[str, Expression]) -> tuple[fl
     return (low, high) if low is not None and high is not None and low <= high else None
 
 
+def _only_sets(statements: Sequence[Statement], number: int) -> bool:
+    """Whether a loop has nothing but assignments before its end: nothing leaves it, or sees some of its rounds only."""
+    for i in range(number + 1, len(statements)):
+        if (words := statements[i].words) and (assigned(words, "=") is None or calls_in(words, KRL_PURE)):
+            return words[0].text.lower() == "endfor"
+    return False
+
+
 def _axes(
     words: list[Token], constants: Mapping[str, Expression], counts: Mapping[str, tuple[float, float]]
 ) -> list[str] | None:
@@ -365,11 +376,12 @@ def _move(blocks: Blocks, statement: Statement, tree: SyntaxTree, constants: Map
     else:
         lines = "".join(f"{lead}$VEL_AXIS[{j}]={{0}}{end}" for j in range(1, 7))
         default = SpeedSlot(start, start, None, lines, 100.0, "%", 0.01, setting=True, whole=True)
+    target = Target(why=why) if why else pose_or_axes(read_expression(parts[-1]), constants, posture=not linear)
     return Move(
         line=statement.line,
         word=words[0].text,
         linear=linear,
-        target=Target(why=why) if why else pose_or_axes(read_expression(parts[-1]), constants),
+        target=target,
         measure="tool" if linear else "axes",
         default=default,
         blend=(None if blends == {"c_dis"} else math.inf) if blends else 0.0,

@@ -20,8 +20,8 @@ def arc_place(expression: Expression | None, constants: Mapping[str, Expression]
     return Target(pose=(*(values[name] / 1e3 for name in "XYZ"), 0.0, 0.0, 0.0))
 
 
-def pose_or_axes(expression: Expression | None, constants: Mapping[str, Expression]) -> Target:
-    """The target of a move."""
+def pose_or_axes(expression: Expression | None, constants: Mapping[str, Expression], *, posture: bool) -> Target:
+    """The target of a move, which may go to the posture that is written beside it."""
     found = resolved(expression, constants)
     unknown = Target(why="its target is not known before the program runs")
     if found is None or found.kind != "record":
@@ -38,6 +38,9 @@ def pose_or_axes(expression: Expression | None, constants: Mapping[str, Expressi
     pose = frame_of_record(found, constants)
     if pose is None:
         return Target(why="its target leaves X to C as they are")
+    if posture and "S" in values and "T" not in values:
+        # What its bits say hangs on how the arm is built.
+        return Target(why="the posture that its S names is not known without T")
     # Bits of T say which axes are below zero.
     turns = int(values["T"]) if values.get("T", 0.5).is_integer() else None
     bits = [] if turns is None else [(j, turns >> j & 1) for j in range(6)]

@@ -110,7 +110,7 @@ class InlineForms:
         if value is None or number is None or number <= 0:
             return None
         places = ((token.start, match.span(1)) for token in self._comments for match in _SHOWN.finditer(token.text))
-        shown = tuple((start + begin, start + end) for start, (begin, end) in places)
+        shown, self._comments = tuple((start + begin, start + end) for start, (begin, end) in places), []
         most, unit, factor = _SPEED[measure]
         whole = unit == "%"
         return SpeedSlot(
