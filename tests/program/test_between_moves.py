@@ -24,6 +24,9 @@ from program.test_flow import BEGIN, FRAME, KRL_SPEEDS, LIN, MOVE_L, absj, begin
         ("PULSE($OUT[1],TRUE,0.5)\n", True),
         ("P=$POS_ACT\n", True),
         ("$VEL_AXIS=30\n$ACC.CP=1\n", False),
+        ("TRIGGER WHEN DISTANCE=0 DELAY=20 DO $OUT[1]=TRUE\n", False),
+        ("TRIGGER WHEN PATH=-20 DELAY=0 DO PULSE($OUT[1],TRUE,0.5)\n", False),
+        ("PTP $AXIS_ACT\n", True),
     ],
 )
 def test_what_stops_the_look_ahead_of_krl_leaves_the_corner_open(between: str, leaves_open: bool) -> None:
@@ -62,10 +65,17 @@ def test_poses_are_not_known_where_the_tool_turns_otherwise(setting: str) -> Non
 
 
 def test_what_is_ordinary_is_understood() -> None:
-    ordinary = "$ORI_TYPE=#VAR\n$CIRC_TYPE=#BASE\n$IPO_MODE=#BASE\n"
+    ordinary = "$ORI_TYPE=#VAR\n$CIRC_TYPE=#BASE\n$IPO_MODE=#BASE\nPTP $AXIS_ACT\n$VEL.ORI1=200\n$GEAR_JERK[1]=50\n"
     read = krl(f"DEF a()\n{KRL_SPEEDS}{ordinary}{ptp(17)}{LIN}END\n")
     assert whys(read) == ["", ""]
     assert not read.not_understood
+
+
+@pytest.mark.parametrize("done", ["GO() PRIO=-1", "$VEL.CP=2", "$OUT[1]=GO()", "PULSE($OUT[1],GO(),1)", ""])
+def test_what_else_runs_while_the_arm_moves_is_not_understood(done: str) -> None:
+    read = krl(f"DEF a()\n{KRL_SPEEDS}{ptp(17)}TRIGGER WHEN DISTANCE=0 DELAY=0 DO {done}\n{LIN}END\nDEF GO()\nEND\n")
+    assert [line for line, _ in read.not_understood] == [5]
+    assert whys(read) == ["", "its speed may be one of several"]
 
 
 def test_an_index_that_is_assigned_is_no_longer_the_loops() -> None:

@@ -80,7 +80,8 @@ _SETTINGS = {
 }
 _FRAMES: tuple[Frame, ...] = ("tool", "base")
 # System variables that neither move the arm nor say how it moves, and those that change tool or base.
-_OUTPUTS = ("$out", "$anout", "$timer", "$flag", "$cycflag", "$apo", "$advance", "$bwdstart", "$h_pos")
+_OUTPUTS: tuple[str, ...] = ("$out", "$anout", "$timer", "$flag", "$cycflag", "$apo", "$advance", "$bwdstart", "$h_pos")
+_OUTPUTS += ("$vel.ori", "$acc.ori", "$vel_extax", "$acc_extax", "$gear_jerk", "$jerk")  # they may slow moves, or ramps
 _REFRAMING = "$act_"
 # Those that may turn the tool in another way or move what targets are given in, and what they are where they do not.
 _ORDINARY = {"$ori_type": "#var", "$circ_type": "#base", "$ipo_mode": "#base", "$robroot": ""}
@@ -127,10 +128,12 @@ def read_krl(source: bytes, data: bytes = b"", config: bytes = b"") -> ReadProgr
                 counts.clear()
             elif assigned(words, "=") is not None:
                 counts.pop(first, None)
-            waits = first in _WAITS or not looks_ahead or (before != "continue" and _looks_no_further(words))
+            nodes = forms.sets(statement)
+            asks = nodes is None and before != "continue" and _looks_no_further(words)
+            waits = first in _WAITS or not looks_ahead or asks
             if waits:
                 blocks.add(Wait(statement.line))
-            if (nodes := forms.sets(statement)) is None:
+            if nodes is None:
                 _add(blocks, statement, tree, constants, counts)
             for node in nodes or ():
                 blocks.add(node)
@@ -262,6 +265,8 @@ def _add(
         blocks.otherwise(statement, words[1:])
     elif first in _DECLARATIONS:
         pass
+    elif [word.text.lower() for word in words] == ["ptp", "$axis_act"]:
+        blocks.add(Wait(statement.line))  # it goes to where the arm stands when it has come to rest
     elif first in ("ptp", "lin", "circ"):
         blocks.evaluate(statement, words[1:])
         blocks.add(_move(blocks, statement, tree, constants))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping
 
-from bumpstop.program.languages.expression import Expression, number_of, read_expression, resolved
+from bumpstop.program.languages.calls import KRL_PURE, calls_in
+from bumpstop.program.languages.expression import Expression, assigned, number_of, read_expression, resolved
 from bumpstop.program.languages.krl_data import frame_of_record
 from bumpstop.program.languages.statements import Frame, Frames, Node, Setting, SpeedSlot, Wait
 from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token
@@ -67,6 +68,8 @@ class InlineForms:
         """What a line of a form sets; None where that is not known, and of other lines."""
         text, words = _text(statement), statement.words
         if any(text in texts for name, texts in self._harmless.items() if name not in self._own):
+            return [Wait(statement.line)] if "interrupt" in text else []
+        if _switches(words):
             return []
         call = read_expression(words) if words[0].text.lower() == "bas" and "bas" not in self._own else None
         if call is None or call.kind != "call" or not 1 <= len(call.items) <= 2:
@@ -140,6 +143,16 @@ class InlineForms:
 
     def _note(self, text: str) -> None:
         self.notes += [text] if text not in self.notes else []
+
+
+def _switches(words: list[Token]) -> bool:
+    """Whether a line switches an output while the arm moves, for which the program does not wait."""
+    texts = [word.text.lower() for word in words]
+    if texts[0] != "trigger" or texts.count("do") != 1:
+        return False
+    done = words[texts.index("do") + 1 :]
+    sets = texts[-len(done)] == "$out" and assigned(done, "=") is not None
+    return calls_in(words, KRL_PURE) == ([] if sets else ["pulse"])
 
 
 def _text(statement: Statement) -> str:
