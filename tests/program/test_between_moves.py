@@ -15,7 +15,12 @@ from program.test_flow import BEGIN, FRAME, KRL_SPEEDS, LIN, MOVE_L, absj, begin
     ("between", "leaves_open"),
     [
         ("WHILE B\nX=1\nENDWHILE\n", True),
-        ("FOR I=1 TO 6\nX=1\nENDFOR\n", False),
+        ("DECL INT X\nFOR I=1 TO 6\nX=I\nENDFOR\n", False),
+        ("DECL BOOL A,GRIP\nIF NOT A AND (GRIP==FALSE) THEN\nGRIP=TRUE\nENDIF\n", False),
+        ("SIGNAL GRIP $OUT[5]\nGRIP=TRUE\n", True),
+        ("DECL BOOL A\nSIGNAL GRIP $IN[5]\nIF A AND GRIP THEN\nA=TRUE\nENDIF\n", True),
+        ("GRIP=TRUE\n", True),
+        ("CONTINUE\nGRIP=TRUE\n", False),
         ("$OUT[1]=TRUE\n", True),
         ("CONTINUE\n$OUT[1]=TRUE\n", False),
         ("$OUT_C[1]=TRUE\n", False),

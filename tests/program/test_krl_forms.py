@@ -124,6 +124,7 @@ def test_without_the_controllers_data_a_note_says_what_to_give() -> None:
     assert {FRAME} < set(whys(read))
     given = "give the program's .dat and the controller's $config.dat in its folder"
     assert f"TOOL_DATA[1] is not known; {given}" in read.notes
+    assert f"line 13: PDEFAULT is not known; {given}" in read.notes
 
 
 def test_a_number_of_the_controller_may_be_another_when_the_program_runs() -> None:

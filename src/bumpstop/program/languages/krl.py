@@ -19,6 +19,7 @@ from bumpstop.program.languages.expression import (
 )
 from bumpstop.program.languages.krl_data import arc_place, frame_of_record, pose_or_axes
 from bumpstop.program.languages.krl_forms import InlineForms
+from bumpstop.program.languages.krl_look_ahead import looks_no_further
 from bumpstop.program.languages.statements import (
     Frame,
     Frames,
@@ -85,8 +86,6 @@ _OUTPUTS += ("$vel.ori", "$acc.ori", "$vel_extax", "$acc_extax", "$gear_jerk", "
 _REFRAMING = "$act_"
 # Those that may turn the tool in another way or move what targets are given in, and what they are where they do not.
 _ORDINARY = {"$ori_type": "#var", "$circ_type": "#base", "$ipo_mode": "#base", "$robroot": ""}
-# System variables that a program uses without stopping its look ahead at the moves that follow.
-_AHEAD = ("$vel", "$acc", "$apo", "$tool", "$base", "$load", "$nullframe", "$out_c", "$bwdstart", *_ORDINARY)
 _MAX_AXES = 12  # of an arm and what it carries or rides on
 
 
@@ -104,8 +103,10 @@ def read_krl(source: bytes, data: bytes = b"", config: bytes = b"") -> ReadProgr
         config: of the controller's $config.dat, of which records count: numbers may be what other programs leave there.
     """
     tree, assignments, names = parse_krl(source), Assignments(), []
-    shared = [s for s in parse_krl(config).statements if any(word.text == "{" for word in s.words)]
-    for statement in (*shared, *parse_krl(data).statements, *tree.statements):
+    common, own = parse_krl(config).statements, (*parse_krl(data).statements, *tree.statements)
+    shared = [s for s in common if any(word.text == "{" for word in s.words)]
+    variables = {part[0].text.lower() for s in (*common, *own) for part in _declared(s.words)}
+    for statement in (*shared, *own):
         _assign(assignments, statement.words)
         if (head := _head(statement.words)) is not None:
             names.append(function_name(head))
@@ -121,6 +122,7 @@ def read_krl(source: bytes, data: bytes = b"", config: bytes = b"") -> ReadProgr
         if words := statement.words:
             first = words[0].text.lower()
             if first == "for" and len(words) > 1:
+                variables.add(words[1].text.lower())
                 # What the index of a setting runs through is said by the loop around it, where it does nothing else.
                 bounds = _bounds(words, constants) if _only_sets(tree.statements, number) else None
                 counts[words[1].text.lower()] = bounds or (math.nan, math.nan)
@@ -129,7 +131,7 @@ def read_krl(source: bytes, data: bytes = b"", config: bytes = b"") -> ReadProgr
             elif assigned(words, "=") is not None:
                 counts.pop(first, None)
             nodes = forms.sets(statement)
-            asks = nodes is None and before != "continue" and _looks_no_further(words)
+            asks = nodes is None and before != "continue" and looks_no_further(words, variables)
             waits = first in _WAITS or not looks_ahead or asks
             if waits:
                 blocks.add(Wait(statement.line))
@@ -153,11 +155,6 @@ def read_krl(source: bytes, data: bytes = b"", config: bytes = b"") -> ReadProgr
         main=main if main is not None and blocks.may_be_first(main) else None,
         frames=_FRAMES,
     )
-
-
-def _looks_no_further(words: list[Token]) -> bool:
-    """Whether the program runs a statement when the arm has come there, and no earlier: it uses inputs or outputs."""
-    return any(text.startswith("$") and not text.startswith(_AHEAD) for text in (word.text.lower() for word in words))
 
 
 def _head(words: list[Token]) -> list[Token] | None:
@@ -195,15 +192,18 @@ def _assign(assignments: Assignments, words: list[Token]) -> None:
     if texts[:1] == ["for"] and len(words) > 1:
         assignments.add(words[1].text, None)
         return
+    for part in _declared(words):
+        assignments.declare(part[0].text)
+        _assign_one(assignments, part)
     plain, declared = _without_type(words)
-    if declared and plain:
-        parts = split_at(plain, ",")
-        for part in parts:
-            if part and part[0].kind == "name":
-                assignments.declare(part[0].text)
-                _assign_one(assignments, part)
-    elif plain:
+    if plain and not declared:
         _assign_one(assignments, plain)
+
+
+def _declared(words: list[Token]) -> list[list[Token]]:
+    """The variables of a declaration, each with what is assigned to it."""
+    plain, declared = _without_type(words)
+    return [part for part in split_at(plain, ",") if declared and part and part[0].kind == "name"]
 
 
 def _without_type(words: list[Token]) -> tuple[list[Token], bool]:

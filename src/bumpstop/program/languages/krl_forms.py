@@ -93,8 +93,10 @@ class InlineForms:
             return [self._frame("tool" if source == "tool_data" else "base", value, line)]
         record = self._record(source)
         if record is None:
-            if source:
-                self._note(f"line {line}: what {source.upper()} is given is not known; {_GIVE}")
+            if source in self._given:
+                given = self._given[source]
+                named = given.name if given is not None and given.kind == "name" else f"what {source.upper()} is given"
+                self._note(f"line {line}: {named} is not known; {_GIVE}")
             return None
         if source == "fdat_act":
             tool, base = (self._frame(which, record.get(f"{which}_NO".upper()), line) for which in ("tool", "base"))
