@@ -356,6 +356,16 @@ def test_a_function_that_calls_itself_ends() -> None:
 SOME = "the speed of some axes is set outside the program"
 
 
+def test_whole_numbers_are_made_whole() -> None:
+    """By the controller: what is judged is not slower."""
+    far, numbers = LIN.replace("350", "300"), "DECL INT V, W[2]\nV=0.6\nW[2]=1.0\n"
+    read = krl(f"DEF a()\n{numbers}{ptp(17)}$VEL.CP=V\n{LIN}$VEL.CP=W[2]\n{far}END\n")
+    (_, one, other) = visits(read)
+    assert (one.why, other.slots[0].value) == ("its speed may be one of several", 1.0)
+    for set_axes in ("$VEL_AXIS=20.6\n", "BAS(#VEL_PTP,20.6)\n"):
+        assert visits(krl(f"DEF a()\n{set_axes}{ptp(17)}END\n"))[0].slots[0].value == 21
+
+
 @pytest.mark.parametrize(
     ("settings", "why"),
     [

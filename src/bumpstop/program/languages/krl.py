@@ -17,7 +17,7 @@ from bumpstop.program.languages.expression import (
     read_expression,
     split_at,
 )
-from bumpstop.program.languages.krl_data import arc_place, frame_of_record, pose_or_axes
+from bumpstop.program.languages.krl_data import arc_place, forget_fractions, frame_of_record, pose_or_axes
 from bumpstop.program.languages.krl_forms import InlineForms
 from bumpstop.program.languages.krl_look_ahead import looks_no_further
 from bumpstop.program.languages.statements import (
@@ -111,6 +111,10 @@ def read_krl(source: bytes, data: bytes = b"", config: bytes = b"") -> ReadProgr
         if (head := _head(statement.words)) is not None:
             names.append(function_name(head))
     constants = assignments.constants()
+    forget_fractions(
+        constants,
+        [part for s in own if any(word.text.lower() == "int" for word in s.words[:4]) for part in _declared(s.words)],
+    )
     blocks = Blocks(names, KRL_PURE, _JUMPS, _FRAMES, _LEADING, bent_by(tree, _BENDING))
     counts = dict[str, tuple[float, float]]()
     forms = InlineForms(tree, constants, blocks.own)
@@ -350,6 +354,8 @@ def _set(
     key, unit, most = _SETTINGS[name]
     axes = _axes(words[:at], constants, counts) if name.endswith("_axis") else [""]
     known = number_of(value, constants)
+    if unit == "%" and known is not None:
+        known = float(math.ceil(known))  # the controller takes a whole one
     slot = None
     if value is not None and known is not None and (known > 0 or name == "$apo.cdis") and axes is not None:
         factor = {"%": 0.01, "mm": 1e-3}.get(unit, 1.0)

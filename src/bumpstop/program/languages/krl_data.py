@@ -4,11 +4,20 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from bumpstop.program.languages.expression import Expression, number_of, resolved
 from bumpstop.program.languages.rotation import from_euler_zyx
 from bumpstop.program.languages.statements import Target
+from bumpstop.program.languages.syntax import Token
+
+
+def forget_fractions(constants: dict[str, Expression], integers: Iterable[Sequence[Token]]) -> None:
+    """Values that are not whole, of names that are declared as integers: the controller makes them whole."""
+    names = {words[0].text.lower() for words in integers}
+    for name in constants:
+        if name.partition("[")[0] in names and not (number_of(constants[name], constants) or 0.0).is_integer():
+            constants[name] = Expression("unknown", 0, 0)
 
 
 def arc_place(expression: Expression | None, constants: Mapping[str, Expression]) -> Target:

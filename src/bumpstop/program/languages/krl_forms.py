@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Collection, Mapping
 
@@ -117,7 +118,8 @@ class InlineForms:
         places = ((token.start, match.span(1)) for token in self._comments for match in _SHOWN.finditer(token.text))
         shown, self._comments = tuple((start + begin, start + end) for start, (begin, end) in places), []
         most, unit, factor = _SPEED[measure]
-        whole = unit == "%"
+        if whole := unit == "%":
+            number = float(math.ceil(number))  # the controller takes a whole one
         return SpeedSlot(
             value.start, value.end, number, most=most, unit=unit, factor=factor, setting=True, whole=whole, shown=shown
         )

@@ -8,8 +8,8 @@ from bumpstop.program.languages.expression import assigned
 from bumpstop.program.languages.syntax import Token
 
 # System variables that a program uses without stopping its look ahead at the moves that follow.
-_AHEAD = ("$vel", "$acc", "$apo", "$tool", "$base", "$load", "$nullframe", "$out_c", "$bwdstart", "$jerk", "$gear_jerk")
-_AHEAD += ("$ori_type", "$circ_type", "$ipo_mode", "$robroot")
+_SETTINGS = "$vel $acc $apo $tool $base $load $nullframe $ori_type $circ_type $ipo_mode $robroot $jerk $gear_jerk"
+_AHEAD = (*_SETTINGS.split(), "$out_c", "$bwdstart")
 _CONDITIONS = ("if", "while", "until", "switch", "case")
 _OPERATORS = "then and or not exor b_and b_or b_exor b_not true false"
 _WORDS = frozenset((*_CONDITIONS, *_OPERATORS.split()))
