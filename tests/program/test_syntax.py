@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bumpstop.errors import InputError
+from bumpstop.program.languages.blocks import moves_unseen
 from bumpstop.program.languages.krl import parse_krl, read_krl
 from bumpstop.program.languages.message_syntax import parse_json, parse_yaml
 from bumpstop.program.languages.rapid import parse_rapid, read_rapid
@@ -105,3 +106,22 @@ def test_edits_touch_their_spans_alone() -> None:
 @given(st.floats(1e-6, 9e5))
 def test_a_written_number_is_never_above_its_value(value: float) -> None:
     assert value * (1 - 2e-3) <= float(short(value)) <= value * (1 + 1e-12)
+
+
+@pytest.mark.parametrize(
+    ("language", "opening", "closing"),
+    [
+        (0, b"while True:\n", b"end\n"),
+        (0, b"if x:\n", b""),
+        (1, b"FOR I=1 TO 6\n", b"ENDFOR\n"),
+        (1, b"IF X THEN\n", b""),
+        (2, b"WHILE TRUE DO\n", b"ENDWHILE\n"),
+    ],
+)
+def test_blocks_without_end_do_not_exhaust_the_stack(language: int, opening: bytes, closing: bytes) -> None:
+    _, read, _ = LANGUAGES[language]
+    program = read(5000 * opening + 5000 * closing)
+    assert any(text == "a block inside of 40 others" for _, text in program.not_understood)
+    assert any(moves_unseen(body) for body in program.functions.values())
+    shallow = read(20 * opening + 20 * closing)
+    assert not any("inside of" in text for _, text in shallow.not_understood)

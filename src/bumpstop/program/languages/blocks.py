@@ -14,6 +14,7 @@ from bumpstop.program.languages.statements import Branch, Call, Frame, Jump, Lea
 from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token
 
 Kind = Literal["function", "loop", "branch"]
+_MAX_OPEN = 40  # blocks in each other: more is no program that a person writes, and would exhaust the stack
 
 
 @dataclass
@@ -180,6 +181,9 @@ class Blocks:
             # Where it ends it returns anyway.
             last = body[-1] if body else None
             self.functions[closed.name] = body[:-1] if isinstance(last, Leave) and last.what == "function" else body
+        elif len(self._open) > _MAX_OPEN:
+            self.not_understood.append((closed.line, text := f"a block inside of {_MAX_OPEN} others"))
+            self.add(Opaque(closed.line, text, resets=True, reframes=self._frames))
         elif closed.kind == "loop":
             self.add(Loop(closed.line, bodies[0], closed.certain, closed.endless))
             for node in closed.after:

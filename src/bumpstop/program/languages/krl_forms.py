@@ -59,7 +59,9 @@ class InlineForms:
         if not words:
             for token in statement.tokens:
                 if token.kind == "comment":
-                    self._comments = [*([] if _FOLD.match(token.text) else self._comments), token]
+                    if _FOLD.match(token.text):
+                        self._comments = []  # of another form
+                    self._comments.append(token)
         elif first not in _LINES:
             self._given, self._comments = {}, []
         elif first in _RECORDS:
