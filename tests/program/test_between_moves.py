@@ -83,6 +83,15 @@ def test_what_else_runs_while_the_arm_moves_is_not_understood(done: str) -> None
     assert whys(read) == ["", "its speed may be one of several"]
 
 
+@pytest.mark.parametrize(("frame", "leaves_open"), [("$TOOL", True), ("$BASE", False)])
+def test_a_line_is_not_blended_into_one_of_another_tool(frame: str, leaves_open: bool) -> None:
+    """Whether the controller does is not certain; a base is a way to write targets, and no more."""
+    far = LIN.replace("550", "500").replace("350", "300")
+    text = f"{ptp(17)}{LIN[:-1]} C_DIS\n{frame}={{X 0,Y 0,Z 50,A 0,B 0,C 0}}\n{far}"
+    why = "the tool changes before the move that it is blended into" if leaves_open else ""
+    assert whys(krl(f"DEF a()\n{KRL_SPEEDS}$APO.CDIS=10\n{text}END\n")) == ["", why, ""]
+
+
 def test_an_index_that_is_assigned_is_no_longer_the_loops() -> None:
     text = f"FOR I=1 TO 6\n$VEL_AXIS[I]=100\nENDFOR\nI=2\n$VEL_AXIS[I]=10\n{ptp(17)}"
     assert whys(krl(f"DEF a()\n{text}END\n")) == ["its speed may be one of several"]

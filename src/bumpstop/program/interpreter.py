@@ -35,7 +35,7 @@ from bumpstop.program.motion.kinematics import (
     transform,
 )
 from bumpstop.program.motion.path import Leg
-from bumpstop.program.state import State, acceleration_of, agreed, alike, blend_of, slots_of
+from bumpstop.program.state import State, acceleration_of, agreed, alike, blend_of, equal, slots_of
 from bumpstop.program.visit import Visit, identity, same_motion
 
 if TYPE_CHECKING:
@@ -290,6 +290,8 @@ class Interpreter:
         visit, end = self._visit(move, state, blend)
         if visit.still:
             self._end_blend("the move that it is blended into goes nowhere")
+        if self._goes_on and _with_other_tools(self._chains[-1][-1], visit):
+            self._end_blend("the tool changes before the move that it is blended into")
         if self._goes_on and self._chains:
             self._chains[-1].append(visit)
         else:
@@ -368,3 +370,10 @@ class Interpreter:
         if target.joints is not None and state.tool is not None and len(target.joints) == self._robot.dof:
             return np.asarray(self._robot.pose(np.array(target.joints)) @ state.tool)
         return None if target.pose is None or state.frame is None else state.frame @ transform(target.pose)
+
+
+def _with_other_tools(one: Visit, other: Visit) -> bool:
+    """Whether a line goes over into a move of another tool, or into one from it: the tool's path is not one."""
+    if one.leg is None or other.leg is None or not (one.move.linear or other.move.linear):
+        return False
+    return not equal(one.leg.tool, other.leg.tool)
