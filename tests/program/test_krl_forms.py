@@ -51,7 +51,7 @@ P2 = """;FOLD LIN P2 Vel=0.2 m/s CPDAT1 Tool[1]:grip Base[1] ;%{PE}
   LDAT_ACT = LCPDAT1
   FDAT_ACT = FP1
   BAS(#CP_PARAMS, 0.2)
-  SET_CD_PARAMS (0)
+  SET_CD_PARAMS (1)
   LIN XP2
 ;ENDFOLD
 """
@@ -170,6 +170,8 @@ def test_single_commands_of_bas() -> None:
         ("GLOBAL INTERRUPT DECL 3 WHEN $IN[1]==TRUE DO IR_STOPM ( )\nINTERRUPT ON 3\n", False, False),
         ("INTERRUPT DECL N WHEN $IN[1]==TRUE DO IR_STOPM ( )\nINTERRUPT ON 3\n", False, False),
         ("INTERRUPT ON 3\n", False, False),
+        ("SET_CD_PARAMS(2)\n", True, False),
+        ("SET_CD_PARAMS(GO())\n", False, True),
         ("GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO HIT ( )\n", False, False),
     ],
 )

@@ -36,6 +36,7 @@ _SHOWN = re.compile(r"(?:\bVel\s*=\s*|,\s*5\s*:\s*|\bKuka\.Velocity(?:Ptp|Path)\
 # The interrupt of every program that the smartPAD makes: what runs when the arm has been stopped.
 _STOPPED = "interrupt decl 3 when $stopmess == true do ir_stopm ( )"
 _DECLARED = re.compile(r"interrupt decl (?:3 |(?![0-9])).*")
+_COLLISION = re.compile(r"set_cd_params \( [0-9]+ \)")  # of the controller's own collision detection
 _GIVE = "give the program's .dat and the controller's $config.dat in its folder"
 
 
@@ -49,8 +50,8 @@ class InlineForms:
         self._given: dict[str, Expression | None] = {}
         self._comments: list[Token] = []
         declared = {match[0] for s in tree.statements if (match := _DECLARED.search(_text(s)))}
-        stopped = {_STOPPED, f"global {_STOPPED}", "interrupt on 3"} if declared == {_STOPPED} else set()
-        self._harmless = {"ir_stopm": stopped, "set_cd_params": {"set_cd_params ( 0 )"}}
+        stopped = {_STOPPED, f"global {_STOPPED}", "interrupt on 3", "interrupt off 3"}
+        self._stopped = stopped if declared == {_STOPPED} and "ir_stopm" not in own else set()
 
     def follow(self, statement: Statement) -> None:
         """The next line."""
@@ -70,9 +71,9 @@ class InlineForms:
     def sets(self, statement: Statement) -> list[Node] | None:
         """What a line of a form sets; None where that is not known, and of other lines."""
         text, words = _text(statement), statement.words
-        if any(text in texts for name, texts in self._harmless.items() if name not in self._own):
-            return [Wait(statement.line)] if "interrupt" in text else []
-        if _switches(words):
+        if text in self._stopped:
+            return [Wait(statement.line)]
+        if _switches(words) or (_COLLISION.fullmatch(text) and "set_cd_params" not in self._own):
             return []
         call = read_expression(words) if words[0].text.lower() == "bas" and "bas" not in self._own else None
         if call is None or call.kind != "call" or not 1 <= len(call.items) <= 2:
