@@ -92,6 +92,12 @@ def test_a_line_is_not_blended_into_one_of_another_tool(frame: str, leaves_open:
     assert whys(krl(f"DEF a()\n{KRL_SPEEDS}$APO.CDIS=10\n{text}END\n")) == ["", why, ""]
 
 
+@pytest.mark.parametrize(("variable", "why"), [("$OV_PRO=50", ""), ("$DELTAWORKBASE={X 5,Y 0,Z 0,A 0,B 0,C 0}", FRAME)])
+def test_a_system_variable_that_is_not_understood_may_move_targets(variable: str, why: str) -> None:
+    frames = "$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\n"
+    assert whys(krl(f"DEF a()\n{ptp(17)}{variable}\n{frames}{KRL_SPEEDS}{LIN}{ptp(17)}END\n"))[1:2] == [why]
+
+
 def test_an_index_that_is_assigned_is_no_longer_the_loops() -> None:
     text = f"FOR I=1 TO 6\n$VEL_AXIS[I]=100\nENDFOR\nI=2\n$VEL_AXIS[I]=10\n{ptp(17)}"
     assert whys(krl(f"DEF a()\n{text}END\n")) == ["its speed may be one of several"]

@@ -20,6 +20,7 @@ from bumpstop.program.languages.expression import (
 from bumpstop.program.languages.krl_data import arc_place, forget_fractions, frame_of_record, pose_or_axes
 from bumpstop.program.languages.krl_forms import InlineForms
 from bumpstop.program.languages.krl_look_ahead import looks_no_further
+from bumpstop.program.languages.krl_variables import ALL_FRAMES, changed_by
 from bumpstop.program.languages.statements import (
     Frame,
     Frames,
@@ -80,12 +81,6 @@ _SETTINGS = {
     "$apo.cdis": ("blend", "mm", 1e6),
 }
 _FRAMES: tuple[Frame, ...] = ("tool", "base")
-# System variables that neither move the arm nor say how it moves, and those that change tool or base.
-_OUTPUTS: tuple[str, ...] = ("$out", "$anout", "$timer", "$flag", "$cycflag", "$apo", "$advance", "$bwdstart", "$h_pos")
-_OUTPUTS += ("$vel.ori", "$acc.ori", "$vel_extax", "$acc_extax", "$gear_jerk", "$jerk")  # they may slow moves, or ramps
-_REFRAMING = "$act_"
-# Those that may turn the tool in another way or move what targets are given in, and what they are where they do not.
-_ORDINARY = {"$ori_type": "#var", "$circ_type": "#base", "$ipo_mode": "#base", "$robroot": ""}
 _MAX_AXES = 12  # of an arm and what it carries or rides on
 
 
@@ -281,17 +276,14 @@ def _add(
         blocks.evaluate(statement, words[1:])
     elif (target := assigned(words, "=")) is not None:
         blocks.evaluate(statement, words[target[1] + 1 :])
-        if not _set(blocks, statement, constants, counts) and first.startswith("$") and not first.startswith(_OUTPUTS):
+        if not _set(blocks, statement, constants, counts) and first.startswith("$"):
             if first.startswith("$load"):
                 blocks.note_load(statement.line)
-            if first.startswith("$load") or words[-1].text.lower() == _ORDINARY.get(first):
-                return
-            named: dict[str, tuple[Frame, ...]] = {"$tool": _FRAMES[:1], "$base": _FRAMES[1:]}
-            named |= dict.fromkeys(_ORDINARY, ("shift",))
-            reframes = named.get(first.partition(".")[0]) or (_FRAMES if first.startswith(_REFRAMING) else ())
-            blocks.opaque(statement, moves=False, resets=not reframes, reframes=reframes)
+            resets, reframes = changed_by(first, words[-1].text.lower())
+            if resets or reframes:
+                blocks.opaque(statement, moves=False, resets=resets, reframes=reframes)
     elif first == "bas" or first.startswith("$"):
-        blocks.opaque(statement, moves=False, reframes=("tool", "base", "shift"))
+        blocks.opaque(statement, moves=False, reframes=ALL_FRAMES)
     elif words[0].kind == "name" and [word.text for word in words[1:]] == ["(", ")"]:
         blocks.call(statement, first)
     else:
