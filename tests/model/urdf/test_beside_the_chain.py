@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bumpstop.errors import InputError
+from bumpstop.model.joint import rotation_from_rpy
 from model.urdf_cases import ARM, changed, read
 
 ANTENNA = (
@@ -80,3 +82,46 @@ def test_two_fingers_offer_the_link_before_them(tmp_path: Path) -> None:
     both = finger("left_finger", "left") + finger("right_finger", "right", '<mimic joint="left_finger"/>')
     with pytest.raises(InputError, match="give 'tool' to end the chain before the gripper"):
         read(ARM.replace("</robot>", both + "</robot>"), tmp_path)
+
+
+CONTROLLER = (
+    '<link name="cell"/><joint name="stand" type="fixed"><parent link="cell"/><child link="{stood}"/></joint>'
+    '<joint name="count" type="fixed"><origin xyz="{xyz}" rpy="{rpy}"/><parent link="cell"/><child link="{counts}"/>'
+    "</joint></robot>"
+)
+
+
+def test_the_controller_s_base_beside_the_arm_is_a_base(tmp_path: Path) -> None:
+    """Files of ROS-Industrial have it as a link with nothing below it; it was refused, whatever tip was given."""
+    text = ARM.replace('"base"', '"foot"').replace('<link name="foot"/>', '<link name="foot"/><link name="base"/>')
+    turned = text.replace("</robot>", CONTROLLER.format(stood="foot", counts="base", xyz="0.2 0 0.1", rpy="0 0 3"))
+    q = np.array([0.3, 0.2, -0.4])
+    in_root = read(turned, tmp_path, base="cell", tip="tool")
+    for tip in ("tool", None):
+        in_base = read(turned, tmp_path, base="base", tip=tip)
+        X = np.eye(4)
+        X[:3, :3], X[:3, 3] = rotation_from_rpy(0, 0, 3), (0.2, 0, 0.1)
+        np.testing.assert_allclose(X @ in_base.pose(q), in_root.pose(q), atol=1e-12)
+        assert in_base.frames == in_root.frames
+    with pytest.raises(InputError, match="'upper' is not below 'slide'"):
+        read(turned, tmp_path, base="camera", tip="upper")
+
+
+@pytest.mark.parametrize(
+    ("xyz", "rpy", "begins"),
+    [
+        ("0 0 0", "0 0 3.141592653589793", "Velocities, normals and a program's poses are taken in 'cell', against"),
+        ("0 0 0.8", "0 0 0", "A program's poses are taken in 'cell', against which 'base' is shifted, by custom the"),
+        ("0 0 0", "0 0 0", ""),
+    ],
+)
+def test_a_controller_s_base_that_is_not_that_of_the_chain_is_told(
+    xyz: str, rpy: str, begins: str, tmp_path: Path
+) -> None:
+    """Of a UR the two are turned by half a turn: poses of its programs were taken on the other side of the arm."""
+    text = ARM.replace('"base"', '"foot"').replace('<link name="foot"/>', '<link name="foot"/><link name="base"/>')
+    text = text.replace("</robot>", CONTROLLER.format(stood="foot", counts="base", xyz=xyz, rpy=rpy))
+    found = [warning for warning in read(text, tmp_path, tip="tool").doubts if "poses" in warning]
+    assert [warning.startswith(begins) for warning in found] == ([True] if begins else [])
+    for base in ("cell", "base"):  # who names it has chosen
+        assert not any("poses" in warning for warning in read(text, tmp_path, base=base, tip="tool").warnings)

@@ -23,6 +23,8 @@ Chain = TypeVar("Chain", bound=SerialChain)
 
 _GRIPPER_WORDS = ("finger", "gripper", "knuckle", "jaw")
 _UPRIGHT = 1e-6  # of the cosine between two directions that are both up
+_CONTROLLER_BASE = "base"  # its link in files of ROS-Industrial's custom
+_SAME = 1e-6  # of lengths [m] and of directions
 _MAX_FINGER_TRAVEL = 0.15  # [m]: no axis of an arm is as short
 
 
@@ -50,9 +52,11 @@ def chain_from_urdf(
     warnings: list[str] = []
     if base is not None and base not in tree.links:
         raise InputError("base", f"{path.name} has no link {base!r}", near_matches(base, tree.links))
-    base = base if base is not None else _default_base(tree, tip)
-    tip = tip if tip is not None else _default_tip(tree, base)
-    chain = [joint for joint in _path(tree, base, tip) if joint.kind != "fixed"]
+    chosen, base = base is not None, base if base is not None else _default_base(tree, tip)
+    first, place, turn = _start(tree, base, tip)
+    tip = tip if tip is not None else _default_tip(tree, first)
+    path_down = _path(tree, first, tip)
+    chain = [joint for joint in path_down if joint.kind != "fixed"]
     if not chain:
         raise InputError("tip", f"nothing moves between {base!r} and {tip!r} of {path.name}", "give another link")
     for joint in chain:
@@ -65,8 +69,8 @@ def chain_from_urdf(
             raise InputError(where, f"follows joint {joint.mimics!r} (mimic)", "wanted joints that move on their own")
     if len(chain) > _native.max_joints:
         raise InputError(str(path), f"{len(chain)} joints move {tip!r}", f"wanted at most {_native.max_joints}")
-    bodies = [_body(tree, base), *(_body(tree, joint.child) for joint in chain)]
-    warnings += _faults(tree, bodies, _path(tree, base, tip))
+    bodies = [_body(tree, first, place, turn), *(_body(tree, joint.child) for joint in chain)]
+    warnings += _faults(tree, bodies, path_down)
     of_masses = _doubts(tree, bodies, strict=strict_inertia)
     warnings += of_masses
     base_joints = _base_joints(tree, base)
@@ -77,6 +81,8 @@ def chain_from_urdf(
     warnings += _left_out(tree, bodies, chain)
     warnings += _gripper_joints(tree, chain)
     warnings += _turned_base(tree, base)
+    if not chosen:
+        warnings += _controller_base(bodies[0], base)
     joints, frames = [], []
     for number, (joint, before, body) in enumerate(zip(chain, bodies, bodies[1:], strict=False)):
         origin, rotation = before.placed[joint.parent]
@@ -251,9 +257,33 @@ def _path(tree: UrdfTree, base: str, tip: str) -> list[UrdfJoint]:
     return joints[::-1]
 
 
-def _body(tree: UrdfTree, first: str) -> _Body:
-    """A link and everything fixed below it."""
-    body = _Body({first: (np.zeros(3), np.eye(3))})
+def _start(tree: UrdfTree, base: str, tip: str | None) -> tuple[str, FloatArray, FloatArray]:
+    """The link from which the chain goes down, and its position [m] and orientation in the frame of the base.
+
+    It is the base itself, or where the arm is not below that, the topmost link that the base is fixed to: the frame
+    that a controller calls its base is often a link of its own, with nothing below it.
+    """
+    origin, rotation = np.zeros(3), np.eye(3)
+    if tip is None and _body(tree, base).leaving:
+        return base, origin, rotation
+    link = tip
+    while link is not None and link != base:
+        link = tree.above[link].parent if link in tree.above else None
+    if link is not None:
+        return base, origin, rotation
+    link = base
+    while link in tree.above and tree.above[link].kind == "fixed":
+        joint = tree.above[link]
+        if joint.fault is not None:
+            raise joint.fault
+        rotation = rotation @ np.asarray(joint.rotation).T
+        origin, link = origin - rotation @ np.asarray(joint.origin), joint.parent
+    return link, origin, rotation
+
+
+def _body(tree: UrdfTree, first: str, origin: FloatArray | None = None, rotation: FloatArray | None = None) -> _Body:
+    """A link and everything fixed below it, in a frame in which the link has a place [m] and an orientation."""
+    body = _Body({first: (np.zeros(3) if origin is None else origin, np.eye(3) if rotation is None else rotation)})
     ahead = [first]
     while ahead:
         name = ahead.pop()
@@ -307,6 +337,21 @@ def _turned_base(tree: UrdfTree, base: str) -> list[str]:
     if turn[2, 2] > 1 - _UPRIGHT:
         return []
     return [f"Gravity is taken along -z of {base!r}, which the file turns against {link!r}; base={link!r} keeps it."]
+
+
+def _controller_base(body: _Body, base: str) -> list[str]:
+    """A warning where the file has another frame in which, by the custom of ROS-Industrial, the controller counts."""
+    if _CONTROLLER_BASE not in body.placed:
+        return []
+    origin, rotation = body.placed[_CONTROLLER_BASE]
+    turned = not np.allclose(rotation, np.eye(3), atol=_SAME)
+    if not turned and np.allclose(origin, 0, atol=_SAME):
+        return []
+    what, how = ("Velocities, normals and a", "turned") if turned else ("A", "shifted")
+    return [
+        f"{what} program's poses are taken in {base!r}, against which {_CONTROLLER_BASE!r} is {how}, by custom the "
+        f"controller's frame: base={_CONTROLLER_BASE!r} takes that, base={base!r} keeps this."
+    ]
 
 
 def _beside(bodies: list[_Body], chain: list[UrdfJoint]) -> list[UrdfJoint]:
