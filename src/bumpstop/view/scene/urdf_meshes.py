@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop.errors import InputError
+from bumpstop.model.urdf.reader import read_urdf
+from bumpstop.model.urdf.xml_elements import children, parse
 from bumpstop.view.scene.arm_shapes import LinkShape
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
-    from bumpstop.model import Robot
+    from bumpstop.model import Joint, Robot
+    from bumpstop.model.urdf.reader import UrdfJoint
 
 _GREY = (206, 210, 216)
 _BASE = -1
@@ -30,27 +32,20 @@ def urdf_meshes(path: Path, robot: Robot) -> tuple[list[LinkShape], tuple[str, .
     Returns:
         The shapes, and which meshes could not be drawn.
     """
-    import defusedxml.ElementTree
-
     parts: dict[int, list[tuple[FloatArray, Any]]] = {}
     left_out: list[tuple[int, str]] = []
-    children: set[str] = set()
-    root = defusedxml.ElementTree.parse(path).getroot()
-    for joint in root.findall("joint"):
-        children |= {child.get("link", "") for child in joint.findall("child")}
-    for link in root.findall("link"):
+    places = _places(path, robot)
+    for link in children(parse(path), "link"):
         name = link.get("name", "")
-        place = _place(robot, name, is_root=name not in children)
-        for visual in link.findall("visual") if place is not None else ():
-            mesh = visual.find("geometry/mesh")
+        number, place = places.get(name, (_BASE, np.eye(4)))
+        for visual in children(link, "visual") if name in places else ():
+            mesh = next((mesh for shape in children(visual, "geometry") for mesh in children(shape, "mesh")), None)
             if mesh is None:
                 continue
             file = mesh.get("filename", "")
-            assert place is not None
-            number, X = place
             try:
                 vertices, faces = _read(path.parent, file)
-                X = X @ _origin(visual.find("origin"))
+                X = place @ _origin(next(iter(children(visual, "origin")), None))
                 scale = _three(mesh, "scale", "1 1 1")
             except _UnusableError as error:
                 left_out.append((number, f"The mesh {file} of link {name} {error}"))
@@ -66,14 +61,33 @@ def urdf_meshes(path: Path, robot: Robot) -> tuple[list[LinkShape], tuple[str, .
     return [_joined(number, meshes) for number, meshes in parts.items()], tuple(notes)
 
 
-def _place(robot: Robot, name: str, *, is_root: bool) -> tuple[int, FloatArray] | None:
-    """Number of the link that moves a link of the file, and the pose of that in its frame; None: it is not drawn."""
-    try:
-        number, _ = robot.frame(name)
-    except InputError:
-        return (_BASE, np.eye(4)) if is_root else None
+def _places(path: Path, robot: Robot) -> dict[str, tuple[int, FloatArray]]:
+    """Number of the link that moves each link of the file, and its pose in the frame of that; none beside the arm."""
     q = np.clip(np.zeros(robot.dof), robot.lower, robot.upper)
-    return number, np.linalg.inv(robot.pose(q, robot.joints[number].link)) @ robot.pose(q, name)
+    places = {}
+    for link in (*(joint.link for joint in robot.joints), *(frame.name for frame in robot.frames), robot.tip_name):
+        number, _ = robot.frame(link)
+        places[link] = number, np.linalg.inv(robot.pose(q, robot.joints[number].link)) @ robot.pose(q, link)
+    # What is fixed to the base, from the parent of the first joint on, up and down.
+    tree, first = read_urdf(path), robot.joints[0]
+    joint = next(joint for joint in tree.above.values() if joint.name == first.name)
+    places[joint.parent] = _BASE, _pose(first) @ np.linalg.inv(_pose(joint))
+    ahead = [joint.parent]
+    while ahead:
+        link = ahead.pop()
+        for joint in (*tree.below[link], *([tree.above[link]] if link in tree.above else [])):
+            down = joint.parent == link
+            other = joint.child if down else joint.parent
+            if joint.kind == "fixed" and joint.fault is None and other not in places:
+                places[other] = _BASE, places[link][1] @ (_pose(joint) if down else np.linalg.inv(_pose(joint)))
+                ahead.append(other)
+    return places
+
+
+def _pose(joint: Joint | UrdfJoint) -> FloatArray:
+    X = np.eye(4)
+    X[:3, 3], X[:3, :3] = joint.origin, joint.rotation
+    return X
 
 
 class _UnusableError(Exception):
