@@ -94,3 +94,19 @@ def test_what_is_fixed_to_a_link_does_not_tell_what_it_weighs(tmp_path: Path) ->
     assert shaped.warnings == ("arm.urdf has no inertia for 'slide', 'wrist'.",)
     assert frame.joints[1].inertia is not None
     assert frame.joints[1].inertia.mass == pytest.approx(0.3)
+
+
+def test_a_part_with_a_shape_and_no_mass_is_told(tmp_path: Path) -> None:
+    """A hand without inertia weighed nothing, and nobody said so."""
+    shape = '<visual><geometry><box size="0.1 0.1 0.1"/></geometry></visual>'
+    arm = read(ARM.replace('<link name="tool"/>', f'<link name="tool">{shape}</link>'), tmp_path)
+    assert arm.warnings == ("arm.urdf has no inertia for 'wrist'.",), "that link is unknown as a whole"
+    wrist = ARM[
+        ARM.index("<inertial>", ARM.index('<link name="camera">')) : ARM.index("</inertial>", ARM.rindex("<inertial>"))
+    ]
+    known = ARM.replace('<link name="wrist"/>', f'<link name="wrist">{wrist}</inertial></link>')
+    arm = read(known.replace('<link name="tool"/>', f'<link name="tool">{shape}</link>'), tmp_path)
+    said = "arm.urdf has a shape and no mass for 'tool': what it weighs is left out."
+    assert said in arm.mass_warnings
+    assert said in arm.warnings
+    assert said not in read(known, tmp_path).warnings

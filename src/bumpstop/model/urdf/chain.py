@@ -171,14 +171,20 @@ def _faults(tree: UrdfTree, bodies: list[_Body], path: list[UrdfJoint]) -> list[
 
 
 def _doubts(tree: UrdfTree, bodies: list[_Body], *, strict: bool) -> list[str]:
-    """Inertias of the chain that no body can have: refused if ``strict``, else warnings."""
-    found = []
+    """Inertias of the chain that no body can have, refused if ``strict``, else warnings; and parts that lack a mass."""
+    found, weightless = [], []
     for link in (tree.links[name] for body in bodies[1:] for name in body.placed):
         if link.doubt and strict:
             where = f"{tree.path}: link {link.name!r} inertia"
             raise InputError(where, link.doubt, "wanted the inertia of a body that can exist")
         if link.doubt:
             found.append(f"Link {link.name!r} of {tree.path.name}: its inertia {link.doubt}.")
+    for body in bodies[1:]:
+        links = [tree.links[name] for name in body.placed] if _inertia(tree, body) is not None else []
+        weightless += [repr(link.name) for link in links if link.has_shape and not (link.inertia and link.inertia.mass)]
+    if weightless:
+        parts = ", ".join(weightless[:5]) + (", ..." if len(weightless) > 5 else "")
+        found.append(f"{tree.path.name} has a shape and no mass for {parts}: what it weighs is left out.")
     return found
 
 
