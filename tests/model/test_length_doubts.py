@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from bumpstop.detection import Detector, Thresholds
 from bumpstop.model import Robot, robots
 from bumpstop.model.inertia import vector3
 from bumpstop.model.joint import Joint
 from bumpstop.model.urdf.writer import write_urdf
+from cli.support import run
 from model.urdf_cases import scaled
 
 UR10E = Robot.load("ur10e")
@@ -60,3 +63,15 @@ def test_a_urdf_is_read_with_a_warning(tmp_path: Path) -> None:
     assert found.length_doubts[0] in found.warnings
     write_urdf(UR10E, path)
     assert Robot.from_urdf(path).length_doubts == ()
+
+
+def test_detectors_and_undetectable_forces_tell_it(tmp_path: Path) -> None:
+    """A largest undetectable force of 0.2 N was printed of an arm in millimetres, without a word."""
+    arm = scaled(UR10E, 1e3)
+    path = tmp_path / "mm.urdf"
+    write_urdf(arm, path)
+    pose, thresholds = "0,-60,90,-30,90,0", "40,40,25,12,12,12"
+    result = run("sensitivity", str(path), "--pose-deg", pose, "--thresholds", thresholds, "--json")
+    assert Robot.from_urdf(path).length_doubts[0] in json.loads(result.out)["notes"]
+    assert arm.length_doubts[0] in Detector(arm, None, Thresholds.parse(thresholds)).notes
+    assert not any("metres" in note for note in Detector(UR10E, None, Thresholds.parse(thresholds)).notes)

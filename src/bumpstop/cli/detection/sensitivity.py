@@ -102,7 +102,7 @@ def command(
     )
     found |= {
         "standing": None if hidden is None else _standing(arm, q, limits + rest, hidden, along, about),
-        "notes": [*_doubts(arm, known, hidden), *told, *([law.motion_note] if law.motion_note else [])],
+        "notes": [*arm.doubts, *_doubts(arm, known, hidden), *told, *([law.motion_note] if law.motion_note else [])],
     }
     if as_json:
         typer.echo(json.dumps(to_jsonable(found), allow_nan=False, indent=2))

@@ -262,7 +262,7 @@ class LoopDetector:
         return found
 
     def _note(self) -> None:
-        notes = []
+        notes = [*self.robot.doubts]
         if self.model is not None:  # else fits need not be loaded, which takes its time
             from bumpstop.identification.fit_verdict import as_sentences, fit_faults
 
