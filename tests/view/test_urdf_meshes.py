@@ -1,12 +1,14 @@
-"""Meshes of a URDF that stand with the base."""
+"""Meshes of a URDF: those that stand with the base, and those of other units and formats."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bumpstop.model import Robot
+from bumpstop.view.scene.arm_shapes import LinkShape
 from bumpstop.view.scene.urdf_meshes import urdf_meshes
 from view.cases import urdf_of_twelve_joints
 
@@ -27,3 +29,35 @@ def test_meshes_of_what_is_fixed_to_the_base_are_drawn(base: str | None, above: 
     shapes, notes = urdf_meshes(file, Robot.from_urdf(file, base, "l11"))
     assert [(shape.link, *shape.vertices.mean(axis=0).round(6)) for shape in shapes] == [(-1, 0.0, 0.0, above)]
     assert notes == ()
+
+
+def test_a_mesh_with_a_unit_of_its_own_is_in_metres(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """COLLADA in millimetres was drawn a thousand times too large."""
+    trimesh = pytest.importorskip("trimesh")
+    box = trimesh.creation.box((100, 200, 300))
+    box.units = "0.001 * meters"
+    monkeypatch.setattr(trimesh, "load_mesh", lambda _: box)
+    (shape,), notes = drawn(tmp_path)
+    assert (shape.link, *np.ptp(shape.vertices, axis=0).round(6)) == (2, 0.1, 0.2, 0.3)
+    assert notes == ()
+
+
+def test_what_reads_a_mesh_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Most meshes of ROS are COLLADA: they were said to be unreadable."""
+    trimesh = pytest.importorskip("trimesh")
+
+    def missing(_: object) -> None:
+        raise ImportError("missing `pip install pycollada`")
+
+    monkeypatch.setattr(trimesh, "load_mesh", missing)
+    said = "cannot be read (missing `pip install pycollada`): the link is drawn from the kinematics."
+    assert drawn(tmp_path) == ([], (f"The mesh box.dae of link l2 {said}",))
+
+
+def drawn(folder: Path) -> tuple[list[LinkShape], tuple[str, ...]]:
+    """Shapes and notes of an arm whose third link has a mesh."""
+    visual = '<visual><geometry><mesh filename="box.dae"/></geometry></visual>'
+    file = folder / "snake.urdf"
+    file.write_text(urdf_of_twelve_joints().replace('<link name="l2"/>', f'<link name="l2">{visual}</link>'))
+    (folder / "box.dae").touch()
+    return urdf_meshes(file, Robot.from_urdf(file))

@@ -142,6 +142,10 @@ def _read(folder: Path, name: str) -> tuple[FloatArray, Any]:
         if isinstance(mesh, trimesh.Scene):
             mesh = mesh.to_geometry()
         vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
+        if mesh.units is not None:  # COLLADA names the length of its unit
+            vertices = vertices * trimesh.units.unit_conversion(mesh.units, "meters")
+    except ImportError as error:  # says what to install
+        raise _UnusableError(f"cannot be read ({error})") from None
     except Exception:  # readers of meshes raise whatever they like at a damaged file
         raise _UnusableError("cannot be read") from None
     if not len(faces) or vertices.shape[1:] != (3,) or not np.isfinite(vertices).all():
