@@ -148,3 +148,21 @@ def test_nothing_is_won_where_nothing_could_be_judged(tmp_path: Path) -> None:
     assert "INCONCLUSIVE as given, INCONCLUSIVE as written\n" in done.out
     assert "\nline 8, PTP: " in done.out
     assert " s won" not in (tmp_path / "out" / "report.html").read_text(encoding="utf-8").replace("won, s", "")
+
+
+def test_a_tool_that_is_not_where_contact_is_is_told(tmp_path: Path) -> None:
+    """A turn of the wrist was made four times faster than the program's own tool may be, without a word."""
+    path = tmp_path / "p.script"
+    path.write_text(f"set_tcp(p[0, 0.25, 0.3, 0, 0, 0])\nmovej({THERE}, v=0.05)\nmovej({BACK}, v=0.05)\n")
+    said = (
+        "note: Contact is at flange, 391 mm from the tool that line 2 moves, which may hit harder: contact.point_m = "
+        "[0, 0.25, 0.3] looks there.\n"
+    )
+    assert said in command(path, {}).out
+    there, elsewhere = (
+        command(path, {"contact.point_m": "0,0.25,0.3"}).out,
+        command(path, {"contact.link": "flange"}).out,
+    )
+    assert "from the tool" not in there
+    assert "from the tool" not in elsewhere, "a place that was chosen is one"
+    assert "from the tool" not in command(program(tmp_path, 0.05, 0.05), {}).out

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from bumpstop.arrays import as_whole_number
 from bumpstop.errors import InputError
 from bumpstop.program.cell import Cell, Judgement
@@ -27,6 +29,8 @@ _MAX_SPEED_MM_S = (1.0, 1e4)
 _UNSEEN = "what is not understood may move the arm, and is not judged"
 # An acceptable speed that could be raised by less stays: what is written once is written so again.
 _WORTH_IT = 1.02
+# A tool that is nearer to where contact is [m] is there.
+_TOOL_AWAY = 0.01
 # What is timed anew only beside what changes is not looked at below this share of its speed.
 _LEAST_ANEW = 0.7
 
@@ -150,7 +154,29 @@ class ProgramResult:
                 found.append(AnswerWarnings(f"segment {number} as written", one.written.warnings))
             if one.refused is not None:
                 found.append(AnswerWarnings(f"segment {number} faster, which is not written", one.refused.warnings))
-        return (*(one.reason for one in self._unseen), *slower, *told_once(found, self.assumptions))
+        beside = (*(one.reason for one in self._unseen), *self._tool_elsewhere, *slower)
+        return (*beside, *told_once(found, self.assumptions))
+
+    @property
+    def _tool_elsewhere(self) -> Sequence[str]:
+        """A sentence where contact is at the tip for want of another place, and the program's own tool is not there."""
+        robot, bodies = self.cell.robot, self.cell.bodies
+        contacts = [body.scenario.contact for body in bodies]
+        if not any(contact.link is None and "point_m" not in contact.model_fields_set for contact in contacts):
+            return []
+        hit = [point for link, point in (body.at_rest.contact_point for body in bodies) if link == robot.dof - 1]
+        found = []
+        for visit in (visit for one in self.segments for visit in getattr(one.segment, "visits", ()) if visit.leg):
+            tool = visit.leg.tool[:3, 3]
+            away = min(float(np.linalg.norm(robot.frame(None, tool)[1] - point)) for point in hit)
+            found.append((away, visit.move.line, ", ".join(f"{x:.6g}" for x in tool + 0.0)))
+        away, line, place = max(found, key=lambda one: round(one[0], 6), default=(0.0, 0, ""))
+        if away < _TOOL_AWAY:
+            return []
+        return [
+            f"Contact is at {robot.tip_name}, {1e3 * away:.0f} mm from the tool that line {line} moves, which may hit "
+            f"harder: contact.point_m = [{place}] looks there."
+        ]
 
     @property
     def notes(self) -> tuple[str, ...]:
