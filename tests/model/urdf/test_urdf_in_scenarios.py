@@ -110,3 +110,12 @@ def test_a_part_with_a_shape_and_no_mass_is_told(tmp_path: Path) -> None:
     assert said in arm.mass_warnings
     assert said in arm.warnings
     assert said not in read(known, tmp_path).warnings
+
+
+@pytest.mark.parametrize(("joint", "rpy"), [("turn", "0 0.3 0"), ("flange", "1.57 0 0.2")])
+def test_origins_that_are_turned_by_degrees_are_told(joint: str, rpy: str, tmp_path: Path) -> None:
+    """Limits in degrees were doubted, a turn by 90 rad was not."""
+    said = f"Origins turned by more than a whole turn, taken as radians; degrees? Joint {joint!r} (90)."
+    assert said in read(ARM.replace(f'rpy="{rpy}"', 'rpy="0 -90 0"'), tmp_path).doubts
+    whole = read(ARM.replace(f'rpy="{rpy}"', 'rpy="0 -6.2832 0"'), tmp_path)
+    assert not any("degrees" in warning for warning in whole.warnings)

@@ -77,7 +77,7 @@ def chain_from_urdf(
     if base_joints:
         named = ", ".join(map(repr, base_joints))
         warnings.append(f"Moves {base!r} itself and is taken to stand still: {named}.")
-    warnings += limit_doubts(chain)
+    warnings += limit_doubts(path_down)
     warnings += _left_out(tree, bodies, chain)
     warnings += _gripper_joints(tree, chain)
     warnings += _turned_base(tree, base)

@@ -26,6 +26,7 @@ from bumpstop.model.urdf.xml_elements import (
     check_elements,
     children,
     cut,
+    largest_angle,
     local,
     name_of,
     needed,
@@ -88,6 +89,7 @@ class UrdfJoint:
         parent, child: names of the links it joins.
         origin: position of the child's frame in the parent's [m].
         rotation: its orientation there, as rows of a rotation matrix.
+        largest_angle: of the three that the file gives for it [rad].
         axis: unit vector in the joint's frame.
         lower, upper: limits [rad or m]; infinite for continuous joints.
         velocity: largest speed [rad/s or m/s].
@@ -103,6 +105,7 @@ class UrdfJoint:
     child: str
     origin: Vector3 = (0.0, 0.0, 0.0)
     rotation: Matrix3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    largest_angle: float = 0.0
     axis: Vector3 = (1.0, 0.0, 0.0)
     lower: float = -math.inf
     upper: float = math.inf
@@ -255,6 +258,7 @@ def _motion(element: Element, joint: UrdfJoint, where: str) -> UrdfJoint:
         joint,
         origin=origin,
         rotation=rotation,
+        largest_angle=largest_angle(element),
         # Fixed joints carry axes that mean nothing, often zero; those of planar ones are of no use here.
         axis=_axis(element, where) if kind in (*_TURNING, "prismatic") else (1.0, 0.0, 0.0),
         lower=lower,

@@ -161,3 +161,11 @@ def origin_of(parent: Element, where: str) -> tuple[Vector3, Matrix3]:
         if "rpy" in element.attrib:
             rotation = rotation_from_rpy(*numbers(element, "rpy", 3, "rad", where))
     return vector3(position), matrix3(rotation)
+
+
+def largest_angle(parent: Element) -> float:
+    """Of the ``rpy`` of an ``<origin>`` that :func:`origin_of` has read, as written [rad]."""
+    return max(
+        (abs(float(word)) for origin in children(parent, "origin") for word in origin.get("rpy", "").split()),
+        default=0.0,
+    )
