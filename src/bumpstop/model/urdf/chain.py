@@ -342,7 +342,8 @@ def _turned_base(tree: UrdfTree, base: str) -> list[str]:
         turn, link = np.asarray(joint.rotation) @ turn, joint.parent
     if turn[2, 2] > 1 - _UPRIGHT:
         return []
-    return [f"Gravity is taken along -z of {base!r}, which the file turns against {link!r}; base={link!r} keeps it."]
+    where = f"-z of {base!r}, which the file turns against {link!r}"
+    return [f"Gravity, unless it is given, is taken along {where}; base={link!r} keeps it."]
 
 
 def _controller_base(body: _Body, base: str) -> list[str]:
