@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bumpstop.model import Robot
+from bumpstop.view.opened import open_source
 from bumpstop.view.scene.arm_shapes import LinkShape
 from bumpstop.view.scene.urdf_meshes import urdf_meshes
 from view.cases import urdf_of_twelve_joints
@@ -54,10 +55,17 @@ def test_what_reads_a_mesh_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert drawn(tmp_path) == ([], (f"The mesh box.dae of link l2 {said}",))
 
 
+def test_a_urdf_whose_ending_is_in_capitals_opens(tmp_path: Path) -> None:
+    """Other commands read it; it was taken for a recording."""
+    file = tmp_path / "SNAKE.URDF"
+    file.write_text(urdf_of_twelve_joints(), encoding="utf-8")
+    assert open_source(str(file)).robot.dof == 12
+
+
 def drawn(folder: Path) -> tuple[list[LinkShape], tuple[str, ...]]:
     """Shapes and notes of an arm whose third link has a mesh."""
     visual = '<visual><geometry><mesh filename="box.dae"/></geometry></visual>'
     file = folder / "snake.urdf"
-    file.write_text(urdf_of_twelve_joints().replace('<link name="l2"/>', f'<link name="l2">{visual}</link>'))
+    file.write_text(urdf_of_twelve_joints().replace('<link name="l2"/>', f'<link name="l2">{visual}</link>'), "utf-8")
     (folder / "box.dae").touch()
     return urdf_meshes(file, Robot.from_urdf(file))

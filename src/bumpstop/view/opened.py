@@ -121,11 +121,11 @@ def open_source(
     """
     from bumpstop.model import robots
 
-    if source is not None and Path(source).suffix.lower() in PROGRAM_ENDINGS:
+    if source is not None and _ending(source) in PROGRAM_ENDINGS:
         return _program(Path(source), cell)
     if cell is not None:
         raise InputError("--scenario", "has no meaning without a program", "leave it out, or name a program")
-    if source is not None and Path(source).suffix not in (".toml", ".urdf", ".xml") and Path(source).exists():
+    if source is not None and _ending(source) not in (".toml", ".urdf", ".xml") and Path(source).exists():
         rows = _study_rows(Path(source))
         if rows is not None:
             return _study(rows)
@@ -140,6 +140,10 @@ def open_source(
     return _scenario(source)
 
 
+def _ending(source: str) -> str:
+    return Path(source).suffix.lower()
+
+
 def _scenario(source: str | None) -> Opened:
     """A scenario, or one to start from for a robot."""
     from bumpstop.model import robots
@@ -152,7 +156,7 @@ def _scenario(source: str | None) -> Opened:
         )
         return Opened(scenario, robot_of(scenario), name, notes)
     path = Path(source)
-    if path.suffix == ".toml":
+    if _ending(source) == ".toml":
         scenario = load_scenario(path)
         arm = robot_of(scenario)
         # Without these there are no controls. What else cannot be used is told on the page, and can be mended there.
@@ -160,7 +164,7 @@ def _scenario(source: str | None) -> Opened:
         if scenario.motion.kind == "line":
             start_pose(scenario, arm)
         return Opened(scenario, arm, str(path))
-    if path.suffix in (".urdf", ".xml"):
+    if _ending(source) in (".urdf", ".xml"):
         from bumpstop.view.scene.urdf_meshes import urdf_meshes
         from bumpstop.view.urdf_scenario import urdf_scenario
 
