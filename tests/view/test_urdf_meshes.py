@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bumpstop.errors import InputError
 from bumpstop.model import Robot
 from bumpstop.view.opened import open_source
 from bumpstop.view.scene.arm_shapes import LinkShape
 from bumpstop.view.scene.urdf_meshes import urdf_meshes
-from view.cases import urdf_of_twelve_joints
+from view.cases import LOWER_ARM, urdf_of_twelve_joints
 
 FIXED = '<joint name="{}" type="fixed"><parent link="{}"/><child link="{}"/><origin xyz="0 0 {}"/></joint>'
 
@@ -60,6 +61,24 @@ def test_a_urdf_whose_ending_is_in_capitals_opens(tmp_path: Path) -> None:
     file = tmp_path / "SNAKE.URDF"
     file.write_text(urdf_of_twelve_joints(), encoding="utf-8")
     assert open_source(str(file)).robot.dof == 12
+
+
+def test_a_urdf_with_several_ends_opens_with_a_tip(tmp_path: Path) -> None:
+    """The refusal named the tips that there are, and none could be given."""
+    file = tmp_path / "snake.urdf"
+    more = (
+        '<link name="cup"/><link name="eye"/>'
+        + FIXED.format("a", "l11", "cup", 0.1)
+        + FIXED.format("b", "l11", "eye", 0)
+    )
+    file.write_text(urdf_of_twelve_joints().replace("</robot>", f"{more}</robot>"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"^--tip: is missing, .* give one of 'cup', 'eye'"):
+        open_source(str(file))
+    opened = open_source(str(file), base="base", tip="cup")
+    assert (opened.robot.tip_name, opened.scenario.tip, opened.scenario.base) == ("cup", "cup", "base")
+    for source in ("ur10e", str(LOWER_ARM)):
+        with pytest.raises(InputError, match="--tip: has no meaning without a URDF"):
+            open_source(source, tip="cup")
 
 
 def drawn(folder: Path) -> tuple[list[LinkShape], tuple[str, ...]]:

@@ -31,6 +31,8 @@ def command(
         ),
     ] = None,
     robot: Annotated[str | None, typer.Option(help="Of a recording: a built-in robot, or a URDF.")] = None,
+    base: Annotated[str | None, typer.Option(help="Link of the URDF where the chain begins.")] = None,
+    tip: Annotated[str | None, typer.Option(help="Link of the URDF where the chain ends.")] = None,
     model: Annotated[
         str | None, typer.Option(help="Of a recording: joint model or fitted dynamics. Default: the robot's inertia.")
     ] = None,
@@ -54,7 +56,14 @@ def command(
     read = [source, robot, model, thresholds, columns, scenario]
     check_inputs(record, read, "view.png", "view.gif", option="--record")
     opened = open_source(
-        source, robot=robot, watch=_watch(model, thresholds), columns=columns, topic=topic, cell=scenario
+        source,
+        robot=robot,
+        watch=_watch(model, thresholds),
+        columns=columns,
+        topic=topic,
+        cell=scenario,
+        base=base,
+        tip=tip,
     )
     for note in opened.notes:
         typer.echo(f"note: {note}", err=True)

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 # What a study of a workspace may leave out, by its key in ``[made_by]``.
 _IGNORED = {"joint_limits": "joint limits", "velocity_limits": "joint velocity limits"}
+_URDF = (".urdf", ".xml")
 PROGRAM_ENDINGS = (".script", ".urscript", ".src", ".mod", ".modx", ".prg", ".sys")
 
 
@@ -104,6 +105,8 @@ def open_source(
     columns: Path | None = None,
     topic: str | None = None,
     cell: Path | None = None,
+    base: str | None = None,
+    tip: str | None = None,
 ) -> Opened:
     """Open what the command line names.
 
@@ -115,21 +118,27 @@ def open_source(
         columns: of a recording: its column file.
         topic: of a recording: that of a bag with several.
         cell: of a program: path of the scenario that it is judged with.
+        base: of a URDF, also a recording's: link where the chain begins.
+        tip: likewise, where it ends.
 
     Raises:
         InputError: it is none of these, or cannot be used.
     """
     from bumpstop.model import robots
 
+    for option, link in (("--base", base), ("--tip", tip)):
+        if link is not None and _ending(robot or source or "") not in _URDF:
+            valid = "leave it out, or name a URDF; scenarios have a key for it"
+            raise InputError(option, "has no meaning without a URDF", valid)
     if source is not None and _ending(source) in PROGRAM_ENDINGS:
         return _program(Path(source), cell)
     if cell is not None:
         raise InputError("--scenario", "has no meaning without a program", "leave it out, or name a program")
-    if source is not None and _ending(source) not in (".toml", ".urdf", ".xml") and Path(source).exists():
+    if source is not None and _ending(source) not in (".toml", *_URDF) and Path(source).exists():
         rows = _study_rows(Path(source))
         if rows is not None:
             return _study(rows)
-        return _recording(Path(source), robot, watch, columns, topic)
+        return _recording(Path(source), robot, watch, columns, topic, base, tip)
     of_recordings = (("--robot", robot), ("--thresholds", watch), ("--columns", columns), ("--topic", topic))
     for option, value in of_recordings:
         given = value is not None
@@ -137,14 +146,14 @@ def open_source(
             raise InputError(source, "there is no such file", "wanted a recording")
         if given:
             raise InputError(option, "has no meaning without a recording", "leave it out, or name a recording")
-    return _scenario(source)
+    return _scenario(source, base, tip)
 
 
 def _ending(source: str) -> str:
     return Path(source).suffix.lower()
 
 
-def _scenario(source: str | None) -> Opened:
+def _scenario(source: str | None, base: str | None = None, tip: str | None = None) -> Opened:
     """A scenario, or one to start from for a robot."""
     from bumpstop.model import robots
 
@@ -164,11 +173,15 @@ def _scenario(source: str | None) -> Opened:
         if scenario.motion.kind == "line":
             start_pose(scenario, arm)
         return Opened(scenario, arm, str(path))
-    if _ending(source) in (".urdf", ".xml"):
+    if _ending(source) in _URDF:
         from bumpstop.view.scene.urdf_meshes import urdf_meshes
         from bumpstop.view.urdf_scenario import urdf_scenario
 
-        scenario, arm = urdf_scenario(path)
+        try:
+            scenario, arm = urdf_scenario(path, base, tip)
+        except InputError as error:
+            field = f"--{error.field}" if error.field in ("base", "tip") else error.field
+            raise InputError(field, error.problem, error.valid) from None
         return Opened(scenario, arm, str(path), urdf_meshes(path, arm)[1])
     kinds = "wanted a scenario (.toml), URDF, program, recording, study or built-in robot"
     valid = f"{kinds}; {near_matches(source, robots())}"
@@ -215,7 +228,15 @@ def _program(path: Path, cell: Path | None) -> Opened:
     return Opened(scenario, robot_of(scenario), str(path), program.notes, program=program)
 
 
-def _recording(path: Path, robot: str | None, watch: Watch | None, columns: Path | None, topic: str | None) -> Opened:
+def _recording(
+    path: Path,
+    robot: str | None,
+    watch: Watch | None,
+    columns: Path | None,
+    topic: str | None,
+    base: str | None,
+    tip: str | None,
+) -> Opened:
     from bumpstop.model import robots
     from bumpstop.recording import Recording
     from bumpstop.recording.reading import robot_notes
@@ -225,7 +246,7 @@ def _recording(path: Path, robot: str | None, watch: Watch | None, columns: Path
         raise InputError(
             "--robot", "is missing", f"the recording does not say whose it is; valid: {', '.join(robots())}"
         )
-    start = _scenario(name)
+    start = _scenario(name, base, tip)
     # As the commands have it: the robot says which joints of a bag count, in which order, and what they cannot do.
     recording = Recording.load(path, columns=columns, topic=topic, robot=start.robot)
     recording.check_robot(start.robot)

@@ -24,13 +24,15 @@ _TRIES = 400
 _FREE_TURN = np.pi / 2
 
 
-def urdf_scenario(path: Path) -> tuple[Scenario, Robot]:
+def urdf_scenario(path: Path, base: str | None = None, tip: str | None = None) -> tuple[Scenario, Robot]:
     """A scenario in which the tip moves down at 50 mm/s onto a clamped hand.
 
     The pose is, of random ones with seed 0 that can begin the motion, the one farthest from singular.
 
     Args:
         path: of the URDF file.
+        base: link in whose frame everything is given; default: the root.
+        tip: link at the end of the chain; default: the last link of the only chain.
 
     Returns:
         The scenario, in which all that was made up is ``assumed``, and its robot.
@@ -38,12 +40,13 @@ def urdf_scenario(path: Path) -> tuple[Scenario, Robot]:
     Raises:
         InputError: the file cannot be read, or no pose was found.
     """
-    robot = Robot.from_urdf(path)
+    robot = Robot.from_urdf(path, base, tip)
     limits = np.asarray(robot.drive_train.torque_limit, dtype=np.float64)
     known = np.isfinite(limits) & (limits > 0)
     thresholds = [float(f"{value:.2g}") for value in np.where(known, _THRESHOLD_SHARE * limits, _THRESHOLD_NM)]
     tables: dict[str, Any] = {
         "robot": str(path.resolve()),
+        **{key: link for key, link in (("base", base), ("tip", tip)) if link is not None},
         "assumed": list(_ASSUMED),
         "motion": {"velocity_mm_s": [0, 0, -50], "task": "pose" if robot.dof >= 6 else "position"},
         "contact": {"body": "hand_finger", "limits": "ts15066", "area_cm2": 2.0},
