@@ -123,6 +123,17 @@ def test_options_that_cannot_be_used(options: tuple[str, ...], message: str) -> 
     assert done.err.startswith(message)
 
 
+def test_a_urdf_with_several_ends_takes_a_tip(tmp_path: Path) -> None:
+    """The refusal named the tips that there are, and none could be given."""
+    bs.model.write_urdf(bs.Robot.load("ur5e"), tmp_path / "arm.urdf")
+    text = (tmp_path / "arm.urdf").read_text(encoding="utf-8")
+    eye = '<link name="eye"/><joint name="e" type="fixed"><parent link="wrist_3_link"/><child link="eye"/></joint>'
+    (tmp_path / "arm.urdf").write_text(text.replace("</robot>", f"{eye}</robot>"), encoding="utf-8")
+    named = ("benchmark", "detectors", "--robot", tmp_path / "arm.urdf", "--hours", "0.1")
+    assert "--tip: is missing" in run(*named).err
+    assert "--hours: is 0.1" in run(*named, "--base", "base_link", "--tip", "flange").err
+
+
 def test_a_recording_that_is_too_short() -> None:
     t = np.arange(0, 10, 0.01)
     q = np.zeros((t.size, 6))

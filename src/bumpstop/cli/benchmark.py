@@ -25,6 +25,8 @@ def detectors(
     robot: Annotated[
         str, typer.Option(help="A built-in name, or the path of a URDF file.", autocompletion=complete_robot)
     ] = "ur5e",
+    base: Annotated[str | None, typer.Option(help="Link of the URDF where the chain begins.")] = None,
+    tip: Annotated[str | None, typer.Option(help="Link of the URDF where the chain ends.")] = None,
     hours: Annotated[float, typer.Option(help="Of free motion; half of it counts false alarms.")] = 1.0,
     contacts: Annotated[int, typer.Option(metavar="NUMBER", help="At least so many.")] = 200,
     stiffness: Annotated[float, typer.Option(help="Of the body [N/m].")] = 20000.0,
@@ -53,7 +55,7 @@ def detectors(
 
     read = [] if recording is None else recording_files([recording], columns)
     check_inputs(out, [robot, *read], "curves.svg", "curves.png", "points.csv")
-    arm = load_robot(robot)
+    arm = load_robot(robot, base, tip)
     if recording is None and (columns is not None or cutoff is not None):
         raise InputError("--columns" if columns is not None else "--cutoff", "has no meaning without --recording")
     if seed < 0:
