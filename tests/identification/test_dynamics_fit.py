@@ -20,6 +20,7 @@ from bumpstop.identification.statistics.essential_parameters import essential_va
 from bumpstop.model import inverse_dynamics
 from bumpstop.recording import Recording
 from identification.recorded import TX40_COLUMNS
+from model.urdf_cases import scaled
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = Path(os.environ.get("BUMPSTOP_SHARED", ROOT.parent / "shared"))
@@ -155,6 +156,9 @@ def test_files_repeat_the_fit(tmp_path: Path) -> None:
     fit.save(path)
     again = DynamicsFit.load(path)
     assert again.names == fit.names
+    assert "metres" not in str(fit)
+    doubtful = replace(fit.model, robot=scaled(robot, 1e3))
+    assert "note: The lengths of ur5e do not look like metres" in str(replace(fit, model=doubtful))
     assert [score.rmse for score in again.score(log)] == [score.rmse for score in fit.score(log)]
     for spoil, message in (
         (lambda text: text.replace('kind = "dynamics"', 'kind = "other"'), "no file of fitted dynamics"),

@@ -108,6 +108,7 @@ class DynamicsFit(DynamicsEstimate, Displayed):
             weak = "" if abs(value) >= 2 * error else "  (not distinguishable from zero)"
             lines.append(f"  {value:12.4g} +- {error:.2g} {unit}  {name}{weak}")
         lines += self._friction_lines()
+        lines += [f"note: {doubt}" for doubt in self.model.robot.doubts]
         if self.rows_at_ends:
             lines.append(f"note: left out at the ends of recordings: {counted(self.rows_at_ends, 'row')}")
         at_rest = () if self.rows_at_rest is None else self.rows_at_rest
