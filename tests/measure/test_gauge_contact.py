@@ -81,6 +81,23 @@ def test_a_weaker_collision_later_changes_nothing(tmp_path: Path) -> None:
     reading = read_gauge(write(tmp_path / "later.csv", *_recording((2.5, 0.035, 60.0))))
     assert reading.onset == pytest.approx(0, abs=1e-3)
     assert reading.usable
+    whole = read_gauge(write(tmp_path / "whole.csv", *_recording()))
+    assert (reading.lasting_N, reading.left_N) == (whole.lasting_N, whole.left_N)
+
+
+def test_nothing_is_left_of_a_contact_that_another_follows(tmp_path: Path) -> None:
+    time = np.arange(-1, 3, 1e-3)
+    force = _bump(time, 0, 0.035, 98.0) + _bump(time, 0.7, 0.035, 90.0)
+    reading = read_gauge(write(tmp_path / "two.csv", time, force))
+    assert (reading.peak_N, reading.lasting_N, reading.left_N) == pytest.approx((98, 0, 0), abs=0.1)
+    assert np.isnan(reading.pressing_N)
+
+
+def test_an_arm_that_bounces_and_presses_is_one_contact(tmp_path: Path) -> None:
+    time = np.arange(-1, 3, 1e-3)
+    force = _bump(time, 0, 0.035, 98.0) + 70 * ((time > 0.3) & (time < 2))
+    reading = read_gauge(write(tmp_path / "bounce.csv", time, force))
+    assert (reading.lasting_N, reading.left_N, reading.pressing_N) == (70, 70, 70)
 
 
 def test_a_collision_after_a_lasting_load_is_not_told(tmp_path: Path) -> None:

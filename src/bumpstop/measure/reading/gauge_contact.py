@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -32,12 +33,14 @@ class GaugeContact:
         first: its first sample.
         onset: when it begins [s].
         release: when the gauge is free again [s]; infinite: it never is.
+        next: when the next contact begins that is no part of its first phase [s]; infinite: there is none.
         faults: touches and collisions before it.
     """
 
     first: int
     onset: float
     release: float
+    next: float
     faults: tuple[GaugeFault, ...]
 
 
@@ -45,7 +48,8 @@ def find_contact(curve: GaugeCurve, trigger: float, *, extrapolate: bool) -> Gau
     """The contact that leads to the highest force.
 
     Contacts are parted where the gauge is free again. What is within the first phase before the highest force belongs
-    to it, unless it is a mere touch.
+    to it, unless it is a mere touch. So does what follows within the first phase, as of an arm that bounces and
+    presses.
 
     Args:
         curve: zeroed, pressing positive.
@@ -58,8 +62,8 @@ def find_contact(curve: GaugeCurve, trigger: float, *, extrapolate: bool) -> Gau
     count = int(np.searchsorted(begins, highest, side="right"))
     if not count:
         onset = _crossing(curve, highest, trigger)
-        return GaugeContact(highest, onset, float(time[highest]), ())
-    begins, release = begins[:count], float(releases[count - 1])
+        return GaugeContact(highest, onset, float(time[highest]), math.inf, ())
+    later, begins = time[begins[count:]], begins[:count]
     tops = np.maximum.reduceat(force[: highest + 1], begins)
     hard = np.flatnonzero(tops >= _TOUCH_SHARE * force[highest])
     near = hard[time[highest] - time[begins[hard]] <= FIRST_PHASE_S]
@@ -69,7 +73,9 @@ def find_contact(curve: GaugeCurve, trigger: float, *, extrapolate: bool) -> Gau
     if extrapolate:
         onset = _begin(curve, first, onset)
     faults = _before(time[begins[: own + 1]], tops[: own + 1], hard, force[highest])
-    return GaugeContact(first, onset, release, tuple(faults))
+    bounces = int(np.searchsorted(later, onset + FIRST_PHASE_S, side="right"))
+    release, following = float(releases[count - 1 + bounces]), float(later[bounces:].min(initial=math.inf))
+    return GaugeContact(first, onset, release, following, tuple(faults))
 
 
 def late_fault(curve: GaugeCurve, at: int, onset: float) -> list[GaugeFault]:

@@ -49,12 +49,14 @@ class GaugeReading:
             highest sample and its neighbours [N].
         sampled_peak_N: the highest sample in that time [N].
         peak_time: of the peak, after the onset [s].
-        lasting_N: greatest force after the first 0.5 s [N]; NaN where the recording ends before.
-        left_N: median force from 0.5 s to 1 s after the onset [N]; NaN where the recording ends before.
+        lasting_N: greatest force after the first 0.5 s, before another contact begins [N]; NaN where the recording ends
+            before.
+        left_N: median of that until 1 s after the onset [N].
         zero_N: force before contact, as the recording has it [N]; NaN: it has too little time before contact.
         drift_N: force once the gauge is free again less that before contact [N]; NaN: it is never free again.
         noise_N: standard deviation before contact [N]; NaN: too few samples.
-        peak_pressure_N_cm2, lasting_pressure_N_cm2: highest pressure in and after the first 0.5 s; NaN: none recorded.
+        peak_pressure_N_cm2, lasting_pressure_N_cm2: highest pressure in and after the first 0.5 s, before another
+            contact begins; NaN: none recorded.
         rate_hz: sampling rate [1/s].
         faults: what is wrong, each with its count.
     """
@@ -189,7 +191,7 @@ def analyse(curve: GaugeCurve, trigger_N: float | None = None) -> GaugeReading:
     since = curve.time - onset
     early = (since >= 0) & (since <= FIRST_PHASE_S)
     early[first] = True
-    late = since > FIRST_PHASE_S
+    late = (since > FIRST_PHASE_S) & (curve.time < contact.next)
     at = int(np.flatnonzero(early)[np.argmax(force[early])])
     summit, summit_time = _summit(curve.time, force, at)
     lasting = late & (since <= FIRST_PHASE_S + _LASTING_S)

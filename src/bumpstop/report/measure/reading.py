@@ -51,7 +51,8 @@ class ReadingsPart(Part):
         return [
             paragraph(
                 f"The peak is the greatest force in the first {FIRST_PHASE_S:g} s of contact: the summit of the "
-                "parabola through the highest sample and its neighbours. What is left is the greatest force after that."
+                "parabola through the highest sample and its neighbours. What is left is the greatest force after "
+                "that, before another contact begins."
             ),
             table(headings, rows, caption="Recordings", numbers=True),
         ]
