@@ -60,3 +60,10 @@ def test_a_value_beyond_uncertain_figures_is_told_and_inconclusive(tmp_path: Pat
     found = run("require", path, "--vary", "motion.speed=10:200", "--json")
     told = strict_json(found.out)
     assert [value["word"] for value in told.values() if isinstance(value, dict) and "word" in value] == ["INCONCLUSIVE"]
+
+
+@pytest.mark.parametrize("vary", ["detector.thresholds", "contact.padding", "reaction.joint_acceleration_rad_s2"])
+def test_of_a_trajectory_the_motion_is_refused_and_not_its_speed(vary: str) -> None:
+    found = run("require", EXAMPLE.parent / "06_pick_and_place_trajectory.toml", "--vary", vary)
+    assert found.status == 2
+    assert found.err.startswith("error: motion.kind: 'trajectory' has no requirements: they are found along straight")

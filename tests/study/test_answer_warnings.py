@@ -169,3 +169,15 @@ def test_a_line_through_another_pose_is_followed_as_far() -> None:
 
 def test_an_answer_without_a_distribution_has_no_warnings() -> None:
     assert warnings_of(lambda: scenario({"motion.velocity_mm_s": [0, 0, 0]})) == ()
+
+
+def test_an_answer_says_that_the_rigid_arm_fails_there() -> None:
+    elastic = bs.load_scenario("examples/05_ur10e.toml", {"arm.model": "elastic"})
+    found = solve_requirement(elastic, "motion.speed")
+    assert found.value is not None
+    there = {"motion.velocity_mm_s": [found.value * v for v in (2 / 3, 1 / 3, -2 / 3)]}
+    assert bs.evaluate(elastic.with_values(there)).verdict.acceptable is True
+    assert bs.evaluate(elastic.with_values(there | {"arm.model": "rigid"})).verdict.acceptable is False
+    assert found.notes[-1].startswith("The rigid arm in the place of the elastic one exceeds the limits: the peak ")
+    slow = elastic.with_values({"motion.velocity_mm_s": [40, 20, -40]})
+    assert not [warning for warning in warnings_of(lambda: slow) if "in the place" in warning]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal
 
+from bumpstop.collision.arm.other_arm_verdict import other_arm_fails
 from bumpstop.collision.verdict.finer_steps import STEPS_DECIDE, fails_with_finer_steps
 from bumpstop.collision.verdict.pose_of_contact import fails_elsewhere
 from bumpstop.collision.verdict.verdict_notes import sample_notes
@@ -83,18 +84,12 @@ def _open_question(situation: Situation, result: CollisionResult) -> str:
 
 def _arm_question(result: CollisionResult) -> str:
     """Whether the other model of the arm would exceed the limits, or nobody knows."""
-    other, model = result.other_arm, result.scenario.arm.model
-    if other is not None and other.verdict.acceptable is not True:
-        found = "exceeds the limits" if other.verdict.acceptable is False else "cannot be judged"
-        return f"The {other.scenario.arm.model} arm in the place of the {model} one {found}: {_sentence(other)}"
+    if fails := other_arm_fails(result):
+        return fails
     assumed = [name for name in result.problem.drive_train.assumed if name != "torque_limit"]
-    if model == "elastic" and assumed and other is None:
+    if result.scenario.arm.model == "elastic" and assumed and result.other_arm is None:
         return f"The forces rest on an assumed drive train ({', '.join(assumed).replace('_', ' ')})."
     return ""
-
-
-def _sentence(result: CollisionResult) -> str:
-    return _lower(result.verdict.reason)
 
 
 def _lower(reason: str) -> str:

@@ -35,17 +35,20 @@ class AnswerWarnings(NamedTuple):
 
 
 def warnings_of(scenario_of: Callable[[], Scenario]) -> tuple[str, ...]:
-    """The warnings that ``bumpstop evaluate`` gives beside the verdict of an answer.
+    """What ``bumpstop evaluate`` says beside the verdict of an answer: its warnings, and that the other arm fails.
 
     Args:
         scenario_of: makes the scenario of the answer. What no scenario can say, or none can compute, has no warnings.
     """
     from bumpstop.collision import evaluate
+    from bumpstop.collision.arm.other_arm_verdict import other_arm_fails
 
     try:
-        return evaluate(scenario_of()).warnings
+        found = evaluate(scenario_of())
     except InputError:
         return ()
+    other = other_arm_fails(found) if found.verdict.acceptable else ""
+    return (*found.warnings, other) if other else found.warnings
 
 
 def line_through(scenario: Scenario, q: FloatArray, velocity: FloatArray) -> Scenario:

@@ -90,9 +90,8 @@ class VariedRisk:
     def _check(self) -> None:
         problem = self.problem
         if problem.trajectory is not None:
-            raise InputError(
-                "motion.kind", "'trajectory' has no single speed", "wanted 'line'; see bumpstop study speed-limits"
-            )
+            refused = "'trajectory' has no requirements: they are found along straight lines"
+            raise InputError("motion.kind", refused, "wanted 'line'; for speeds see bumpstop study speed-limits")
         limits = problem.limits
         if limits is None:
             raise InputError("contact.body", "is missing", "a requirement needs limits: name a body region")
