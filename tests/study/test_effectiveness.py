@@ -275,3 +275,26 @@ def test_measured_residuals_say_that_slower_speeds_may_fail(
     collisions = RegionCollisions(case, lambda speed, area: case, 20.0)
     monkeypatch.setattr(collisions, "_safe_speed", lambda area: {"safe_speed_mm_s": 20.0})
     assert collisions.safe_speed(2.0)["warnings"] == ([SLOWER_MAY_FAIL] if warned else [])
+
+
+def test_in_free_contact_a_scenario_of_a_table_without_masses_has_rows_of_the_others() -> None:
+    free = control_group(contact__kind="free", contact__limits="bgia2011", contact__body="hand_finger")
+    study = EffectivenessStudy.of(free, ["hand_finger"], ["down"], [50.0], [1.0], 2.0)
+    by_table = {row["table"]: row for row in run(study).summary["collisions"]}
+    assert "gives no mass" in by_table["bgia2011"]["reason"]
+    assert by_table["ts15066"]["mean_N"] > 0
+
+
+def test_in_two_phases_each_speed_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[float, float]] = []
+    case = control_group(verdict__clamped_limit="two_phase", contact__body="hand_finger")
+
+    def scenario_of(speed: float, area: float) -> bs.Scenario:
+        asked.append((speed, area))
+        return case.with_values({"motion.velocity_mm_s": [0, 0, -speed], "contact.area_cm2": area})
+
+    monkeypatch.setattr(region_collisions, "warnings_of", lambda scenario_of: ())
+    collisions = RegionCollisions(case, scenario_of, 100.0)
+    rows = [collisions.collision(100.0, area) | collisions.safe_speed(area) for area in (1.0, 2.0)]
+    assert len(asked) == len(set(asked))
+    assert rows[0]["p_over_pressure"] > rows[1]["p_over_pressure"]

@@ -212,14 +212,14 @@ class EffectivenessStudy(Study):
     def _schema(self) -> dict[str, Any]:
         import polars as pl
 
-        from bumpstop.collision import CollisionProblem
+        from bumpstop.collision.scenario.scenario_file import robot_of
 
         text = ("kind", "table", "body", "label", "direction")
         numbers = (
             "area_cm2", "speed_mm_s", "limit_force_N", "limit_pressure_N_cm2", "mean_N", "sd_N", "p99_N", "p999_N",
             "p_over_force", "p_over_pressure", "false_alarm", "undetected", "several_joints",
         )  # fmt: skip
-        dof = CollisionProblem.from_scenario(self.scenario).robot.dof
+        dof = robot_of(self.scenario).dof
         return (
             dict.fromkeys(text, str)
             | dict.fromkeys(numbers, float)

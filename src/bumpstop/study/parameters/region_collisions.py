@@ -46,7 +46,7 @@ class RegionCollisions:
         self._scenario = scenario
         self._scenario_of = scenario_of
         self._highest_speed_mm_s = highest_speed_mm_s
-        self._known: dict[float, CollisionResult] = {}
+        self._known: dict[tuple[float, float | None], CollisionResult] = {}
         self._at_risk: dict[float, float] = {}
         self._requirements: dict[float, Requirement] = {}
 
@@ -59,10 +59,10 @@ class RegionCollisions:
         """The distribution at a speed; where contact has two phases, the area belongs to it."""
         from bumpstop.collision import evaluate
 
-        if speed not in self._known or self._two_phases:
-            self._known[speed] = evaluate(self._scenario_of(speed, area))
-            self._at_risk.pop(speed, None)
-        return self._known[speed]
+        key = speed, area if self._two_phases else None
+        if key not in self._known:
+            self._known[key] = evaluate(self._scenario_of(speed, area))
+        return self._known[key]
 
     def force_at_risk(self, speed: float, area: float) -> float:
         """Peak force passed with the accepted risk [N]."""
