@@ -218,6 +218,17 @@ def test_shots_that_all_lie_below_belief_are_doubted() -> None:
     assert calibrate(ensemble(), milder, refine=0).warnings == ()
 
 
+def test_a_parameter_far_from_belief_is_told() -> None:
+    """Else the deceleration is blamed for what a latency does that is longer than was told."""
+    z = np.zeros(len(ensemble().parameters))
+    z[ensemble().parameters.index(LATENCY)] = 3.3
+    (warning,) = calibrate(ensemble(), shots_at(z, [0, 1, 2, 3] * 4), refine=0).warnings
+    assert warning.startswith("The shots put the latency")
+    assert "standard deviations above what was told or assumed of it before" in warning
+    z[ensemble().parameters.index(LATENCY)] = 1.6
+    assert calibrate(ensemble(), shots_at(z, [0, 1, 2, 3] * 4), refine=0).warnings == ()
+
+
 @pytest.mark.parametrize(
     ("columns", "factors"),
     [

@@ -21,7 +21,7 @@ from bumpstop.measure.learning.posterior import (
     sample_posterior,
     single_shots,
 )
-from bumpstop.measure.learning.reading_doubts import reading_doubts
+from bumpstop.measure.learning.reading_doubts import far_from_told, reading_doubts
 from bumpstop.measure.learning.shots import BadShot, MeasuredShot, is_of
 from bumpstop.measure.parameters import LATENCY, Parameters
 from bumpstop.measure.planning.design import Belief
@@ -243,7 +243,8 @@ def calibrate(
             ensemble.conditions,
             next(((each.median, each.high) for each in found if each.key == LATENCY), (0.0, 0.0)),
             (errors.gauge, float(np.median(posterior.gauge_error))),
-        ),
+        )
+        or far_from_told([each.label for each in found], posterior.mean, posterior.sd),
         notes=(*_notes(found, bad, posterior, surfaces, columns), *_force_notes(forces, shots, ensemble.conditions)),
     )
 

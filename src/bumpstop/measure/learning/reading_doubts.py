@@ -11,12 +11,17 @@ from bumpstop.measure.parameters import LATENCY, nominal
 from bumpstop.terminal import in_percent
 
 if TYPE_CHECKING:
+    from bumpstop.arrays import FloatArray
     from bumpstop.measure.learning.peak_force_ensemble import Condition
     from bumpstop.measure.learning.shots import MeasuredShot
 
 # More than half of the shots below what was believed; in the middle by a factor of two no parameter is so far off.
 # Readings that are too high are told by their limits, and make nothing look safe.
 _MANY, _LOW_RATIO = 0.5, 0.5
+# By so many standard deviations a parameter is far from what was believed: 2 of 120 honest series show one.
+_FAR = 2.3
+# Of a parameter that the shots tell little of they take no less than this share of its variance.
+_MIN_TAKEN = 0.1
 # Honest shots of the told gauge have their error found up to 1.17 times as large.
 _AT_ODDS = 1.3
 _TOO_LOW = (
@@ -64,6 +69,26 @@ def reading_doubts(
             "they name? What was learned lies between them."
         )
     return (*doubts, *_latency_doubt(latency_shift, conditions, too_low=too_low))
+
+
+def far_from_told(labels: Sequence[str], mean: FloatArray, sd: FloatArray) -> tuple[str, ...]:
+    """Parameters that shots put far from what was believed of them, a sentence for each.
+
+    Before the shots the mean that they find is normal, with the variance that they take from the parameter.
+
+    Args:
+        labels: of the parameters.
+        mean: after the shots, in standard deviations before them (parameters,).
+        sd: likewise.
+    """
+    off = mean / np.sqrt(np.maximum(1 - sd**2, _MIN_TAKEN))
+    return tuple(
+        f"The shots put the {label} {abs(own):.2g} standard deviations {'above' if own > 0 else 'below'} what was told "
+        "or assumed of it before, farther than chance does. Check that, or give it a wider spread: what was learned "
+        "goes part of the way only, and blames other parameters for the rest."
+        for label, own, far in zip(labels, mean, np.abs(off) > _FAR, strict=True)
+        if far
+    )
 
 
 def _latency_doubt(shift: tuple[float, float], conditions: Sequence[Condition], *, too_low: bool) -> tuple[str, ...]:
