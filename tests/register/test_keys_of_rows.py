@@ -114,7 +114,8 @@ def test_a_key_that_is_taken_out_is_as_if_nobody_had_given_it(tmp_path: Path, va
     left = scenario.with_values({"contact.area_cm2": value, "uncertainty.contact.area_cm2": value})
     assert "area_cm2" not in left.contact.model_fields_set
     assert left.uncertainty == {}
-    assert scenario.with_values({"uncertainty": value}).uncertainty == {}
+    for table in ("uncertainty", "uncertainty.contact"):
+        assert scenario.with_values({table: value}).uncertainty == {}
     assert left.with_values({"contact.area_cm2": value}) == left
 
 
@@ -125,6 +126,9 @@ def test_a_key_that_is_taken_out_is_as_if_nobody_had_given_it(tmp_path: Path, va
         ("contat.body", "contat: is not a key of a scenario; did you mean 'contact'"),
         ("robot.name", "'robot.name': is not a key of a scenario"),
         ("reaction", "reaction: is missing"),
+        ("uncertainty.TYPO", 'uncertainty."TYPO": is not a number of a scenario that may be uncertain'),
+        ("uncertainty.contact.area", 'uncertainty."contact.area": is not a number of a scenario that may be uncertain'),
+        ("uncertainty.pose_dg[2]", 'uncertainty."pose_dg[2]": is not a number of a scenario that may be uncertain'),
     ],
 )
 def test_what_no_scenario_has_or_all_need_is_not_taken_out(tmp_path: Path, key: str, told: str) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 from bumpstop.collision.scenario.scenario_tables import ScenarioTables
 from bumpstop.collision.scenario.scenario_words import as_written, unknown_key
 from bumpstop.collision.scenario.spellings import check_one_spelling, other_spelling, replace_other_spelling
-from bumpstop.collision.scenario.uncertainty_table import flattened
+from bumpstop.collision.scenario.uncertainty_table import check_name, flattened
 from bumpstop.errors import InputError
 from bumpstop.text_files import list_items
 
@@ -60,7 +60,9 @@ def _take_out(data: dict[str, Any], key: str) -> None:
     """Take a dotted key, or a table, out of nested dictionaries, whether it is given or not."""
     table, dot, name = key.partition(".")
     if table == "uncertainty" and dot:
-        data[table] = {one: spec for one, spec in flattened(data.get(table, {})).items() if one != name}
+        check_name(name, ScenarioTables)
+        given = flattened(data.get(table, {})).items()
+        data[table] = {one: spec for one, spec in given if one != name and not one.startswith(f"{name}.")}
         return
     field = ScenarioTables.model_fields.get(table)
     if field is None or (dot and name not in getattr(field.annotation, "model_fields", {})):

@@ -48,6 +48,7 @@ _OTHERS = ("motion.speed_mm_s", "motion.contact_onset_s", "pose_deg", "pose_rad"
 _NOT_UNCERTAIN = ("detector.feedback_period_s", "reaction.stop_category")
 # Lists that are vectors or poses: no factor has a meaning for all of their items.
 _BY_ITEM = ("contact.point_m", "contact.normal", "pose_deg", "pose_rad")
+_NO_KEY = "is not a number of a scenario that may be uncertain"
 _MAX_INPUTS = 40
 _THRESHOLDS = (1e-6, 1e9)
 
@@ -153,6 +154,14 @@ def check_uncertainty(scenario: ScenarioTables) -> None:
         raise InputError(f'uncertainty."{error.field}"', error.problem, error.valid) from None
 
 
+def check_name(name: str, scenario: type[BaseModel]) -> None:
+    """Refuse what is neither a key that may be uncertain, with or without an item, nor a table of such keys."""
+    known = [*_numeric_keys(scenario), *FACTORS]
+    whole = name.partition("[")[0]
+    if not any(key == whole or key.startswith(f"{name}.") for key in known):
+        raise InputError(f'uncertainty."{name}"', _NO_KEY, near_matches(whole, known))
+
+
 def _parsed(key: str, spec: Any) -> UncertainInput:
     field = f'uncertainty."{key}"'
     if not isinstance(spec, Mapping):
@@ -236,8 +245,7 @@ def _check_key(each: UncertainInput, scenario: ScenarioTables) -> None:
         return
     known = _numeric_keys(type(scenario))
     if each.whole_key not in known or re.search(r"[\[\]]", each.key.replace(f"[{(each.item or 0) + 1}]", "", 1)):
-        problem = "is not a number of a scenario that may be uncertain"
-        raise InputError(each.field, problem, near_matches(each.whole_key, [*known, *FACTORS]))
+        raise InputError(each.field, _NO_KEY, near_matches(each.whole_key, [*known, *FACTORS]))
     if each.whole_key in _BY_ITEM and each.item is None:
         raise InputError(each.field, "is a list", f"name one of its items, as {each.key}[1]")
     if each.whole_key.startswith("arm.") and scenario.arm.model == "rigid":
