@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import difflib
+import errno
+import os
 import re
 from collections.abc import Iterable
 
@@ -76,3 +78,9 @@ def near_matches(name: str, known: Iterable[str]) -> str:
         return "did you mean " + " or ".join(repr(match) for match in close) + "?"
     more = len(names) - _MAX_LISTED
     return "valid: " + ", ".join(names[:_MAX_LISTED]) + (f" and {more} more" if more > 0 else "")
+
+
+def where_else(error: OSError) -> str:
+    """What to do where a folder cannot be written: on a full disk no other folder helps."""
+    full = any(os.strerror(code) in str(error) for code in (errno.ENOSPC, errno.EDQUOT))
+    return "make room on its disk, or give a folder on another one" if full else "give another folder"

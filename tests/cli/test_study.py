@@ -8,13 +8,16 @@ import json
 import os
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
 import pytest
 
+import bumpstop as bs
 from bumpstop.detection.tuning.residual_record import write_residuals
 from bumpstop.output_files import write_bytes
+from bumpstop.study.parameters.effectiveness import EffectivenessStudy
 from bumpstop.study.study import Study
 from cli.support import EXAMPLE, REPOSITORY, run, strict_json
 
@@ -227,17 +230,24 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == before
 
 
-def test_a_study_that_cannot_begin_leaves_its_folder_to_the_next(tmp_path: Path) -> None:
+def test_a_study_that_cannot_begin_leaves_its_folder_to_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(study: EffectivenessStudy) -> dict[str, Any]:
+        raise bs.InputError("contact.body_mass_kg", "is missing")
+
     folder = tmp_path / "out"
-    asked = ("study", "effectiveness", EXAMPLE, *QUICK["effectiveness"], "--set", "contact.kind=free", "--out", folder)
-    refused = run(*asked)
+    asked = ("study", "effectiveness", EXAMPLE, *QUICK["effectiveness"], "--out", folder)
+    with monkeypatch.context() as patch:
+        patch.setattr(EffectivenessStudy, "_schema", refuse)
+        refused = run(*asked)
     assert refused.status == 2
     assert "contact.body_mass_kg: is missing" in refused.err
     assert not folder.exists()
-    assert run(*asked, "--set", "contact.limits=ts15066").status == 0
+    assert run(*asked).status == 0
     assert (folder / "rows.parquet").is_file()
     # What another run has begun is not its own to remove.
-    assert run(*asked).status == 2
+    assert run(*asked, "--set", "contact.limits=ts15066").status == 2
     assert (folder / "rows.parquet").is_file()
 
 
@@ -298,6 +308,5 @@ def test_a_disk_that_is_full_at_the_slower_trajectory_is_named(tmp_path: Path, m
     scenario = REPOSITORY / "examples" / "06_pick_and_place_trajectory.toml"
     result = run("study", "speed-limits", scenario, "--out", tmp_path)
     assert result.status == 2
-    assert (
-        result.err == f"error: --out: '{tmp_path}' cannot be written (No space left on device); give another folder\n"
-    )
+    room = "make room on its disk, or give a folder on another one"
+    assert result.err == f"error: --out: '{tmp_path}' cannot be written (No space left on device); {room}\n"

@@ -10,7 +10,7 @@ import typer
 
 from bumpstop.cli.command_group import group
 from bumpstop.cli.completion import complete_robot
-from bumpstop.errors import InputError
+from bumpstop.errors import InputError, where_else
 
 app = group("Compare detectors of collisions on contacts that are known.")
 
@@ -94,5 +94,5 @@ def _write(found: object, out: Path) -> None:
         output_files.write_csv(out / "points.csv", found.to_frame())
     except OSError as error:
         raise InputError(
-            "--out", f"{str(out)!r} cannot be written ({error.strerror or error})", "give another folder"
+            "--out", f"{str(out)!r} cannot be written ({error.strerror or error})", where_else(error)
         ) from None

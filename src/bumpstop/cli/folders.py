@@ -11,7 +11,7 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bumpstop.errors import InputError
+from bumpstop.errors import InputError, where_else
 from bumpstop.text_files import parse_toml, read_text
 
 if TYPE_CHECKING:
@@ -155,5 +155,5 @@ def writing(folder: Path | None) -> Iterator[None]:
         yield
     except OSError as error:
         raise InputError(
-            "--out", f"{str(folder)!r} cannot be written ({error.strerror or error})", "give another folder"
+            "--out", f"{str(folder)!r} cannot be written ({error.strerror or error})", where_else(error)
         ) from None

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bumpstop.arrays import FloatArray
-from bumpstop.errors import InputError
+from bumpstop.errors import InputError, where_else
 from bumpstop.output_files import write_bytes, write_parquet
 from bumpstop.recording import Recording
 from bumpstop.text_files import to_toml
@@ -196,7 +196,7 @@ class PlantRun:
             write_parquet(out / TRACE, pl.DataFrame(columns))
         except OSError as error:
             problem = f"{str(folder)!r} cannot be written ({error.strerror or error})"
-            raise InputError("--out", problem, "give another folder") from None
+            raise InputError("--out", problem, where_else(error)) from None
         return [out / name for name in (RECORDING, TRUTH, TRACE)]
 
 

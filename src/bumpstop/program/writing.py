@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bumpstop.collision.scenario.settings_file import scenario_data
-from bumpstop.errors import InputError
+from bumpstop.errors import InputError, where_else
 from bumpstop.output_files import write_bytes
 from bumpstop.program.cell import write_trajectory
 from bumpstop.program.source import data_beside, read_bytes
@@ -65,5 +65,5 @@ def write_program(result: ProgramResult, path: Path, folder: Path) -> list[Path]
         write_text(folder / "summary.json", summary + "\n")
     except OSError as error:
         problem = f"{str(folder)!r} cannot be written ({error.filename or folder}: {error.strerror or error})"
-        raise InputError("--out", problem, "give another folder") from None
+        raise InputError("--out", problem, where_else(error)) from None
     return [*files, folder / "summary.json"]

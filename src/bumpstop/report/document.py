@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import resources
 from typing import TYPE_CHECKING
 
-from bumpstop.errors import InputError
+from bumpstop.errors import InputError, where_else
 from bumpstop.output_files import write_bytes
 from bumpstop.report.made_by import made_by
 from bumpstop.report.markup import Html, element
@@ -117,4 +117,4 @@ def write_document(document: Document, folder: Path) -> Path:
         return document.write(folder)
     except OSError as error:
         problem = f"{str(folder)!r} cannot be written ({error.strerror or error})"
-        raise InputError("--out", problem, "give another folder") from None
+        raise InputError("--out", problem, where_else(error)) from None

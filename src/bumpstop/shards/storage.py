@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bumpstop.errors import InputError
+from bumpstop.errors import InputError, where_else
 from bumpstop.output_files import write_bytes, write_parquet
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ class Storage(ABC):
     def unusable(self, error: OSError) -> InputError:
         """What a person is told of an error of the place."""
         problem = f"{str(self)!r} cannot be used ({error.filename or self}: {error.strerror or error})"
-        return InputError("--out", problem, "give another folder")
+        return InputError("--out", problem, where_else(error))
 
     @abstractmethod
     def make(self) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bumpstop.errors import InputError
+from bumpstop.errors import InputError, where_else
 from bumpstop.output_files import write_bytes
 from bumpstop.report.colours import AREA, EVENT, FAINT, INK, LAW, LIMIT
 from bumpstop.terminal import number
@@ -66,7 +66,7 @@ def record(scenario: Scenario, folder: Path) -> list[Path]:
             _animate(scenario.without_uncertainty(), files[-1])
     except OSError as error:
         problem = f"{str(folder)!r} cannot be written ({error.strerror or error})"
-        raise InputError("--record", problem, "give another folder") from None
+        raise InputError("--record", problem, where_else(error)) from None
     return files
 
 

@@ -7,7 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bumpstop.errors import InputError
+from bumpstop.errors import InputError, where_else
 from bumpstop.output_files import write_bytes, write_parquet
 from bumpstop.text_files import encoded
 
@@ -40,7 +40,7 @@ def write_outputs(result: CollisionResult, folder: Path, uncertain: UncertainRes
         raise InputError(
             "--out",
             f"{str(folder)!r} cannot be written ({error.filename or folder}: {error.strerror or error})",
-            "give another folder",
+            where_else(error),
         ) from None
 
 

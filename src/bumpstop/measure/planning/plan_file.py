@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from bumpstop.collision.scenario.scenario_file import load_scenario
 from bumpstop.collision.scenario.settings_file import scenario_data
-from bumpstop.errors import InputError, near_matches
+from bumpstop.errors import InputError, near_matches, where_else
 from bumpstop.measure.learning.posterior import ErrorModel
 from bumpstop.measure.planning.filled_shots import WANTED, FilledShot, read_shots
 from bumpstop.measure.reading.text_table import read_text_table
@@ -82,9 +82,7 @@ def write_plan(plan: MeasurementPlan, folder: Path, situations: Sequence[Situati
     try:
         (folder / SCENARIOS).mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(
-            "--out", f"{str(folder)!r} cannot be written ({error.strerror})", "give another folder"
-        ) from None
+        raise InputError("--out", f"{str(folder)!r} cannot be written ({error.strerror})", where_else(error)) from None
     rows: list[dict[str, Any]] = []
     facts = {each.name: each.facts for each in situations}
     for name, file in file_names([each.name for each in plan.situations]).items():

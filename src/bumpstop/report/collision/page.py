@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bumpstop.collision.summary import arm_title, what_is_hit
-from bumpstop.errors import InputError
+from bumpstop.errors import InputError, where_else
 from bumpstop.report.collision.area import AreaSection
 from bumpstop.report.collision.arm import ArmSection
 from bumpstop.report.collision.detection import DetectionSection
@@ -103,5 +103,5 @@ def write_report(
         return page.write(folder)
     except OSError as error:
         raise InputError(
-            "--out", f"{str(folder)!r} cannot be written ({error.strerror or error})", "give another folder"
+            "--out", f"{str(folder)!r} cannot be written ({error.strerror or error})", where_else(error)
         ) from None

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bumpstop.errors import InputError
+from bumpstop.errors import InputError, where_else
 from bumpstop.output_files import write_bytes, write_parquet
 from bumpstop.reproduction.schroeder2013.collisions import ARMING_S, PERIOD_S, Collision, CollisionExperiment, SourceRow
 from bumpstop.text_files import to_toml
@@ -216,5 +216,5 @@ class CollisionTable:
             write_parquet(names[2], pl.concat(samples))
         except OSError as error:
             problem = f"{str(folder)!r} cannot be written ({error.strerror or error})"
-            raise InputError("--out", problem, "give another folder") from None
+            raise InputError("--out", problem, where_else(error)) from None
         return names
