@@ -27,6 +27,14 @@ def test_sensitivity() -> None:
     growing = strict_json(run("sensitivity", *given, "--stiffness", 75000, "--speed-mm-s", 50, "--json").out)
     # Each joint's torque grows by its own lever: as a force it is K v dt for all.
     assert growing["worst_case_force_along_N"] - found["worst_case_force_along_N"] == pytest.approx(15, rel=1e-9)
+    # The threshold that must be reached is moved out, that on the other side is not.
+    noisy = strict_json(run("sensitivity", *given, "--noise-sd", 3, "--z", 5, "--json").out)
+    shares = [
+        theta / abs(joint["torque_per_newton_Nm_N"])
+        for theta, joint in zip((35, 55), noisy["joints"][1::2], strict=False)
+    ]
+    assert noisy["worst_case_force_along_N"] == pytest.approx(min(shares), rel=1e-12)
+    assert noisy["worst_case_force_along_N"] > noisy["force_along_N"]
     straight = run("sensitivity", "iiwa14", "--pose-deg", "0,0,0,0,0,0,0", "--thresholds", "20,20,20,20,20,20,20")
     assert straight.status == 0, straight.err
     assert "along (0, 0, -1): unbounded;" in straight.out

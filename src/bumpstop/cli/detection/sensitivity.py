@@ -256,7 +256,9 @@ def _found(
     per_newton = columns.T @ along
     # What is left of a lever that is none is a rounding.
     per_newton[np.abs(per_newton) <= 1e-12 * np.linalg.norm(columns, axis=0).max()] = 0.0
-    torques = largest_undetected_torque(thresholds, per_newton * force_rate, period)
+    # From the far threshold to the near one, which is moved out.
+    moved_out = about["z"] * np.array(about["noise_sd"])
+    torques = largest_undetected_torque(thresholds, per_newton * force_rate, period) + moved_out
     forces = largest_undetected_force(torques, per_newton)
     linear = singular_values(robot, q, link, point)
     six = singular_values(robot, q, link, point, rows="all")
