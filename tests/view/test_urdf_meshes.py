@@ -33,12 +33,13 @@ def test_meshes_of_what_is_fixed_to_the_base_are_drawn(base: str | None, above: 
     assert notes == ()
 
 
-def test_a_mesh_with_a_unit_of_its_own_is_in_metres(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mesh_with_a_unit_of_its_own_is_in_metres(tmp_path: Path) -> None:
     """COLLADA in millimetres was drawn a thousand times too large."""
     trimesh = pytest.importorskip("trimesh")
-    box = trimesh.creation.box((100, 200, 300))
-    box.units = "0.001 * meters"
-    monkeypatch.setattr(trimesh, "load_mesh", lambda _: box)
+    pytest.importorskip("collada")
+    text = trimesh.creation.box((100, 200, 300)).export(file_type="dae").decode()
+    unit = '<unit name="millimeter" meter="0.001"/><up_axis>'
+    (tmp_path / "box.dae").write_text(text.replace("<up_axis>", unit, 1), encoding="utf-8")
     (shape,), notes = drawn(tmp_path)
     assert (shape.link, *np.ptp(shape.vertices, axis=0).round(6)) == (2, 0.1, 0.2, 0.3)
     assert notes == ()
