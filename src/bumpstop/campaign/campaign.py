@@ -29,6 +29,8 @@ from bumpstop.study.joint_ranges import joint_ranges
 from bumpstop.study.parameters.effectiveness import DIRECTIONS
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     import polars as pl
 
 AXES = ("robots", "tools", "bodies", "detectors", "arms")
@@ -288,11 +290,14 @@ class Campaign(ShardedJob):
             tables[axis] = [_choice_table(choice) for choice in getattr(self, axis)]
         return "A campaign", tables
 
-    def fingerprint(self) -> str:  # noqa: D102
+    @cached_property
+    def _files(self) -> list[Path]:
+        """Files that the setups name, resolved, as in the settings file, from which merge and resume read it."""
         setups = range(len(self.setups))
-        # Resolved, as in the settings file, from which merge and resume read the campaign.
-        paths = {path.resolve() for setup in setups for path in files_of(self.scenario_of(setup)).values()}
-        files = {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(paths)}
+        return sorted({path.resolve() for setup in setups for path in files_of(self.scenario_of(setup)).values()})
+
+    def fingerprint(self) -> str:  # noqa: D102
+        files = {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in self._files}
         tables = self.document()[1]
         for robot in tables["robots"]:
             robot.pop("folder", None)  # what counts of it are the files
