@@ -110,8 +110,8 @@ def compute_group(job: ShardedJob, folder: ResultFolder | None, numbers: list[in
     shards = job.shard_batch(numbers)
     if folder is not None and job.fingerprint() != folder.fingerprint:
         # Files are read again and again: rows of two of their versions would stand side by side.
-        problem = "a file that the scenario names has changed since the work began: these rows are not kept"
-        raise InputError("--out", problem, "give the file its content back, or give another folder")
+        problem = "a file of the scenario, or bumpstop, has changed since the work began: these rows are not kept"
+        raise InputError("--out", problem, "give it its content back, or give another folder")
     sizes = [0 if folder is None else folder.put(n, rows) for n, rows in zip(numbers, shards, strict=True)]
     seconds = (time.perf_counter() - begin) / max(1, len(numbers))
     return [
