@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +56,27 @@ P2 = """;FOLD LIN P2 Vel=0.2 m/s CPDAT1 Tool[1]:grip Base[1] ;%{PE}
   LIN XP2
 ;ENDFOLD
 """
+TOOL = "$TOOL = STOOL2(FP1), $BASE = SBASE(FP1.BASE_NO), $IPO_MODE = SIPO_MODE(FP1.IPO_FRAME)"
+FRAMES = f"{TOOL}, $LOAD = SLOAD(FP1.TOOL_NO)"
+OF_AXES = "$ACC_AXIS[1] = SACC_JOINT(PPDAT1), $APO = SAPO_PTP(PPDAT1), $GEAR_JERK[1] = SGEAR_JERK(PPDAT1)"
+OF_LINES = "$ACC = SACC_CP(LCPDAT1), $ORI_TYPE = SORI_TYP(LCPDAT1), $APO = SAPO(LCPDAT1), $JERK = SJERK(LCPDAT1)"
+COLLISION = "$COLLMON_TOL_PRO[1] = USE_CM_PRO_VALUES(0)"
+SPTP = f""";FOLD SPTP P1 CONT Vel=30 % PDAT1 Tool[1]:grip Base[1] ;%{{PE}}
+  ;FOLD Parameters ;%{{h}}
+    ;Params IlfProvider=movement.spline; Kuka.PointName=P1; Kuka.VelocityPtp=30; IlfCommand=SPTP
+  ;ENDFOLD
+SPTP XP1 WITH $VEL_AXIS[1] = SVEL_JOINT(30.0), {FRAMES}, {OF_AXES}, {COLLISION} C_Spl
+;ENDFOLD
+"""
+SLIN = f""";FOLD SLIN P2 Vel=0.2 m/s CPDAT1 Tool[1]:grip Base[1] ;%{{PE}}
+  ;FOLD Parameters ;%{{h}}
+    ;Params IlfProvider=movement.spline; Kuka.PointName=P2; Kuka.VelocityPath=0.2; IlfCommand=SLIN
+  ;ENDFOLD
+SLIN XP2 WITH $VEL = SVEL_CP(0.2, , LCPDAT1), {FRAMES}, {OF_LINES}, {COLLISION}
+;ENDFOLD
+"""
+SPLINE_HOME = re.sub("FP1", "FHOME", re.sub("PPDAT1", "PDEFAULT", SPTP.replace("XP1", "XHOME").replace(" C_Spl", "")))
+SPLINES = f"DEF form( )\n{INI}{SPLINE_HOME}{SPTP}{SLIN}{SPLINE_HOME}END\n"
 PROGRAM = f"DEF form( )\n{INI}{HOME}{P1}{P2}{HOME}END\n"
 DATA = """DEFDAT FORM
 EXT BAS (BAS_COMMAND :IN,REAL :IN )
@@ -197,3 +219,110 @@ def test_a_new_speed_stands_in_the_fold_too(tmp_path: Path) -> None:
     assert not [b for a, b in changed if "0.2 " in b or "0.2;" in b]
     read = forms("\n".join(after))
     assert all(visit.slots[0].value == float(s) for visit, s in zip(visits(read)[2:3], [speed], strict=True))
+
+
+def test_spline_forms_say_speed_blend_tool_and_base() -> None:
+    read = forms(SPLINES)
+    assert not read.not_understood
+    home, first, second, back = visits(read)
+    assert [visit.why for visit in (home, first, second, back)] == [""] * 4
+    assert [visit.slots[0].value for visit in (home, first, second, back)] == [30, 30, 0.2, 30]
+    assert [visit.move.linear for visit in (home, first, second, back)] == [False, False, True, False]
+    assert first.leg is not None
+    assert second.leg is not None
+    assert (first.leg.blend, second.leg.blend, second.leg.acceleration) == (0.05, 0.0, None)
+    end = cell().robot.pose(second.leg.q[-1])[:3, 3]
+    assert np.allclose(end, [-0.6, -0.174, 0.5], atol=1e-6), "the same places as of the other forms"
+
+
+def test_what_a_spline_form_sets_holds_for_it_alone() -> None:
+    before = "$VEL_AXIS=20\n$VEL.CP=0.4\n$ACC.CP=1\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\n"
+    own = SPTP.replace(" C_Spl", "") + SLIN
+    _, line, joint, last = visits(forms(f"DEF a()\n{before}{own}{ptp(17)}{LIN}END\n"))
+    assert line.leg is not None
+    assert line.leg.acceleration is None, "$ACC.CP is another one's"
+    assert (line.slots[0].value, last.slots[0].value) == (0.2, 0.4)
+    assert joint.why == SPEED, "how the speed of axis 1 holds for all axes is not known"
+    assert last.leg is not None
+    assert (last.why, last.leg.acceleration) == ("", 1)
+    assert np.allclose(last.leg.tool, np.eye(4))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('IPO_FRAME #BASE,POINT2[] " ",TQ_STATE', 'IPO_FRAME #TCP,POINT2[] " ",TQ_STATE'),
+        ("TOOL_NO 1", "TOOL_NO 2"),
+        ("BASE_NO 1", "BASE_NO N"),
+        ("DECL FDAT FP1", "DECL FDAT FP9"),
+        ("ORI_TYP #VAR", "ORI_TYP #CONSTANT"),
+        ("DECL LDAT LCPDAT1", "DECL LDAT LCPDAT9"),
+        ("SVEL_CP(0.2, , LCPDAT1)", "SVEL_CP(SLOW, , LCPDAT1)"),
+        ("SVEL_CP(0.2, , LCPDAT1)", "SVEL_CP(0.2, 5.0, LCPDAT1)"),
+        ("SVEL_CP(0.2, , LCPDAT1)", "SVEL_CP(0.2, , LCPDAT2)"),
+        ("SVEL_CP(0.2, , LCPDAT1)", "SVEL_CP(0.2)"),
+        ("$VEL = SVEL_CP(0.2, , LCPDAT1), ", ""),
+        ("$VEL = SVEL_CP(0.2, , LCPDAT1), ", "$VEL = SVEL_CP(0.2, , LCPDAT1), $VEL = SVEL_CP(0.4, , LCPDAT1), "),
+        ("$ORI_TYPE = SORI_TYP(LCPDAT1), ", ""),
+        ("$APO = SAPO(LCPDAT1), ", "$APO = SAPO(LCPDAT1), $APO.CDIS = N, "),
+        ("$ACC = SACC_CP(LCPDAT1), ", "$ACC = SACC_CP(GO()), "),
+        ("SBASE(FP1.BASE_NO)", "SBASE(FP2.BASE_NO)"),
+        ("SLIN XP2 WITH", "SLIN XP2 C_SPL WITH"),
+        (f"{OF_LINES}, {COLLISION}", f"{OF_LINES}, {COLLISION} C_DIS"),
+        ("SLIN XP2 WITH", "SPLINE\nSLIN XP2 WITH"),
+        ("SLIN XP2 WITH", "SLIN GO() WITH"),
+        ("SVEL_CP(0.2, , LCPDAT1)", "SVEL_CP(0.2*GO(), , LCPDAT1)"),
+        ("SVEL_CP(0.2, , LCPDAT1)", "SVEL_CP(0.2, , LCPDAT1)*2"),
+        ("SLIN XP2 WITH", "FP1.TOOL_NO=2\nSLIN XP2 WITH"),
+    ],
+)
+def test_what_is_not_certain_of_a_spline_form_is_not_judged(old: str, new: str) -> None:
+    assert old in SPLINES + DATA
+    read = forms(SPLINES.replace(old, new), DATA.replace(old, new))
+    lines = [visit for visit in visits(read) if visit.move.linear]
+    assert all(visit.why for visit in lines)
+    assert lines or read.not_understood
+
+
+def test_functions_of_the_programs_own_are_not_kukas() -> None:
+    read = forms(f"{SPLINES}DEFFCT FRAME STOOL2(F:IN)\nENDFCT\n")
+    assert len(read.not_understood) >= 4
+    assert not visits(read)
+
+
+def test_spline_moves_blend_into_spline_moves_alone() -> None:
+    for text in (f"{SPTP}{P2}", f"{P1}{SLIN}"):
+        first = visits(forms(f"DEF form( )\n{INI}{HOME}{text}END\n"))[1]
+        assert "spline" in first.why
+    first = visits(forms(f"DEF form( )\n{INI}{HOME}{SPTP}{SLIN}END\n"))[1]
+    assert first.why == ""
+
+
+def test_other_spline_moves_are_not_followed() -> None:
+    circle = SLIN.replace("SLIN XP2", "SCIRC XP1, XP2")
+    plain = "SPLINE\nSPL XP1\nENDSPLINE\n"
+    for text in (circle, "SLIN XP2\n", "SPTP XP1\n", "SLIN_REL {X 1}\n", plain):
+        read = forms(f"DEF form( )\n{INI}{SPLINE_HOME}{text}{SLIN}END\n")
+        assert read.not_understood
+        assert "" not in [visit.why for visit in visits(read)][1:]
+
+
+def test_a_new_speed_of_a_spline_form_stands_in_its_fold_too(tmp_path: Path) -> None:
+    for name, text in (("form.src", SPLINES), ("form.dat", DATA), ("$config.dat", CONFIG)):
+        (tmp_path / name).write_text(text)
+    out, path = tmp_path / "out", tmp_path / "form.src"
+    result = evaluate_program(path, bs.load_scenario(EXAMPLES / "cell.toml"))
+    assert result.written_outcome == "PASS"
+    write_program(result, path, out)
+    before, after = SPLINES.splitlines(), (out / "form.src").read_text().splitlines()
+    changed = [(a, b) for a, b in zip(before, after, strict=True) if a != b]
+    read = forms("\n".join(after))
+    assert not read.not_understood
+    assert changed
+    for _, new in changed:
+        if "SVEL_" in new:
+            at = after.index(new)
+            speed = new.partition("SVEL_")[2].partition("(")[2].partition(",")[0].partition(")")[0]
+            speed = speed.removesuffix(".0")
+            assert f"Vel={speed} " in after[at - 4]
+            assert f"={speed};" in after[at - 2]

@@ -284,14 +284,18 @@ class Interpreter:
         if self._waits:
             self._end_blend("the program waits before the move that it is blended into")
         self._waits = False
-        if (blend := blend_of(move, state)) == math.inf:
+        own = state.copy()
+        self._run(move.own, own, 0)
+        if (blend := blend_of(move, own)) == math.inf:
             told = f"line {move.line}: how far it is blended is not known; half of the way is taken"
             self.notes += [told] if told not in self.notes else []
-        visit, end = self._visit(move, state, blend)
+        visit, end = self._visit(move, own, blend)
         if visit.still:
             self._end_blend("the move that it is blended into goes nowhere")
         if self._goes_on and _with_other_tools(self._chains[-1][-1], visit):
             self._end_blend("the tool changes before the move that it is blended into")
+        if self._goes_on and self._chains[-1][-1].move.planner != move.planner:
+            self._end_blend("only one of it and the move that it is blended into is a spline move")
         if self._goes_on and self._chains:
             self._chains[-1].append(visit)
         else:

@@ -27,7 +27,10 @@ _URSCRIPT = (
 )
 _KRL = (
     "if while until for to step switch case return wait and or not exor b_and b_or b_exor b_not abs acos asin sin "
-    "cos tan atan2 sqrt round inv_pos forward inverse strlen strdecllen strcomp strfind varstate"
+    "cos tan atan2 sqrt round inv_pos forward inverse strlen strdecllen strcomp strfind varstate "
+    # What inline forms of spline moves call, which only look into what they are given.
+    "svel_joint svel_cp sacc_joint sacc_cp sgear_jerk sjerk stool2 sbase sipo_mode sload sapo_ptp sapo sori_typ "
+    "scirc_typ scirc_m use_cm_pro_values"
 )
 _RAPID = (
     "if elseif while for from to step do then test case return and or not xor div mod waituntil offs reltool abs "

@@ -26,6 +26,7 @@ from bumpstop.program.languages.statements import (
     Frames,
     Jump,
     Move,
+    Node,
     ReadProgram,
     Setting,
     SpeedSlot,
@@ -130,6 +131,8 @@ def read_krl(source: bytes, data: bytes = b"", config: bytes = b"") -> ReadProgr
             elif assigned(words, "=") is not None:
                 counts.pop(first, None)
             nodes = forms.sets(statement)
+            if (alone := forms.spline(statement)) is not None:
+                nodes = [_move(statement, tree, constants, alone), *forms.after(statement)]
             asks = nodes is None and before != "continue" and looks_no_further(words, variables)
             waits = first in _WAITS or not looks_ahead or asks
             if waits:
@@ -268,7 +271,7 @@ def _add(
         blocks.add(Wait(statement.line))  # it goes to where the arm stands when it has come to rest
     elif first in ("ptp", "lin", "circ"):
         blocks.evaluate(statement, words[1:])
-        blocks.add(_move(blocks, statement, tree, constants))
+        blocks.add(_move(statement, tree, constants))
     elif first in _JUMPS:
         blocks.evaluate(statement, words[1:])
         blocks.jump(statement, first)
@@ -359,14 +362,16 @@ def _set(
     return True
 
 
-def _move(blocks: Blocks, statement: Statement, tree: SyntaxTree, constants: Mapping[str, Expression]) -> Move:
-    words = statement.words
-    kind = words[0].text.lower()
+def _move(stated: Statement, tree: SyntaxTree, constants: Mapping[str, Expression], own: Sequence[Node] = ()) -> Move:
+    """A move; of the planner of splines where something is set for it alone."""
+    words = stated.words
+    kind = words[0].text.lower().removeprefix("s")
     linear = kind != "ptp"
     why, rest, blends = "", words[1:], set[str]()
-    while rest and rest[-1].text.lower() in _BLENDS:
+    while rest and rest[-1].text.lower() in (("c_spl",) if own else _BLENDS):
         blends.add(rest[-1].text.lower())
         rest = rest[:-1]
+    rest = rest[: [word.text.lower() for word in rest].index("with")] if own else rest
     parts = split_at(rest, ",")
     if len(parts) != 1 + (kind == "circ") or any(read_expression(part) is None for part in parts):
         why = "it is not understood"
@@ -381,12 +386,14 @@ def _move(blocks: Blocks, statement: Statement, tree: SyntaxTree, constants: Map
         default = SpeedSlot(start, start, None, lines, 100.0, "%", 0.01, setting=True, whole=True)
     target = Target(why=why) if why else pose_or_axes(read_expression(parts[-1]), constants, posture=not linear)
     return Move(
-        line=statement.line,
+        line=stated.line,
         word=words[0].text,
         linear=linear,
         target=target,
         measure="tool" if linear else "axes",
         default=default,
-        blend=(None if blends == {"c_dis"} else math.inf) if blends else 0.0,
+        blend=(None if blends in ({"c_dis"}, {"c_spl"}) else math.inf) if blends else 0.0,
         via=arc_place(read_expression(parts[0]), constants) if kind == "circ" else None,
+        own=tuple(own),
+        planner="spline" if own else "",
     )

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 
 from bumpstop.program.languages.calls import KRL_PURE, calls_in
-from bumpstop.program.languages.expression import Expression, assigned, number_of, read_expression, resolved
+from bumpstop.program.languages.expression import Expression, assigned, number_of, read_expression, resolved, split_at
 from bumpstop.program.languages.krl_data import frame_of_record
 from bumpstop.program.languages.statements import Frame, Frames, Node, Setting, SpeedSlot, Wait
 from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token
@@ -31,7 +32,26 @@ _SETS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "#base": ((), ("base_data",)),
 }
 _SPEED = {"axes": (100.0, "%", 0.01), "tool": (2.0, "m/s", 1.0)}  # the most that a form takes, unit, factor to SI
-_FOLD = re.compile(r";\s*FOLD\s+(PTP|LIN|CIRC)\b", re.IGNORECASE)
+# What a form of a spline move sets for it alone: what its speed is of, its record, what has to be set and what may be;
+# {V} its speed, {F} the record of tool and base, {D} its own.
+_FRAMES = " $tool=stool2({F}) $base=sbase({F}.base_no) $ipo_mode=sipo_mode({F}.ipo_frame)"
+_MAY = " $load=sload({F}.tool_no) $collmon_tol_pro[1]=use_cm_pro_values(0)"
+_SPLINES: Mapping[str, tuple[str, str, str, str]] = {
+    "sptp": (
+        "axes",
+        "pdat_act",
+        "$vel_axis[1]=svel_joint({V}) $apo=sapo_ptp({D})" + _FRAMES,
+        "$acc_axis[1]=sacc_joint({D}) $gear_jerk[1]=sgear_jerk({D})" + _MAY,
+    ),
+    "slin": (
+        "tool",
+        "ldat_act",
+        "$vel=svel_cp({V},,{D}) $apo=sapo({D}) $ori_type=sori_typ({D})" + _FRAMES,
+        "$acc=sacc_cp({D}) $jerk=sjerk({D})" + _MAY,
+    ),
+}
+_GIVEN = {"F": re.compile(r"\$tool=stool2\((\w+)\)"), "D": re.compile(r"\$apo=sapo(?:_ptp)?\((\w+)\)")}
+_FOLD = re.compile(r";\s*FOLD\s+S?(PTP|LIN|CIRC)\b", re.IGNORECASE)
 _SHOWN = re.compile(r"(?:\bVel\s*=\s*|,\s*5\s*:\s*|\bKuka\.Velocity(?:Ptp|Path)\s*=\s*)([0-9]+(?:\.[0-9]+)?)", re.I)
 # The interrupt of every program that the smartPAD makes: what runs when the arm has been stopped.
 _STOPPED = "interrupt decl 3 when $stopmess == true do ir_stopm ( )"
@@ -49,6 +69,7 @@ class InlineForms:
         self._constants, self._own = constants, own
         self._given: dict[str, Expression | None] = {}
         self._comments: list[Token] = []
+        self._in_spline = False  # whose moves are parts of one path
         declared = {match[0] for s in tree.statements if (match := _DECLARED.search(_text(s)))}
         stopped = {_STOPPED, f"global {_STOPPED}", "interrupt on 3", "interrupt off 3"}
         self._stopped = stopped if declared == {_STOPPED} and "ir_stopm" not in own else set()
@@ -57,13 +78,14 @@ class InlineForms:
         """The next line."""
         words = statement.words
         first = words[0].text.lower() if words else ""
+        self._in_spline = first in ("spline", "ptp_spline") or (self._in_spline and first != "endspline")
         if not words:
             for token in statement.tokens:
                 if token.kind == "comment":
                     if _FOLD.match(token.text):
                         self._comments = []  # of another form
                     self._comments.append(token)
-        elif first not in _LINES:
+        elif first not in (*_LINES, *_SPLINES):
             self._given, self._comments = {}, []
         elif first in _RECORDS:
             self._given[first] = read_expression(words[2:]) if [word.text for word in words[1:2]] == ["="] else None
@@ -86,6 +108,45 @@ class InlineForms:
                 return None
             nodes += found
         return nodes
+
+    def spline(self, statement: Statement) -> list[Node] | None:
+        """What a form's spline move has for itself alone; None where that is not known, and of other lines."""
+        words, texts = statement.words, [word.text.lower() for word in statement.words]
+        if texts[0] not in _SPLINES:
+            return None
+        measure, kind, needed, may = _SPLINES[texts[0]]
+        value, found = None, list[str]()
+        at = texts.index("with") + 1 if "with" in texts else len(texts)
+        for part in split_at(words[at : len(words) - (texts[-1] == "c_spl")], ","):
+            text = _joined(part)
+            if text.startswith(("$vel_axis[1]=svel_joint(", "$vel=svel_cp(")):
+                first, *others = split_at(part[[word.text for word in part].index("(") + 1 : -1], ",")
+                value = read_expression(first)
+                text = f"{text.partition('(')[0]}({','.join(['{V}', *map(_joined, others)])})"
+            found.append(re.sub(r"use_cm_pro_values\([0-9]+\)$", "use_cm_pro_values(0)", text))
+        names = {key: match[1] for key, name in _GIVEN.items() if (match := name.search(" ".join(found)))}
+        given = {"V": "{V}", "F": "", "D": "", **names}
+        needs, all_of = set(needed.format(**given).split()), set(f"{needed} {may}".format(**given).split())
+        called = re.findall(r"(\w+)\(", f"{needed} {may}")
+        nodes: list[Node] | None = []
+        unlike = len(set(found)) < len(found) or not needs <= set(found) <= all_of or calls_in(words[:at], KRL_PURE)
+        if unlike or self._in_spline or not set(called).isdisjoint(self._own):
+            nodes = None
+        else:
+            records = {kind: given["D"], "fdat_act": given["F"]}
+            self._given = {key: Expression("name", 0, 0, name.upper()) for key, name in records.items()}
+            for source in (measure, kind, "fdat_act"):
+                one = self._from(source, value, statement.line)
+                nodes = None if nodes is None or one is None else [*nodes, *map(_for_one, one)]
+            if measure == "axes" and nodes:
+                self._note("SPTP sets the speed of axis 1, which is taken for that of all axes, as its form shows it")
+        self._given, self._comments = {}, []
+        return nodes
+
+    def after(self, statement: Statement) -> list[Node]:
+        """What such a move may leave to others: how one axis' speed holds for all is not known."""
+        joint = statement.words[0].text.lower() == "sptp"
+        return [Setting(statement.line, "axes", None)] if joint else []
 
     def _from(self, source: str, value: Expression | None, line: int) -> list[Node] | None:
         if source == "no frames":
@@ -142,7 +203,7 @@ class InlineForms:
         pose = frame_of_record(self._constants.get(name), self._constants)
         if which == "tool":
             self._note(
-                "what the arm carries BAS sets, which is not followed: the load of the scenario's robot is judged"
+                "forms set what the arm carries, which is not followed: the load of the scenario's robot is judged"
             )
         if pose is None:
             self._note(f"{name.upper()} is not known; {_GIVE}")
@@ -164,6 +225,17 @@ def _switches(words: list[Token]) -> bool:
 
 def _text(statement: Statement) -> str:
     return " ".join(word.text.lower() for word in statement.words)
+
+
+def _for_one(node: Node) -> Node:
+    """The speed of one move alone, which is written as the smartPAD does."""
+    if not isinstance(node, Setting) or node.key not in _SPEED or node.slot is None:
+        return node
+    return replace(node, slot=replace(node.slot, setting=False, template="{}.0" if node.slot.whole else "{}"))
+
+
+def _joined(words: Sequence[Token]) -> str:
+    return "".join(word.text.lower() for word in words)
 
 
 def _named(record: Mapping[str, Expression], key: str) -> str:

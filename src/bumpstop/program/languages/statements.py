@@ -109,6 +109,8 @@ class Move:
         word: the language's own, as the program writes it.
         linear: the tool goes on a straight line, or an arc; else the joints go straight.
         target: where to.
+        own: what is set for it alone.
+        planner: whose move it is, where a controller has several; moves of two are not blended into each other.
         via: a place on the arc to the target, whose orientation does not count; None: no arc.
         measure: what the speed is of: the tool [m/s], the leading joint [rad/s], or a share of the joints' own limits.
         speed: where its own speed is written; empty where a setting's is in force.
@@ -131,6 +133,8 @@ class Move:
     blend: float | None = 0.0
     why: str = ""
     via: Target | None = None
+    own: tuple[Node, ...] = ()
+    planner: str = ""
 
 
 @dataclass(frozen=True)
