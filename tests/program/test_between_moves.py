@@ -8,7 +8,22 @@ import pytest
 
 from bumpstop.program.interpreter import Interpreter
 from program.corpora import cell
-from program.test_flow import BEGIN, FRAME, KRL_SPEEDS, LIN, MOVE_L, absj, begins, j, krl, ptp, rapid, urscript, whys
+from program.test_flow import (
+    BEGIN,
+    FRAME,
+    KRL_SPEEDS,
+    LIN,
+    MOVE_L,
+    TARGET,
+    absj,
+    begins,
+    j,
+    krl,
+    ptp,
+    rapid,
+    urscript,
+    whys,
+)
 
 
 @pytest.mark.parametrize(
@@ -247,3 +262,54 @@ def test_a_function_of_the_program_hides_an_instruction_of_its_name() -> None:
     assert begins(urscript(f"def sync():\n{j(0.3)}end\n{j(0.5)}sync()\n{j(0.2)}")) == [0.0, 0.5, 0.3]
     twice = f"PROC Reset()\n{absj(3)}ENDPROC\n" * 2
     assert begins(rapid(f"PROC main()\n{absj(17)}Reset;\n{absj(27)}ENDPROC\n{twice}"))[:2] == [0.0, None]
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "skips"),
+    [(0.02, 0.02, False), (0.05, 0.05, False), (0.06, 0.05, True), (0.11, 0.0, True), (0.0, 0.11, True)],
+)
+def test_urscript_skips_a_move_whose_blends_overlap(first: float, second: float, skips: bool) -> None:
+    """The second line is 0.1 m long: its controller leaves its end out where blends at its ends are longer."""
+    place = "movel(p[{x},-0.38,{z},-2.03,2.40,0], v=0.1, r={r})\n"
+    text = j(0.5) + place.format(x=-0.6, z=0.55, r=first) + place.format(x=-0.6, z=0.65, r=second)
+    told = whys(urscript(text + place.format(x=-0.8, z=0.65, r=0)))
+    assert any("overlap" in why for why in told) is skips
+    assert any(told) is skips
+
+
+def test_urscript_finds_joints_for_a_pose_with_the_tool_of_that_time() -> None:
+    pose = "get_inverse_kin(p[-0.6,-0.38,0.55,-2.03,2.40,0])"
+    other = "set_tcp(p[0,0,0.2,0,0,0])\n"
+    assert whys(urscript(f"q = {pose}\n{other}movej(q, v=0.1)\n")) == [TARGET]
+    assert whys(urscript(f"{other}movej({pose}, v=0.1)\n")) == [""]
+
+
+@pytest.mark.parametrize(
+    ("program", "holds"),
+    [
+        ("PROC main()\n{move}ERROR\n{set}TRYNEXT;\nENDPROC\n", True),
+        ("PROC main()\n{move}ERROR\nHelp;\nTRYNEXT;\nENDPROC\nLOCAL PROC Help()\n{set}ENDPROC\n", True),
+        ("PROC main()\n{move}ENDPROC\nLOCAL TRAP t\n{set}ENDTRAP\n", True),
+        ("PROC main()\n{move}ERROR\nTRYNEXT;\nENDPROC\n", False),
+        ("PROC main()\n{move}{set}ENDPROC\n", False),
+    ],
+)
+def test_what_a_handler_displaces_holds_where_it_goes_back_to(program: str, holds: bool) -> None:
+    for setting in ("PDispSet [[0,0,100],[1,0,0,0]];\n", "PDispOn p, tool0;\n", "SingArea \\Wrist;\n"):
+        told = whys(rapid(program.format(move=absj(17) + MOVE_L, set=setting)))
+        assert [why.endswith("may hold for it, too") for why in told[:2]] == [holds, holds]
+        assert holds or not any(told[:2])
+
+
+def test_the_turn_of_the_tool_outlasts_the_end_of_a_displacement() -> None:
+    read = rapid(f"PROC main()\n{absj(17)}SingArea \\Wrist;\nPDispOff;\n{MOVE_L}ENDPROC\n")
+    assert all(why.startswith("SingArea of line 4") for why in whys(read))
+
+
+def test_a_cycle_that_the_program_ends_begins_the_next_where_it_stands() -> None:
+    """``ExitCycle`` is the program's own jump to ``main``, from one place or from several."""
+    assert begins(rapid(f"PROC main()\n{absj(17)}{absj(27)}ExitCycle;\nENDPROC\n")) == [0.0, 17.0, 27.0]
+    text = f"PROC main()\n{absj(17)}{absj(27)}IF d=1 ExitCycle;\n{absj(0)}ENDPROC\n"
+    assert begins(rapid(text)) == [0.0, 17.0, 27.0, None]
+    text = f"PROC main()\n{absj(17)}{absj(0)}ENDPROC\nTRAP t\nExitCycle;\nENDTRAP\n"
+    assert begins(rapid(text)) == [0.0, 17.0, None]

@@ -32,6 +32,7 @@ from bumpstop.program.motion.kinematics import (
     solution_near,
     tool_arc,
     tool_line,
+    tool_positions,
     transform,
 )
 from bumpstop.program.motion.path import Leg
@@ -46,6 +47,7 @@ _MAX_VISITS, _MAX_STEPS, _MAX_DEPTH = 5000, 200_000, 12
 _MAX_RECURSION = 2  # calls of a function inside itself: the second shows what the first leaves to its beginning
 _MAX_ROUNDS = 4  # of a loop that are run through before what changes is given up
 _SPEEDS = ("tool", "axes", "acceleration tool", "acceleration axes", "blend")
+_OVERLAP = 1e-6  # [m] blends that overlap by less only meet
 _AWAY = 1e-9  # [rad] joints that turn less do not move
 
 
@@ -78,6 +80,7 @@ class Interpreter:
         self._breaks: list[list[State]] = []
         self._rounds: list[list[State]] = []
         self._returns: list[list[State]] = []
+        self._cycles: list[State] = []  # at jumps to where the program begins
 
     def chains(self) -> list[tuple[Visit, ...]]:
         """Moves that go over into each other, chain by chain, each once.
@@ -85,13 +88,10 @@ class Interpreter:
         Raises:
             InputError: the program runs through too many moves.
         """
-        functions, main, again = self._program.functions, self._program.main, range(0)
+        functions, main, ends = self._program.functions, self._program.main, list[State]()
         if main is not None and main in functions:
             self._function(main, state := State(self._start), 0)
-            self._goes_on, once = False, len(self._chains)
-            if self._program.cycles and not state.dead:
-                self._function(main, state, 0)
-                again = range(once, len(self._chains))
+            ends += [state] if self._program.cycles and not state.dead else []
         self._goes_on = False
         called = set(called_by(functions.values()))
         mentioned = set(re.findall(r"\w+", " ".join(text for _, text in self._program.not_understood).lower()))
@@ -103,6 +103,11 @@ class Interpreter:
                 self._forget(state)
                 self._function(name, state, 0)
                 self._end_blend()
+        ends, once = [*ends, *self._cycles], len(self._chains)
+        if main is not None and main in functions and ends:
+            self._function(main, agreed(ends), 0)
+        # A jump to the begin is the program's own, and what follows it counts.
+        again = range(0) if self._cycles else range(once, len(self._chains))
         found: dict[object, list[tuple[Visit, ...]]] = {}
         each: list[tuple[Visit, ...]] = []
         for number, chain in enumerate(self._chains):
@@ -207,8 +212,9 @@ class Interpreter:
             setattr(state, which, None)
 
     def _leave(self, node: Leave, state: State) -> None:
-        if node.what == "program":
+        if node.what in ("program", "cycle"):
             self._goes_on = False
+            self._cycles += [state.copy()] if node.what == "cycle" and not state.dead else []
         else:
             self._end_blend()
             jumps = {"loop": self._breaks, "round": self._rounds, "function": self._returns}[node.what]
@@ -296,12 +302,22 @@ class Interpreter:
             self._end_blend("the tool changes before the move that it is blended into")
         if self._goes_on and self._chains[-1][-1].move.planner != move.planner:
             self._end_blend("only one of it and the move that it is blended into is a spline move")
+        if self._program.skips_overlaps and self._overlaps(visit):
+            visit = replace(visit, why=visit.why or "its blend and the one before it overlap, where a move is skipped")
         if self._goes_on and self._chains:
             self._chains[-1].append(visit)
         else:
             self._chains.append([visit])
         self._goes_on = blend > 0
         state.reach(end, dict(move.target.external))
+
+    def _overlaps(self, visit: Visit) -> bool:
+        """Whether the blends at begin and end of a move are longer than it is."""
+        if (leg := visit.leg) is None:
+            return False
+        begin, end = tool_positions(self._robot, leg.q[[0, -1]], leg.tool)
+        blends = sum(one.move.blend or 0.0 for one in (*self._blended, visit))
+        return blends > 0 and blends > float(np.linalg.norm(end - begin)) + _OVERLAP
 
     def _visit(self, move: Move, state: State, blend: float) -> tuple[Visit, FloatArray | None]:
         slots, why = slots_of(move, state, self._robot.dof)

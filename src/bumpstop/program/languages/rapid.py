@@ -14,7 +14,6 @@ from bumpstop.program.languages.expression import (
     behind,
     number_of,
     read_expression,
-    split_at,
 )
 from bumpstop.program.languages.rapid_data import (
     arguments_of,
@@ -28,6 +27,7 @@ from bumpstop.program.languages.rapid_data import (
     time_of,
     zone_of,
 )
+from bumpstop.program.languages.rapid_settings import HANDLERS, displaced_by, displaces, head_of, plain, raised_by
 from bumpstop.program.languages.statements import (
     MIN_TIME_S,
     Branch,
@@ -61,7 +61,7 @@ _TWO = frozenset(("trap", "record"))
 _CASES = frozenset(("case", "default", "endtest"))
 _OPERATOR_WORDS = "if elseif while for from to step do then test case default and or not xor div mod"
 _OPERATORS = frozenset(_OPERATOR_WORDS.split())
-_FUNCTIONS, _LOOPS = ("proc", "func", "trap"), ("while", "for")
+_LOOPS = ("while", "for")
 _CLOSE = {
     "endproc": "function",
     "endfunc": "function",
@@ -82,7 +82,7 @@ _HARMLESS = frozenset(_HARMLESS_WORDS.split())
 # Instructions that change the variable that they are given.
 _CHANGING = frozenset(("incr", "decr", "add", "clear"))
 _WAITS = frozenset(("waittime", "waitdi", "waitdo", "waituntil", "waitai", "waitrob", "stop"))
-_JUMPS: Mapping[str, Jump] = {"return": "function", "exit": "program", "exitcycle": "program"}
+_JUMPS: Mapping[str, Jump] = {"return": "function", "exit": "program", "exitcycle": "cycle"}
 _LEADING = "error undo backward trynext retry raise goto connect isignaldi isignaldo itimer isleep iwatch"
 _DATA = frozenset(("const", "pers", "var", "local", "task"))
 _BENDING = frozenset(("softact",))
@@ -163,15 +163,15 @@ def read_rapid(source: bytes) -> ReadProgram:
     """What is understood of a program."""
     tree, assignments, names = parse_rapid(source), Assignments(), []
     for statement in tree.statements:
-        words = _plain(statement)
+        words = plain(statement)
         _assign(assignments, words)
-        if (head := _head(words)) is not None:
+        if (head := head_of(words)) is not None:
             names.append(function_name(head))
     constants = assignments.constants()
-    bent = _raised(tree, constants) or bent_by(tree, _BENDING)
+    bent = raised_by(tree, constants) or bent_by(tree, _BENDING) or displaced_by(tree)
     blocks = Blocks(names, RAPID_PURE, _JUMPS, ("shift",), _LEADING, bent)
     for statement in tree.statements:
-        if _plain(statement):
+        if plain(statement):
             _add(blocks, statement, constants)
     functions = blocks.finish()
     if persistent := persistent_data(tree, _MOVES):
@@ -190,18 +190,6 @@ def read_rapid(source: bytes) -> ReadProgram:
     )
 
 
-def _plain(statement: Statement) -> list[Token]:
-    words = statement.words
-    return words[:-1] if words and words[-1].text == ";" else words
-
-
-def _head(words: Sequence[Token]) -> Sequence[Token] | None:
-    """The head of a procedure, a function or a trap, without the word that makes it local."""
-    if len(words) > 1 and words[0].text.lower() in ("local", "task"):
-        words = words[1:]
-    return words if len(words) > 1 and words[0].text.lower() in _FUNCTIONS else None
-
-
 def _is_label(words: Sequence[Token]) -> bool:
     return len(words) > 1 and words[1].text == ":" and words[0].kind == "name" and words[0].text.lower() not in _LINES
 
@@ -218,13 +206,13 @@ def _assign(assignments: Assignments, words: Sequence[Token]) -> None:
         return
     first = words[0].text.lower()
     for name in names_given(words, RAPID_PURE):
-        if _head(words) is None:
+        if head_of(words) is None:
             assignments.change(name)  # what a call is given it may change
         else:
             assignments.add(name, None)  # a parameter hides what has its name outside
     if first == "for" and len(words) > 1:
         assignments.add(words[1].text, None)
-    elif _head(words) is None and first in _DATA:
+    elif head_of(words) is None and first in _DATA:
         rest = list(words)
         while rest and rest[0].text.lower() in _DATA:
             rest = rest[1:]
@@ -267,20 +255,8 @@ def _assign_one(assignments: Assignments, words: Sequence[Token]) -> None:
         assignments.change(found[0].partition(".")[0])
 
 
-def _raised(tree: SyntaxTree, constants: Mapping[str, Expression]) -> str:
-    """What may make every move faster than it is written, and times shorter; empty where nothing does."""
-    for statement in tree.statements:
-        words = _plain(statement)
-        for i, word in enumerate(words):
-            if word.text.lower() == "velset":
-                override = number_of(read_expression(split_at(words[i + 1 :], ",")[0]), constants)
-                if override is None or override > 100:
-                    return f"VelSet of line {statement.line} may set more than the speed that is written"
-    return ""
-
-
 def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expression]) -> None:
-    words = _plain(statement)
+    words = plain(statement)
     first = words[0].text.lower()
     rest = behind(words, _OPERATORS, frozenset()) if first in _CONDITIONS and first != "if" else []
     if rest and first == "test":
@@ -288,7 +264,7 @@ def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
     if _is_label(words):
         # A jump may lead here from anywhere.
         blocks.opaque(statement)
-    elif (head := _head(words)) is not None:
+    elif (head := head_of(words)) is not None:
         may_be_first = head[0].text.lower() == "proc" and not has_parameters(head)
         blocks.begin_function(statement, function_name(head), first=may_be_first)
         if head[0].text.lower() != "trap" and head[-1].text != ")":
@@ -303,7 +279,7 @@ def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
         blocks.end(statement, _CLOSE[first])  # type: ignore[arg-type]
     elif first in ("elseif", "else", "case", "default"):
         blocks.otherwise(statement, words[1:])
-    elif first in ("error", "undo", "backward"):
+    elif first in HANDLERS:
         # The function ends before its handler, which begins anywhere.
         blocks.add(Leave(statement.line, "function"))
         blocks.opaque(statement)
@@ -320,7 +296,7 @@ def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
         blocks.jump(statement, first)
     elif first == "pdispoff":
         blocks.add(Frames(statement.line, "shift", (0.0,) * 6))
-    elif first in ("pdispset", "pdispon") or (first == "singarea" and words[-1].text.lower() != "off"):
+    elif displaces(words):
         blocks.opaque(statement, moves=False)
     elif first == "module":
         pass  # what stands in brackets are its attributes, and no call

@@ -13,7 +13,7 @@ from bumpstop.program.languages.syntax import Edit
 from bumpstop.rounding import rounded
 
 MIN_TIME_S = 0.2  # of a move whose time is given: two ramps of its acceleration leave some
-Jump = Literal["loop", "round", "function", "program"]
+Jump = Literal["loop", "round", "function", "program", "cycle"]
 Measure = Literal["tool", "joint", "axes"]
 Frame = Literal["tool", "base", "shift"]
 
@@ -218,7 +218,7 @@ class Branch:
 
 @dataclass(frozen=True)
 class Leave:
-    """A jump out of the innermost loop, to its next round, out of the function, or to the end of the program."""
+    """A jump out of the innermost loop, to its next round, out of the function, or to the program's end or begin."""
 
     line: int
     what: Jump
@@ -247,6 +247,7 @@ class ReadProgram:
         main: the function that the program begins with, whose start is the cell's; None: not known which.
         frames: what the language's statements and functions set, of tool, frame and displacement.
         cycles: where it ends the controller may begin it again.
+        skips_overlaps: its controller skips a move whose blend reaches into another one.
     """
 
     language: str
@@ -258,3 +259,4 @@ class ReadProgram:
     main: str | None = ""
     frames: tuple[Frame, ...] = ()
     cycles: bool = False
+    skips_overlaps: bool = False

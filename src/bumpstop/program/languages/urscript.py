@@ -92,6 +92,7 @@ def read_urscript(source: bytes) -> ReadProgram:
         constants,
         main=main,
         frames=("tool",),
+        skips_overlaps=True,
     )
 
 
@@ -226,7 +227,9 @@ def _arc_end(arguments: Mapping[str, Expression | None], constants: Mapping[str,
 
 def _target(argument: Expression | None, constants: Mapping[str, Expression]) -> Target:
     found, near = resolved(argument, constants), None
-    if found is not None and found.kind == "call" and found.name == "get_inverse_kin" and len(found.items) in (1, 2):
+    # By a name it would be what was found where the name is assigned, with the tool and from where the arm stood there.
+    direct = found is argument and found is not None and found.kind == "call" and found.name == "get_inverse_kin"
+    if direct and found is not None and len(found.items) in (1, 2):
         near = numbers_of(found.argument("qnear", 1), constants)
         whole = near is not None or len(found.items) == 1
         found = resolved(found.argument("x", 0), constants) if whole else None
