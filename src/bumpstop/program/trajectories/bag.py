@@ -15,6 +15,7 @@ from bumpstop.program.trajectories.retimed_message import (
     MessageRows,
     begins_elsewhere,
     elsewhere_notes,
+    position_at,
     retimed_rows,
     segments_of,
 )
@@ -62,7 +63,11 @@ class BagProgram:
         return True
 
     def write(self, factors: Mapping[Segment, float], target: Path) -> None:
-        """A bag in a folder, with every message that is no changed trajectory as it was."""
+        """A bag in a folder, with every message that is no changed trajectory as it was.
+
+        What was sent after the end of one that takes longer now comes later by that, as the next one, which would cut
+        it off.
+        """
         import shutil
 
         from rosbags.rosbag2 import Reader, StoragePlugin, Writer
@@ -82,15 +87,22 @@ class BagProgram:
                     one.id: writer.add_connection(one.topic, one.msgtype, **_definition(one, store))
                     for one in reader.connections
                 }
+                delay = longer = end = 0  # [ns]
                 for number, (connection, stamp, body) in enumerate(reader.messages()):
                     raw = bytes(body)
+                    if stamp >= end:
+                        delay, longer = delay + longer, 0
                     if number in changed:
                         message = store.deserialize_cdr(raw, connection.msgtype)
                         trajectories = list(_trajectories(connection.msgtype, message))
                         for place, rows, segments in changed[number]:
-                            _set(trajectories[place], *retimed_rows(rows, segments, factors))
+                            new, at = retimed_rows(rows, segments, factors)
+                            _set(trajectories[place], new, at)
+                            if connection.msgtype == _JOINT:
+                                end = stamp + _nanoseconds(rows)
+                                longer = max(0, _nanoseconds(new) - _nanoseconds(rows))
                         raw = bytes(store.serialize_cdr(message, connection.msgtype))
-                    writer.write(into[connection.id], stamp, raw)
+                    writer.write(into[connection.id], stamp + delay, raw)
 
 
 def holds_trajectories(path: Path) -> bool:
@@ -118,14 +130,15 @@ def read_bag_trajectories(path: Path, cell: Cell) -> BagProgram:
     not_understood: list[tuple[int, str]] = []
     own, stands, unseen = {joint.name for joint in cell.robot.joints}, cell.start, False
     elsewhere: list[str] = []
+    begun, under_way = 0, None  # when the last one that an arm was sent began [ns], and its points
     with Reader(path) as reader:
         store = _store(reader)
-        for number, (connection, _, body) in enumerate(reader.messages()):
+        for number, (connection, stamp, body) in enumerate(reader.messages()):
             if connection.msgtype not in _TYPES:
                 continue
             if connection.msgtype not in store.fielddefs:
                 not_understood.append((number + 1, f"{connection.topic}: the bag does not define {connection.msgtype}"))
-                stands, unseen = None, True
+                stands, unseen, under_way = None, True, None
                 continue
             try:
                 message = store.deserialize_cdr(bytes(body), connection.msgtype)
@@ -140,13 +153,22 @@ def read_bag_trajectories(path: Path, cell: Cell) -> BagProgram:
                 if isinstance(rows, str):
                     not_understood.append((number + 1, f"{name}: {rows}"))
                     if not own.isdisjoint(trajectory.joint_names):
-                        stands, unseen = None, True
+                        stands, unseen, under_way = None, True, None
                 else:
                     lines = list(range(1, len(rows.time) + 1))
+                    if connection.msgtype == _JOINT:
+                        if under_way is not None and stamp < begun + _nanoseconds(under_way):
+                            stands = position_at(under_way, 1e-9 * (stamp - begun))
+                        begun, under_way = stamp, rows
                     found.append((number, place, rows, segments_of(name, rows, lines, cell, stands)))
                     elsewhere += [name] if begins_elsewhere(rows, stands) else []
                     stands = rows.position[-1]
     return BagProgram("ROS bag", path, found, not_understood, unseen, elsewhere_notes(elsewhere))
+
+
+def _nanoseconds(rows: MessageRows) -> int:
+    """Until the last point."""
+    return round(float(rows.time[-1]) * 1e9)
 
 
 def _store(reader: Any) -> Any:

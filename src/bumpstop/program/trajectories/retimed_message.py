@@ -10,7 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from bumpstop.program.trajectories.trajectory_segment import MIN_TURN, TrajectorySegment, find_segments
+from bumpstop.program.trajectories.trajectory_segment import (
+    MIN_TURN,
+    TrajectorySegment,
+    find_segments,
+    joined,
+)
 
 if TYPE_CHECKING:
     from bumpstop.arrays import FloatArray
@@ -83,6 +88,12 @@ class MessageRows:
             if far.size:
                 return f"point {far[0] + 1} has a {what} of {most[far[0]]:.3g}, over {_MAX[what]:g}"
         return cls(t, q, qd, qdd, tuple(order))
+
+
+def position_at(rows: MessageRows, t: float) -> FloatArray:
+    """Joint positions (dof,) at a time [s] of a message, before its first point there."""
+    through = joined(rows.time - rows.time[0], rows.position, rows.velocity, rows.acceleration)
+    return np.asarray(through.at(np.clip([t - rows.time[0]], 0.0, through.duration))[0])
 
 
 def begins_elsewhere(rows: MessageRows, stands: FloatArray | None) -> bool:

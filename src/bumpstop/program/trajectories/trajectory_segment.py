@@ -85,7 +85,7 @@ def _split_at_turns(speed: FloatArray, first: int, last: int) -> list[tuple[int,
     return list(pairwise(bounds))
 
 
-def _joined(
+def joined(
     time: FloatArray, position: FloatArray, velocity: FloatArray | None, acceleration: FloatArray | None
 ) -> Trajectory:
     """The trajectory through rows; with accelerations by the quintics between them, in cubics of a short time.
@@ -179,7 +179,7 @@ class TrajectorySegment:
         time = self.time - self.time[0]
         if self.dense:
             return Trajectory(time, self.position, self.velocity)
-        return _joined(time, self.position, self.velocity, self.acceleration)
+        return joined(time, self.position, self.velocity, self.acceleration)
 
     @cached_property
     def _grid(self) -> tuple[FloatArray, FloatArray, FloatArray, float]:
@@ -226,7 +226,7 @@ class TrajectorySegment:
             return Trajectory(t, position, self._rates(motion, t, factor))
         t, rate, change = self.rows_at(factor)
         given = self.velocity is not None
-        return _joined(t, self.position, rate if given else None, None if self.acceleration is None else change)
+        return joined(t, self.position, rate if given else None, None if self.acceleration is None else change)
 
     def rows_at(self, factor: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The file's rows in the motion at another factor: times (rows,), joint rates and accelerations (rows, dof)."""
