@@ -22,6 +22,7 @@ from program.test_flow import (
     ptp,
     rapid,
     urscript,
+    visits,
     whys,
 )
 
@@ -313,3 +314,34 @@ def test_a_cycle_that_the_program_ends_begins_the_next_where_it_stands() -> None
     assert begins(rapid(text)) == [0.0, 17.0, 27.0, None]
     text = f"PROC main()\n{absj(17)}{absj(0)}ENDPROC\nTRAP t\nExitCycle;\nENDTRAP\n"
     assert begins(rapid(text)) == [0.0, 17.0, None]
+
+
+def test_a_stop_after_which_the_arm_does_not_go_back_leaves_open_where_it_is() -> None:
+    for switch, begin in (("", 17.0), ("\\AllMoveTasks", 17.0), ("\\NoRegain", None)):
+        read = rapid(f"PROC main()\n{absj(17)}Stop{switch};\n{absj(27)}ENDPROC\n")
+        assert begins(read) == [0.0, begin]
+
+
+@pytest.mark.parametrize("name", ["tool0", "wobj0"])
+def test_data_of_the_program_hide_those_of_the_language(name: str) -> None:
+    frame = "[[0,0,300],[1,0,0,0]]"
+    own = {
+        "tool0": f"[TRUE,{frame},[1,[0,0,1],[1,0,0,0],0,0,0]]",
+        "wobj0": f'[FALSE,TRUE,"",{frame},[[0,0,0],[1,0,0,0]]]',
+    }
+    line = MOVE_L.replace("tool0", "tool0\\WObj:=wobj0")
+    plain, hidden = (
+        visits(rapid(f"PROC main()\n{data}{absj(17)}{line}ENDPROC\n"))[1]
+        for data in ("", f"VAR {name[:4]}data {name}:={own[name]};\n")
+    )
+    assert plain.leg is not None
+    assert hidden.leg is not None
+    reached = [float(cell().robot.pose(leg.q[-1])[2, 3]) for leg in (plain.leg, hidden.leg)]
+    assert reached[1] - reached[0] == pytest.approx(0.3, abs=1e-6)
+
+
+def test_a_procedure_of_the_program_hides_a_move_of_its_name() -> None:
+    head = "PROC MoveL(robtarget p,speeddata s,zonedata z,PERS tooldata t)\n"
+    read = rapid(f"PROC main()\n{absj(17)}{MOVE_L}ENDPROC\n{head}TriggL p,v1000,io1,z,t;\nENDPROC\n")
+    assert len(visits(read)) == 1
+    assert read.not_understood[0] == (4, MOVE_L.strip())

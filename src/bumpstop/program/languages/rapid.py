@@ -286,7 +286,7 @@ def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
     elif first == "if" and (jump := words[-1].text.lower()) in _JUMPS:
         blocks.evaluate(statement, words[1:])
         blocks.add(Branch(statement.line, ((Leave(statement.line, _JUMPS[jump]),),)))
-    elif first in _MOVES:
+    elif first in _MOVES and first not in blocks.own:
         blocks.evaluate(statement, words[1:])
         _add_move(blocks, statement, words, constants)
     elif first in _DATA or assigned(words, ":=") is not None:
@@ -300,7 +300,7 @@ def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
         blocks.opaque(statement, moves=False)
     elif first == "module":
         pass  # what stands in brackets are its attributes, and no call
-    elif (first in _HARMLESS or first in _CHANGING) and first not in blocks.own:
+    elif (first in _HARMLESS or first in _CHANGING) and first not in blocks.own and not _goes_on_elsewhere(words):
         blocks.evaluate(statement, words[1:])
         if first in _WAITS:
             blocks.add(Wait(statement.line))
@@ -314,6 +314,11 @@ def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
         blocks.opaque(statement)
     if rest and first != "test":
         blocks.opaque(statement)
+
+
+def _goes_on_elsewhere(words: Sequence[Token]) -> bool:
+    """Whether the arm may be jogged at a ``Stop``, and does not go back before the next move."""
+    return words[0].text.lower() == "stop" and any(word.text.lower() == "noregain" for word in words)
 
 
 def _runs(words: Sequence[Token], constants: Mapping[str, Expression]) -> bool:

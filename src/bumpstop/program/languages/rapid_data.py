@@ -189,7 +189,7 @@ def stands_apart(tool: Argument, constants: Mapping[str, Expression]) -> bool:
 
 def frame_of_tool(expression: Expression | None, constants: Mapping[str, Expression]) -> tuple[float, ...] | None:
     """Of tooldata ``[robhold, [[x, y, z], [q1, q2, q3, q4]], load]``; ``tool0`` is the flange."""
-    if expression is not None and expression.kind == "name" and expression.name.lower() == "tool0":
+    if expression is not None and expression.kind == "name" and expression.name.lower() == "tool0" not in constants:
         return (0.0,) * 6
     found = resolved(expression, constants)
     if found is None or found.kind != "list" or len(found.items) < 2:
@@ -200,7 +200,7 @@ def frame_of_tool(expression: Expression | None, constants: Mapping[str, Express
 
 def frame_of_object(expression: Expression | None, constants: Mapping[str, Expression]) -> tuple[float, ...] | None:
     """Of wobjdata whose user frame is the base, or whose object frame is its user frame; ``wobj0`` is the base."""
-    if expression is not None and expression.kind == "name" and expression.name.lower() == "wobj0":
+    if expression is not None and expression.kind == "name" and expression.name.lower() == "wobj0" not in constants:
         return (0.0,) * 6
     found = resolved(expression, constants)
     if found is None or found.kind != "list" or len(found.items) != 5:
