@@ -345,3 +345,9 @@ def test_a_procedure_of_the_program_hides_a_move_of_its_name() -> None:
     read = rapid(f"PROC main()\n{absj(17)}{MOVE_L}ENDPROC\n{head}TriggL p,v1000,io1,z,t;\nENDPROC\n")
     assert len(visits(read)) == 1
     assert read.not_understood[0] == (4, MOVE_L.strip())
+
+
+def test_a_fly_by_point_with_data_of_a_stop_point_may_be_one() -> None:
+    for zone, why in (("fine", ""), ("z10", "its zone is not known before the program runs")):
+        line = MOVE_L.replace("fine", f"{zone}\\Inpos:=inpos50")
+        assert whys(rapid(f"PROC main()\n{absj(17)}{line}{absj(17)}ENDPROC\n"))[1] == why

@@ -105,6 +105,8 @@ def zone_of(argument: Argument, constants: Mapping[str, Expression]) -> float | 
         fine, zone = (number_of(item, constants) for item in found.items[:2])
     if "z" in argument.switches:
         zone = number_of(argument.switches["z"], constants)  # a stop point stays one
+    if "inpos" in argument.switches and not fine:
+        return None  # of a stop point, which it may make of this one
     return None if fine is None or zone is None else 0.0 if fine else zone / 1e3
 
 
