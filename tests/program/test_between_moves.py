@@ -351,3 +351,11 @@ def test_a_fly_by_point_with_data_of_a_stop_point_may_be_one() -> None:
     for zone, why in (("fine", ""), ("z10", "its zone is not known before the program runs")):
         line = MOVE_L.replace("fine", f"{zone}\\Inpos:=inpos50")
         assert whys(rapid(f"PROC main()\n{absj(17)}{line}{absj(17)}ENDPROC\n"))[1] == why
+
+
+def test_a_function_that_is_waited_for_runs_again_and_again() -> None:
+    ready = f"FUNC bool Ready()\n{absj(5)}{absj(9)}RETURN d=1;\nENDFUNC\n"
+    read = rapid(f"PROC main()\n{absj(17)}WaitUntil Ready();\n{absj(27)}ENDPROC\n{ready}")
+    assert begins(read) == [0.0, 17.0, 5.0, 9.0, 9.0]
+    asks = "FUNC bool Ready()\nRETURN d=1;\nENDFUNC\n"
+    assert begins(rapid(f"PROC main()\n{absj(17)}WaitUntil Ready();\n{absj(27)}ENDPROC\n{asks}")) == [0.0, 17.0]

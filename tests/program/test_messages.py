@@ -292,6 +292,15 @@ def test_joints_in_any_order() -> None:
     assert [point["velocities"][::-1] for point in new] == [point["velocities"] for point in same]
 
 
+def test_an_empty_part_of_a_message_is_no_trajectory() -> None:
+    """Goals of ``FollowJointTrajectory`` have one for what stands on no joints."""
+    goal = json.loads((EXAMPLES / "planned.json").read_text())["trajectory"][0]["joint_trajectory"]
+    data = {"trajectory": goal, "multi_dof_trajectory": {"joint_names": [], "points": []}}
+    found = read_messages(Path("x.json"), json.dumps(data).encode(), cell())
+    assert len(found.segments) == 1
+    assert not found.not_understood
+
+
 def bag(folder: Path, mcap: bool, *, base_moves: bool = False) -> Path:
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore

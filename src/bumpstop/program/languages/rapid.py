@@ -301,7 +301,11 @@ def _add(blocks: Blocks, statement: Statement, constants: Mapping[str, Expressio
     elif first == "module":
         pass  # what stands in brackets are its attributes, and no call
     elif (first in _HARMLESS or first in _CHANGING) and first not in blocks.own and not _goes_on_elsewhere(words):
+        if first == "waituntil":
+            blocks.begin_loop(statement, [], certain=True)
         blocks.evaluate(statement, words[1:])
+        if first == "waituntil":
+            blocks.end(statement)  # it is asked again and again
         if first in _WAITS:
             blocks.add(Wait(statement.line))
         if first == "gripload":

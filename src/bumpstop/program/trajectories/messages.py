@@ -121,7 +121,10 @@ def _trajectories(documents: Sequence[Value]) -> Iterator[tuple[str, Value]]:
 
     def inside(value: Value, name: str) -> Iterator[tuple[str, Value]]:
         if value.kind == "map" and "joint_names" in value.keys and "points" in value.keys:
-            yield name or "trajectory", value
+            held = [value.get(key) for key in ("joint_names", "points")]
+            # Messages have a part for what stands on no joints, which is mostly empty.
+            if any(one is None or one.kind != "list" or one.items for one in held):
+                yield name or "trajectory", value
             return
         for i, item in enumerate(value.items):
             if value.kind == "map":
