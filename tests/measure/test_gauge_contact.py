@@ -83,6 +83,10 @@ def test_a_weaker_collision_later_changes_nothing(tmp_path: Path) -> None:
     assert reading.usable
     whole = read_gauge(write(tmp_path / "whole.csv", *_recording()))
     assert (reading.lasting_N, reading.left_N) == (whole.lasting_N, whole.left_N)
+    (fault,) = reading.faults
+    assert (fault.name, fault.count) == ("anew", 1)
+    assert "pressed anew 2.5 s after the beginning of contact, with 60" in fault.text
+    assert read_gauge(write(tmp_path / "soft.csv", *_recording((2.5, 0.035, 20.0)))).faults == ()
 
 
 def test_nothing_is_left_of_a_contact_that_another_follows(tmp_path: Path) -> None:
@@ -91,6 +95,7 @@ def test_nothing_is_left_of_a_contact_that_another_follows(tmp_path: Path) -> No
     reading = read_gauge(write(tmp_path / "two.csv", time, force))
     assert (reading.peak_N, reading.lasting_N, reading.left_N) == pytest.approx((98, 0, 0), abs=0.1)
     assert np.isnan(reading.pressing_N)
+    assert [fault.name for fault in reading.faults] == ["anew"]
 
 
 def test_an_arm_that_bounces_and_presses_is_one_contact(tmp_path: Path) -> None:

@@ -148,6 +148,7 @@ DAMAGES: dict[str, tuple[str, bool, Damage, GaugeFormat]] = {
     ),
     "touched before": ("touched", False, lambda t, f: (t, f + 15 * _bump(t, -1.0, 0.1)), GaugeFormat()),
     "hit twice": ("several", True, lambda t, f: (t, f + 70 * _bump(t, -1.0, 0.03)), GaugeFormat()),
+    "pressed anew": ("anew", False, lambda t, f: (t, f + 40 * (t > t[-1] - 0.2)), GaugeFormat()),
     "loaded before": ("late", True, lambda t, f: (t, f + 20 * _bump(t, -1.5, 3.0) * (t < 0.01)), GaugeFormat()),
     "uneven": ("uneven", False, lambda t, f: (t + 7e-5 * np.sin(np.arange(t.size)), f), GaugeFormat()),
     "unreadable": (

@@ -34,7 +34,7 @@ class GaugeContact:
         onset: when it begins [s].
         release: when the gauge is free again [s]; infinite: it never is.
         next: when the next contact begins that is no part of its first phase [s]; infinite: there is none.
-        faults: touches and collisions before it.
+        faults: touches and collisions before it, and hard contacts after it.
     """
 
     first: int
@@ -75,6 +75,7 @@ def find_contact(curve: GaugeCurve, trigger: float, *, extrapolate: bool) -> Gau
     faults = _before(time[begins[: own + 1]], tops[: own + 1], hard, force[highest])
     bounces = int(np.searchsorted(later, onset + FIRST_PHASE_S, side="right"))
     release, following = float(releases[count - 1 + bounces]), float(later[bounces:].min(initial=math.inf))
+    faults += _after(curve, later[bounces:], onset, _TOUCH_SHARE * force[highest])
     return GaugeContact(first, onset, release, following, tuple(faults))
 
 
@@ -149,6 +150,20 @@ def _before(begins: FloatArray, tops: FloatArray, hard: npt.NDArray[np.intp], pe
         )
         found.append(GaugeFault("several", int(collisions.size) + 1, text, spoils=True))
     return found
+
+
+def _after(curve: GaugeCurve, begins: FloatArray, onset: float, hard: float) -> list[GaugeFault]:
+    """A fault of contacts that begin after one that has ended, where a force of them is hard [N]."""
+    if not begins.size:
+        return []
+    most = float(curve.force[curve.time >= begins[0]].max())
+    if most < hard:
+        return []
+    text = (
+        f"The gauge was free again, and pressed anew {begins[0] - onset:.3g} s after the beginning of contact, with "
+        f"{most:.4g} N at most: that is left out, and is not judged as what is left."
+    )
+    return [GaugeFault("anew", int(begins.size), text)]
 
 
 def _crossing(curve: GaugeCurve, first: int, trigger: float) -> float:

@@ -8,7 +8,7 @@ from typing import Any
 NAMES = (
     *("saturated", "clipped", "shifted", "inverted", "coarse", "resampled", "truncated", "wrong_unit", "wrong_column"),
     *("unreadable", "repeated", "backward", "gaps", "uneven", "drift", "spike"),
-    *("touched", "several", "late", "no_pressure"),
+    *("touched", "several", "anew", "late", "no_pressure"),
 )
 """Every fault there is."""
 
