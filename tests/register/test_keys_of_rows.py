@@ -135,3 +135,16 @@ def test_what_no_scenario_has_or_all_need_is_not_taken_out(tmp_path: Path, key: 
     write_register(tmp_path)
     with pytest.raises(bs.InputError, match=f"^{re.escape(told)}"):
         bs.load_scenario(tmp_path / "cell.toml", {key: "none"})
+
+
+def test_a_key_is_taken_out_in_either_spelling(tmp_path: Path) -> None:
+    write_register(tmp_path)
+    known = {"interval": [70_000, 80_000]}
+    changes = {"contact.stiffness_N_m": 75_000, "uncertainty": {"contact.stiffness_N_m": known, "pose_deg[2]": known}}
+    scenario = bs.load_scenario(tmp_path / "cell.toml", {**changes, "assumed": ["contact.stiffness_N_m"]})
+    left = scenario.with_values({"contact.stiffness_N_mm": "none", "uncertainty.contact.stiffness_N_mm": "none"})
+    assert (left.contact.stiffness_N_m, left.assumed, list(left.uncertainty)) == (None, [], ["pose_deg[2]"])
+    assert list(scenario.with_values({"uncertainty.pose_deg": "none"}).uncertainty) == ["contact.stiffness_N_m"]
+    other = {"contact.stiffness_N_mm": 60, "contact.stiffness_N_m": "none"}
+    for both in (other, dict(reversed(other.items()))):
+        assert scenario.with_values(both | {"uncertainty": None}).contact.stiffness_N_mm == 60

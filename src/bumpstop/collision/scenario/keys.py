@@ -41,7 +41,9 @@ def set_keys(data: dict[str, Any], changes: Mapping[str, Any]) -> None:
     check_one_spelling(key for key, value in changes.items() if not takes_out(value))
     for key, value in changes.items():
         if takes_out(value):
-            _take_out(data, key)
+            # In either spelling, unless the other one is set.
+            for one in (key, *(other for other in other_spelling(key) if takes_out(changes.get(other)))):
+                _take_out(data, one)
         else:
             set_key(data, key, value)
     if ASSUMED not in changes:
@@ -62,7 +64,10 @@ def _take_out(data: dict[str, Any], key: str) -> None:
     if table == "uncertainty" and dot:
         check_name(name, ScenarioTables)
         given = flattened(data.get(table, {})).items()
-        data[table] = {one: spec for one, spec in given if one != name and not one.startswith(f"{name}.")}
+        gone = (name, *other_spelling(name))
+        # With all items of a list, and all keys of a table.
+        parts = tuple(f"{one}{sign}" for one in gone for sign in ".[")
+        data[table] = {one: spec for one, spec in given if one not in gone and not one.startswith(parts)}
         return
     field = ScenarioTables.model_fields.get(table)
     if field is None or (dot and name not in getattr(field.annotation, "model_fields", {})):
