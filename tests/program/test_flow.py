@@ -380,6 +380,7 @@ def test_whole_numbers_are_made_whole() -> None:
             "its speed may be one of several",
         ),
         (f"{KRL_SPEEDS}FOR I=1 TO 6\n$VEL_AXIS[I]=5\nX=GO(I)\nENDFOR\n", "its speed may be one of several"),
+        (f"{KRL_SPEEDS}FOR I=1 TO 6\n$VEL_AXIS[I]=5\nI=I+1\nENDFOR\n", "its speed may be one of several"),
         (f"{KRL_SPEEDS}FOR I=1 TO 6\nX=1\nENDFOR\n$VEL_AXIS[I]=5\n", "its speed may be one of several"),
         ("FOR I=1 TO 6\n\n; all\n$VEL_AXIS[I]=5\n$ACC_AXIS[I]=5\nENDFOR\n", ""),
     ],

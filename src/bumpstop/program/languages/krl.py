@@ -307,10 +307,14 @@ def _bounds(words: list[Token], constants: Mapping[str, Expression]) -> tuple[fl
 
 
 def _only_sets(statements: Sequence[Statement], number: int) -> bool:
-    """Whether a loop has nothing but assignments before its end: nothing leaves it, or sees some of its rounds only."""
+    """Whether a loop has nothing but assignments before its end, to others than its index: no round is left out."""
+    index = statements[number].words[1].text.lower()
     for i in range(number + 1, len(statements)):
-        if (words := statements[i].words) and (assigned(words, "=") is None or calls_in(words, KRL_PURE)):
-            return words[0].text.lower() == "endfor"
+        if words := statements[i].words:
+            if assigned(words, "=") is None or calls_in(words, KRL_PURE):
+                return words[0].text.lower() == "endfor"
+            if words[0].text.lower() == index:
+                return False
     return False
 
 
