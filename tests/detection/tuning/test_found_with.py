@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import bumpstop as bs
+from bumpstop.cli.collision.output import settings_toml
 from bumpstop.detection import DetectorSettings, ResidualSeries, Thresholds, residual_record
 from bumpstop.detection.tuning.found_with import found_with
 from bumpstop.identification import DynamicsFit
@@ -105,6 +106,48 @@ def test_score_compares_residuals_with_what_thresholds_are_for(log: Path, tmp_pa
     refused = run("score", observer, "--labels", labels, "--thresholds", saved)
     assert refused.status == 2
     assert f"{observer}: is 'observer'; the thresholds were found for 'direct'" in refused.err
+
+
+def test_score_names_a_file_that_does_not_say_and_one_of_another_mounting(log: Path, tmp_path: Path) -> None:
+    short, labels, dumb = written(log, "short"), tmp_path / "labels.csv", tmp_path / "dumb.parquet"
+    labels.write_text("start_s,end_s\n10,11\n")
+    replace(ResidualSeries.load(short), found_with={}).save(dumb)
+    saved, mounted = tmp_path / "thresholds.toml", tmp_path / "mounted.toml"
+    assert run("tune", short, "--save", saved).status == 0
+    mounted.write_text(saved.read_text() + "gravity = [0.0, -9.80665, 0.0]\n")
+
+    def told(file: Path, thresholds: object) -> str:
+        done = run("score", file, "--labels", labels, "--thresholds", thresholds, "--json")
+        return " ".join(strict_json(done.out)["notes"])
+
+    assert f"{dumb} does not say what its residuals were found with" in told(dumb, saved)
+    assert "does not say" not in told(dumb, "9,9,9,9,9,9") + told(short, saved)
+    assert "Differs" not in told(short, saved)
+    assert "gravity = " in told(short, mounted)
+
+
+def test_scenarios_keep_their_noise_beside_residuals_of_another_kind(log: Path, tmp_path: Path) -> None:
+    """Also where one of the files does not say its kind."""
+    observer, dumb = written(log, "observer", "--residual", "observer"), tmp_path / "dumb.parquet"
+    series = ResidualSeries.load(observer)
+    ResidualSeries(series.t, 1.1 * series.rows).save(dumb)
+    base = bs.load_scenario("examples/05_ur10e.toml", {"detector.feedback_period_s": 0.004})
+    for name, changes in (
+        ("direct", {"detector.residual": "direct"}),
+        ("fast", {"detector.residual": "observer", "detector.observer_gain_1_s": 20}),
+    ):
+        (tmp_path / f"{name}.toml").write_text(settings_toml(bs.evaluate(base.with_values(changes))))
+    given = [word for name in ("direct", "fast") for word in ("--scenario", tmp_path / f"{name}.toml")]
+    done = run("tune", observer, dumb, "--per-hour", 60, *given, "--json")
+    assert done.status == 0, done.err
+    notes = strict_json(done.out)["notes"]
+    for said in (
+        "direct: its residual is 'direct', and the thresholds were found for 'observer': its own noise is kept",
+        "fast: its observer has 20 1/s, and the thresholds were found for 50: its own noise is kept",
+    ):
+        assert any(note.startswith(said) for note in notes), notes
+    alone = strict_json(run("tune", observer, "--per-hour", 60, *given, "--json").out)["notes"]
+    assert any("its robot is 'ur10e', and the thresholds were tuned for 'ur5e'" in note for note in alone)
 
 
 def test_models_differ_by_what_is_in_them(log: Path, tmp_path: Path) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from bumpstop.detection.tuning.found_with import SAME_GAIN
 
 if TYPE_CHECKING:
     from bumpstop.collision import Scenario
@@ -19,12 +21,12 @@ class ScenarioNoise:
 
     Attributes:
         period: between their rows [s].
-        residual: kind of residual they are; None: not known.
     """
 
-    def __init__(self, series: Sequence[ResidualSeries], residual: str | None) -> None:
+    def __init__(self, series: Sequence[ResidualSeries]) -> None:
         self.period = series[0].period
-        self.residual = residual
+        # Of those that say it: they are of one kind.
+        self._found: Mapping[str, Any] = next((one.found_with for one in series if one.found_with), {})
         self._series = series
         self._folder = TemporaryDirectory(prefix="bumpstop-")
 
@@ -43,8 +45,13 @@ class ScenarioNoise:
                 f"its feedback period is {detector.feedback_period_s:g} s, and the thresholds were found at "
                 f"{self.period:.4g} s: {kept}"
             )
-        if self.residual not in (None, detector.residual):
-            return f"its residual is {detector.residual!r}, and the thresholds were found for {self.residual!r}: {kept}"
+        residual = self._found.get("residual", detector.residual)
+        if residual != detector.residual:
+            return f"its residual is {detector.residual!r}, and the thresholds were found for {residual!r}: {kept}"
+        own = detector.observer_gain_1_s
+        gain = self._found.get("observer_gain_1_s", own)
+        if residual == "observer" and abs(gain - own) > SAME_GAIN * gain:
+            return f"its observer has {own:g} 1/s, and the thresholds were found for {gain:g}: {kept}"
         return None
 
     def of(self, scenario: Scenario) -> Scenario:

@@ -173,8 +173,14 @@ def _found_with_others(series: ResidualSeries, given: Thresholds) -> list[str]:
     """Sentences on what residuals were found with and thresholds were not; another kind of residual is refused."""
     from bumpstop.detection import DetectorSettings
     from bumpstop.detection.tuning.found_with import settings_of
+    from bumpstop.model.dynamics import STANDARD_GRAVITY
 
-    settings = DetectorSettings(**{**given.settings, **settings_of(series.found_with)})
+    if not series.found_with:
+        said = f"{series.source} does not say what its residuals were found with: whether the thresholds are for such"
+        return [f"{said} is not known."] if given.settings else []
+    # Of an upright arm, and of a payload at its tip, nothing is said.
+    usual = {"gravity": STANDARD_GRAVITY, "payload_center": None}
+    settings = DetectorSettings(**{**given.settings, **usual, **settings_of(series.found_with)})
     with as_options({"residual": series.source, "observer_gain_1_s": series.source}):
         given.check_residual(settings.residual, settings.observer_gain_1_s)
     return given.differences(settings)

@@ -104,11 +104,10 @@ def command(
     of_files = dict.fromkeys(note for _, told in loaded for note in told)
     tuning = replace(tuning, notes=(*tuning.notes, *differs, *of_files))
     names = residual_source.names if recorded else []
-    with ScenarioNoise(series, common.get("residual")) as noise:
+    with ScenarioNoise(series) as noise:
         points = operating_curve(tuning, scenarios, noise, robot, model)
-    told = notes(
-        points, scenarios, noise, robot="" if robot is None else robot.name, terms=bool(set(wanted) - {"fast"})
-    )
+    whose = common.get("robot", "") if robot is None else robot.name
+    told = notes(points, scenarios, noise, robot=whose, terms=bool(set(wanted) - {"fast"}))
     tuning = replace(tuning, notes=(*tuning.notes, *told))
     if save is not None:
         _save(tuning, series, save, held)
