@@ -34,6 +34,7 @@ from program.test_flow import (
         ("DECL INT X\nFOR I=1 TO 6\nX=I\nENDFOR\n", False),
         ("DECL BOOL A,GRIP\nIF NOT A AND (GRIP==FALSE) THEN\nGRIP=TRUE\nENDIF\n", False),
         ("SIGNAL GRIP $OUT[5]\nGRIP=TRUE\n", True),
+        ("DECL REAL X\nX=$VEL_ACT\n", True),
         ("DECL BOOL A\nSIGNAL GRIP $IN[5]\nIF A AND GRIP THEN\nA=TRUE\nENDIF\n", True),
         ("GRIP=TRUE\n", True),
         ("CONTINUE\nGRIP=TRUE\n", False),

@@ -8,8 +8,9 @@ from bumpstop.program.languages.expression import assigned
 from bumpstop.program.languages.syntax import Token
 
 # System variables that a program uses without stopping its look ahead at the moves that follow.
-_SETTINGS = "$vel $acc $apo $tool $base $load $nullframe $ori_type $circ_type $ipo_mode $robroot $jerk $gear_jerk"
-_AHEAD = (*_SETTINGS.split(), "$out_c", "$bwdstart")
+_SPEEDS = "$vel $vel_axis $vel_extax $acc $acc_axis $acc_extax $jerk $gear_jerk"
+_SETTINGS = "$apo $tool $base $load $nullframe $ori_type $circ_type $ipo_mode $robroot $out_c $bwdstart"
+_AHEAD = frozenset((*_SPEEDS.split(), *_SETTINGS.split()))
 _CONDITIONS = ("if", "while", "until", "switch", "case")
 _OPERATORS = "then and or not exor b_and b_or b_exor b_not true false"
 _WORDS = frozenset((*_CONDITIONS, *_OPERATORS.split()))
@@ -25,7 +26,7 @@ def looks_no_further(words: Sequence[Token], variables: Collection[str]) -> bool
         variables: names in small letters that are declared as variables; any other name may be a ``SIGNAL``.
     """
     names = [word.text.lower().partition(".")[0] if word.kind == "name" else "" for word in words]
-    if any(name.startswith("$") and not name.startswith(_AHEAD) for name in names):
+    if any(name.startswith("$") and name not in _AHEAD for name in names):
         return True
     if names[0] in _COMMON or (names[0] not in _CONDITIONS and assigned(words, "=") is None):
         return False
