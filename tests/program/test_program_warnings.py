@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 import bumpstop as bs
+from bumpstop.collision.arm.other_arm_verdict import said_beside
 from bumpstop.collision.verdict.finer_steps import STEPS_DECIDE
 from bumpstop.program.cell import Cell
 from bumpstop.program.evaluation import evaluate_program
@@ -53,8 +54,14 @@ def test_every_sentence_is_told_once(tmp_path: Path, changes: dict[str, Any], sa
     assert not summary["fails_with_finer_steps"]
     for number, one in enumerate(summary["segments"], start=1):
         evaluated = bs.evaluate(bs.load_scenario(tmp_path / "out" / "segments" / f"{number}.toml"))
-        assert one["written"]["warnings"] == list(evaluated.warnings)
+        assert one["written"]["warnings"] == list(said_beside(evaluated))
         assert said in one["present"]["warnings"][0]
+
+
+def test_that_the_other_arm_fails_is_said(tmp_path: Path) -> None:
+    said = "The rigid arm in the place of the elastic one exceeds the limits: the peak force exceeds 160 N"
+    done = command(program(tmp_path, 0.4), {"arm.model": "elastic"})
+    assert f"note: segment 1 as written: {said}" in done.out
 
 
 @pytest.mark.usefixtures("unsaved_pictures")

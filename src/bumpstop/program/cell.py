@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.collision import CollisionProblem, evaluate
+from bumpstop.collision.arm.other_arm_verdict import said_beside
 from bumpstop.collision.scenario.keys import leave_out
 from bumpstop.collision.scenario.scenario import Scenario
 from bumpstop.collision.scenario.scenario_file import robot_of
@@ -255,7 +256,7 @@ class Cell:
                 result = evaluate(self.of(file, worst))
                 verdict = result.verdict
                 # What is not acceptable stays so: finer steps, which take another distribution, are of what is.
-                warnings = result.warnings if verdict.acceptable else tuple(verdict_notes(result, verdict, None))
+                warnings = said_beside(result) if verdict.acceptable else tuple(verdict_notes(result, verdict, None))
         except JointLimitError as error:
             return Judgement(None, error.passed, tool_speed=speed)
         except InputError as error:

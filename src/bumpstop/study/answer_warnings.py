@@ -41,14 +41,12 @@ def warnings_of(scenario_of: Callable[[], Scenario]) -> tuple[str, ...]:
         scenario_of: makes the scenario of the answer. What no scenario can say, or none can compute, has no warnings.
     """
     from bumpstop.collision import evaluate
-    from bumpstop.collision.arm.other_arm_verdict import other_arm_fails
+    from bumpstop.collision.arm.other_arm_verdict import said_beside
 
     try:
-        found = evaluate(scenario_of())
+        return said_beside(evaluate(scenario_of()))
     except InputError:
         return ()
-    other = other_arm_fails(found) if found.verdict.acceptable else ""
-    return (*found.warnings, other) if other else found.warnings
 
 
 def line_through(scenario: Scenario, q: FloatArray, velocity: FloatArray) -> Scenario:

@@ -16,3 +16,9 @@ def other_arm_fails(result: CollisionResult) -> str:
     found = "exceeds the limits" if other.verdict.acceptable is False else "cannot be judged"
     models, reason = (one.scenario.arm.model for one in (other, result)), other.verdict.reason
     return f"The {' arm in the place of the '.join(models)} one {found}: {reason[:1].lower()}{reason[1:]}"
+
+
+def said_beside(result: CollisionResult) -> tuple[str, ...]:
+    """The warnings of a collision, and that the other model of the arm is not acceptable where this one is."""
+    other = other_arm_fails(result) if result.verdict.acceptable else ""
+    return (*result.warnings, other) if other else result.warnings
