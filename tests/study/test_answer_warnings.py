@@ -17,6 +17,7 @@ from bumpstop.study import ParameterStudy, TrajectorySpeedLimits, WorkspaceSpeed
 from bumpstop.study.answer_warnings import AnswerWarnings, line_through, told_once, warnings_of
 from bumpstop.study.parameters.effectiveness import EffectivenessStudy
 from bumpstop.study.requirement.requirement import solve_requirement
+from bumpstop.study.speed.trajectory.slowing import judge_motion
 from cli.support import run as command
 
 HAND = Path("examples/01_hand_downward.toml")
@@ -181,3 +182,10 @@ def test_an_answer_says_that_the_rigid_arm_fails_there() -> None:
     assert found.notes[-1].startswith("The rigid arm in the place of the elastic one exceeds the limits: the peak ")
     slow = elastic.with_values({"motion.velocity_mm_s": [40, 20, -40]})
     assert not [warning for warning in warnings_of(lambda: slow) if "in the place" in warning]
+
+
+def test_that_the_other_arm_fails_is_said_of_a_trajectory() -> None:
+    changes = {"arm.model": "elastic", "motion.contact_onset_s": 1.5}
+    judged = judge_motion(bs.load_scenario("examples/06_pick_and_place_trajectory.toml", changes))
+    assert judged.acceptable
+    assert "The rigid arm in the place of the elastic one exceeds the limits" in judged.warnings[-1]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bumpstop.collision import evaluate
+from bumpstop.collision.arm.other_arm_verdict import said_beside
 from bumpstop.errors import InputError
 from bumpstop.study.speed.trajectory.retiming import Retimed, retime
 from bumpstop.study.speed.trajectory.trajectory_writing import write_csv
@@ -82,7 +83,7 @@ def judge_motion(scenario: Scenario) -> Judged:
     """
     try:
         result = evaluate(scenario)
-        return Judged(result.verdict, warnings=result.warnings if result.verdict.acceptable else ())
+        return Judged(result.verdict, warnings=said_beside(result) if result.verdict.acceptable else ())
     except InputError as error:
         return Judged(None, error.problem)
 
