@@ -95,6 +95,9 @@ def test_a_row_that_cannot_leave_a_key_out_is_told_how(tmp_path: Path) -> None:
     assert "leave it out (set reaction.stopping_table to none)" in told
     with pytest.raises(bs.InputError, match=r"leave it out \(set reaction\.stopping_table to none\)"):
         bs.load_scenario(tmp_path / "cell.toml", {"reaction.deceleration": "constant"})
+    # Of a choice of a campaign, too.
+    with pytest.raises(bs.InputError, match=r"leave it out \(set reaction\.stopping_table to none\)"):
+        bs.load_scenario(tmp_path / "cell.toml").with_values({"reaction.deceleration": "constant"})
 
 
 def test_a_value_that_was_taken_out_is_a_default(tmp_path: Path) -> None:

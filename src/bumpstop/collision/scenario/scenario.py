@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError, field_validator, model_validator
 
-from bumpstop.collision.scenario.keys import ASSUMED, MADE_BY, leave_out, set_keys
+from bumpstop.collision.scenario.keys import ASSUMED, MADE_BY, leave_out, set_keys, told_to_take_out
 from bumpstop.collision.scenario.scenario_tables import ScenarioTables
 from bumpstop.collision.scenario.scenario_words import as_written, explain, explain_all, unknown_key
 from bumpstop.collision.scenario.spellings import other_spelling
@@ -154,7 +154,10 @@ class Scenario(ScenarioTables):
         """
         data = self.as_given()
         set_keys(data, changes)
-        return Scenario.from_dict(data, self.folder)
+        try:
+            return Scenario.from_dict(data, self.folder)
+        except InputError as error:
+            raise told_to_take_out(error, changes) from None
 
     def without_uncertainty(self) -> Scenario:
         """The same collision, its numbers taken for known."""
