@@ -66,6 +66,14 @@ def test_an_area_that_is_not_given_has_no_uncertainty() -> None:
         control_group(contact__area_cm2=2.0, uncertainty=table).with_values({AREA: None})
 
 
+def test_who_sets_a_key_in_vain_is_not_told_to_take_it_out() -> None:
+    gears = {"uncertainty.arm.gear_damping": {"relative": [0.9, 1.1]}}
+    with pytest.raises(bs.InputError, match=r"leave it out, or model"):
+        bs.load_scenario(EXAMPLE, gears)
+    with pytest.raises(bs.InputError, match=r'leave it out \(set uncertainty\."arm\.gear_damping" to none\)'):
+        bs.load_scenario(EXAMPLE, gears | {"arm.model": "elastic"}).with_values({"arm.model": "rigid"})
+
+
 # These need the robot, the body or a file.
 LATER: list[tuple[dict[str, Any], str]] = [
     ({"detector.thresholds_Nm": {"interval": [9, 11]}}, "has 7 values; give relative figures"),

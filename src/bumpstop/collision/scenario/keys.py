@@ -52,7 +52,7 @@ def set_keys(data: dict[str, Any], changes: Mapping[str, Any]) -> None:
 
 def told_to_take_out(error: InputError, changes: Mapping[str, Any]) -> InputError:
     """A refusal that asks for a key to be left out, with how that is done where other keys were changed."""
-    if not changes or error.field in changes:
+    if not changes or error.field.replace('"', "") in changes:
         return error
     valid = re.sub("leave (it|one of the two) out", rf"\g<0> (set {error.field} to {_NONE})", error.valid)
     return InputError(error.field, error.problem, valid)
