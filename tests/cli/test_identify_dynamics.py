@@ -11,11 +11,12 @@ import pytest
 
 import bumpstop as bs
 from bumpstop.identification import with_payload
-from bumpstop.model import inverse_dynamics
+from bumpstop.model import inverse_dynamics, write_urdf
 from bumpstop.recording import Recording
 from cli.support import run, strict_json
 from identification.test_dynamics_fit import COULOMB, VISCOUS, planted
 from identification.test_gains_fit import GAINS, LOAD, currents
+from model.urdf_cases import scaled
 
 ROBOT = "ur5e"
 CENTER = (0.02, -0.01, 0.07)
@@ -258,3 +259,15 @@ def test_page_and_terminal_of_a_fit_show_the_same_rows(tmp_path: Path) -> None:
     (shown,) = re.findall(r"<th[^>]*>elbow_joint</th>(?:<td[^>]*>[^<]*</td>){2}((?:<td[^>]*>[^<]*</td>){3})", page)
     assert told is not None
     assert re.findall(r">([^<]+)</td>", shown) == list(told.groups())
+
+
+def test_what_is_doubted_of_a_urdf_is_said_in_json_and_of_predictions(tmp_path: Path) -> None:
+    arm, model, log = (tmp_path / name for name in ("arm.urdf", "arm.toml", "log.parquet"))
+    robot = scaled(bs.Robot.load(ROBOT), 10.0)
+    write_urdf(robot, arm)
+    planted(robot, 1, seconds=6.0).save(log)
+    said = "do not look like metres"
+    done = run("identify", log, "--robot", arm, "--cutoff", 6, "--json", "-o", model)
+    assert any(said in note for note in strict_json(done.out)["notes"]), done.err
+    assert any(said in note for note in strict_json(run("validate", model, log, "--json").out)["notes"])
+    assert said in run("validate", model, log).out

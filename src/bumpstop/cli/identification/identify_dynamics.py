@@ -136,7 +136,7 @@ def validate_dynamics(
         scores = comparison.scores()
         verdict = judge_predictions(fit, rows, scores, filter_hz or fit.model.cutoff_hz, logs)
     where = f"on {logs[0].source}" if len(logs) == 1 else f"on {len(logs)} recordings"
-    notes = fit_notes(model, logs)
+    notes = [*fit.model.robot.doubts, *fit_notes(model, logs)]
     contact = ""
     if out is not None:
         contact = dynamics_report(
@@ -201,6 +201,7 @@ def _identified(fit: DynamicsFit, scores: tuple[JointScore, ...], logs: Sequence
         "rows_at_ends": fit.rows_at_ends,
         "rows_at_rest": [] if fit.rows_at_rest is None else [int(rows) for rows in fit.rows_at_rest],
         "rows_dropped": sum(log.report.rows_dropped for log in logs),
+        "notes": list(fit.model.robot.doubts),
     }
 
 
