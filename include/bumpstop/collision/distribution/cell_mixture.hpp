@@ -106,6 +106,7 @@ class CellMixture {
         std::vector<double> in_bin(bins, 0.0);
         std::size_t points = 0;
         for (std::size_t i = 0; i < mass_.size(); ++i) {
+            if (!(mass_[i] > 0)) continue;  // it may lie below all others
             const double from = (low_[i] - min_) / width, to = (high_[i] - min_) / width;
             if (!(from < to)) {
                 low_[points] = low_[i];
