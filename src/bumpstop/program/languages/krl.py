@@ -69,9 +69,8 @@ _LEADING = "goto interrupt brake resume"
 _BENDING = frozenset(("rsi_on", "st_on", "$tech", "$tech_c"))
 _JUMPS: Mapping[str, Jump] = {"exit": "loop", "return": "function"}
 # Other motions: the arm is elsewhere after them, and that is all.
-_OTHER_MOTIONS = frozenset(
-    ["sptp", "slin", "scirc", "ptp_rel", "lin_rel", "circ_rel", "sptp_rel", "slin_rel", "scirc_rel"]
-)
+_OTHER_WORDS = "sptp slin scirc ptp_rel lin_rel circ_rel sptp_rel slin_rel scirc_rel"
+_OTHER_MOTIONS = frozenset(_OTHER_WORDS.split())
 _BLENDS = frozenset(("c_ptp", "c_dis", "c_vel", "c_ori"))
 _SETTINGS = {
     "$vel.cp": ("tool", "m/s", 3.0),
@@ -107,10 +106,8 @@ def read_krl(source: bytes, data: bytes = b"", config: bytes = b"") -> ReadProgr
         if (head := _head(statement.words)) is not None:
             names.append(function_name(head))
     constants = assignments.constants()
-    forget_fractions(
-        constants,
-        [part for s in own if any(word.text.lower() == "int" for word in s.words[:4]) for part in _declared(s.words)],
-    )
+    whole = (s.words for s in own if any(word.text.lower() == "int" for word in s.words[:4]))
+    forget_fractions(constants, [part for words in whole for part in _declared(words)])
     blocks = Blocks(names, KRL_PURE, _JUMPS, _FRAMES, _LEADING, bent_by(tree, _BENDING))
     counts = dict[str, tuple[float, float]]()
     forms = InlineForms(tree, constants, blocks.own)
