@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from bumpstop.program.languages.calls import KRL_PURE, calls_in
 from bumpstop.program.languages.expression import Expression, assigned, number_of, read_expression, resolved, split_at
-from bumpstop.program.languages.krl_data import frame_of_record
+from bumpstop.program.languages.krl.data import frame_of_record
 from bumpstop.program.languages.statements import Frame, Frames, Node, Setting, SpeedSlot, Wait
 from bumpstop.program.languages.syntax import Statement, SyntaxTree, Token
 

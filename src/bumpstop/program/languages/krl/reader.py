@@ -17,10 +17,10 @@ from bumpstop.program.languages.expression import (
     read_expression,
     split_at,
 )
-from bumpstop.program.languages.krl_data import arc_place, forget_fractions, frame_of_record, pose_or_axes
-from bumpstop.program.languages.krl_forms import InlineForms
-from bumpstop.program.languages.krl_look_ahead import looks_no_further
-from bumpstop.program.languages.krl_variables import ALL_FRAMES, changed_by
+from bumpstop.program.languages.krl.data import arc_place, forget_fractions, frame_of_record, pose_or_axes
+from bumpstop.program.languages.krl.inline_forms import InlineForms
+from bumpstop.program.languages.krl.look_ahead import looks_no_further
+from bumpstop.program.languages.krl.variables import ALL_FRAMES, changed_by
 from bumpstop.program.languages.statements import (
     Frame,
     Frames,
