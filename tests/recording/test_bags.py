@@ -83,6 +83,9 @@ def test_a_file_that_the_metadata_leave_out_is_named(tmp_path: Path) -> None:
     (path / "bag_1.mcap").write_bytes((path / "bag.mcap").read_bytes())
     (note,) = [note for note in Recording.load(path).report.notes if "does not name" in note]
     assert note.startswith("bag_1.mcap is in the bag's folder")
+    # Nor does a name within another count.
+    (path / "bag_1.mcap").rename(path / "ag.mcap")
+    assert any(note.startswith("ag.mcap is in the bag's folder") for note in Recording.load(path).report.notes)
 
 
 def test_a_bag_is_written_where_its_name_says(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -203,7 +204,8 @@ def _unnamed_files(path: Path) -> list[str]:
     if not metadata.is_file():
         return []
     text = metadata.read_text(encoding="utf-8", errors="replace")
-    return sorted(file.name for kind in ("*.db3", "*.mcap") for file in path.glob(kind) if file.name not in text)
+    files = [file.name for kind in ("*.db3", "*.mcap") for file in path.glob(kind)]
+    return sorted(name for name in files if not re.search(rf"(?<![\w.-]){re.escape(name)}", text))
 
 
 def _messages(path: Path, topic: str) -> tuple[npt.NDArray[np.int64], list[bytes], str]:
