@@ -27,7 +27,7 @@ from bumpstop.collision.scenario_values import (
 from bumpstop.collision.stopping.deceleration import Deceleration
 from bumpstop.contact import ContactLimits, LimitTable
 from bumpstop.detection import ResidualRecord
-from bumpstop.detection.tuning.found_with import check_kind
+from bumpstop.detection.tuning.found_with import check_kind, of_another_robot
 from bumpstop.errors import InputError
 from bumpstop.model import DriveTrain, Robot
 
@@ -116,7 +116,7 @@ class CollisionProblem:
         if detector.residuals is not None:
             residuals = ResidualRecord.load(scenario.folder / detector.residuals, robot.dof, detector.feedback_period_s)
             check_kind(residuals.found_with, detector.residual, detector.observer_gain_1_s, "detector.residuals")
-            notes.extend(residuals.notes)
+            notes.extend([*residuals.notes, *of_another_robot(residuals.found_with, robot.name)])
         late = reaction.latency_s + reaction.dead_time_s
         latency = math.ceil(late / step - 1e-9)
         if abs(latency * step - late) > 1e-9 * step:

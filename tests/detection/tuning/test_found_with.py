@@ -185,3 +185,13 @@ def test_what_no_detector_has_is_refused(tmp_path: Path) -> None:
         ResidualSeries(0.004 * np.arange(200), np.ones((200, 2)), found_with=odd).save(file)
         with pytest.raises(bs.InputError, match="says of its residuals what cannot be"):
             ResidualSeries.load(file)
+
+
+def test_a_scenario_says_that_its_residuals_are_of_another_robot(log: Path) -> None:
+    path = written(log, "short")
+    base = bs.load_scenario("examples/05_ur10e.toml", {"detector.feedback_period_s": 0.004})
+    said = "The residuals are of the robot 'ur5e', and this one is {!r}."
+    for robot, told in (("ur10e", True), ("ur5e", False)):
+        changes = {"robot": robot, "detector.residuals": str(path), "detector.noise_sd_Nm": None}
+        notes = bs.evaluate(base.with_values(changes), samples=1000).notes
+        assert (said.format(robot) in notes) == told, notes

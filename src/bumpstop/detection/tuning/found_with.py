@@ -126,6 +126,12 @@ def check_kind(found: Mapping[str, Any], residual: str, observer_gain_1_s: float
         )
 
 
+def of_another_robot(found: Mapping[str, Any], robot: str) -> list[str]:
+    """A sentence where residuals say that they are of another robot than the one of this name, else none."""
+    theirs = found.get("robot", robot)
+    return [] if theirs == robot else [f"The residuals are of the robot {theirs!r}, and this one is {robot!r}."]
+
+
 def in_common(sources: Sequence[tuple[str, Mapping[str, Any]]]) -> tuple[dict[str, Any], list[str]]:
     """What all residuals were found with, and sentences on what differs.
 
