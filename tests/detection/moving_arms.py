@@ -6,6 +6,7 @@ import numpy as np
 
 from bumpstop.arrays import FloatArray
 from bumpstop.model import Robot, inverse_dynamics
+from bumpstop.recording import Recording
 
 UR5E = Robot.load("ur5e")
 DT = 0.002
@@ -34,3 +35,12 @@ def parabola(robot: Robot, rows: int = 500, dt: float = DT) -> tuple[FloatArray,
 def live(rows: FloatArray, seed: int = 7) -> FloatArray:
     """The rows of a sensor that is alive: no value is the one before to the last bit."""
     return rows + 1e-13 * np.random.default_rng(seed).normal(size=rows.shape) * (1 + np.abs(rows))
+
+
+def free_motion() -> Recording:
+    """A UR5e without contact at 250 Hz for 40 s, with rates; its torques have 0.5 Nm of noise."""
+    t = 0.004 * np.arange(10_000)
+    phase = 0.3 * t[:, None] + np.arange(6)
+    q, qd, qdd = np.sin(phase), 0.3 * np.cos(phase), -0.09 * np.sin(phase)
+    tau = inverse_dynamics(UR5E, q, qd, qdd) + np.random.default_rng(1).normal(0, 0.5, q.shape)
+    return Recording(t=t, q=q, qd=qd, tau=tau)

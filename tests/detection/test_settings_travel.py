@@ -17,6 +17,7 @@ from bumpstop.model import inverse_dynamics
 from bumpstop.recording import Recording
 from bumpstop.recording.read_report import ReadReport, payload_note
 from cli.support import run, strict_json
+from detection.moving_arms import free_motion
 
 OTHERS = {
     "--window": ("0.05", "window_s", 0.05),
@@ -29,12 +30,8 @@ OTHERS = {
 @pytest.fixture(scope="module")
 def free(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A UR5e without contact at 250 Hz for 40 s, with rates."""
-    robot, t = bs.Robot.load("ur5e"), 0.004 * np.arange(10_000)
-    phase = 0.3 * t[:, None] + np.arange(6)
-    q, qd, qdd = np.sin(phase), 0.3 * np.cos(phase), -0.09 * np.sin(phase)
-    tau = inverse_dynamics(robot, q, qd, qdd) + np.random.default_rng(1).normal(0, 0.5, q.shape)
     path = tmp_path_factory.mktemp("free") / "log.parquet"
-    Recording(t=t, q=q, qd=qd, tau=tau).save(path)
+    free_motion().save(path)
     return path
 
 

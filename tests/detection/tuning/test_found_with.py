@@ -14,20 +14,16 @@ from bumpstop.detection import DetectorSettings, ResidualSeries, Thresholds, res
 from bumpstop.detection.tuning.found_with import found_with
 from bumpstop.identification import DynamicsFit
 from bumpstop.joint import JointTorqueModel
-from bumpstop.model import inverse_dynamics
 from bumpstop.recording import Recording
 from cli.support import run, strict_json
+from detection.moving_arms import free_motion
 
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A UR5e without contact at 250 Hz for 40 s."""
-    robot, t = bs.Robot.load("ur5e"), 0.004 * np.arange(10_000)
-    phase = 0.3 * t[:, None] + np.arange(6)
-    q, qd, qdd = np.sin(phase), 0.3 * np.cos(phase), -0.09 * np.sin(phase)
-    tau = inverse_dynamics(robot, q, qd, qdd) + np.random.default_rng(1).normal(0, 0.5, q.shape)
     path = tmp_path_factory.mktemp("free") / "log.parquet"
-    Recording(t=t, q=q, qd=qd, tau=tau).save(path)
+    free_motion().save(path)
     return path
 
 
